@@ -1,0 +1,229 @@
+"""A fleet: any number of machines in blocks, as Python sees them. Owns the memory, knows no physics."""
+
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+
+from . import filters, machine, path, sheet
+from .calibration import Pool
+from .controller import Law, stage_of
+from .lanes import W, fields, flat, rows, unflat
+from .quantity import InvalidInput
+
+_pools: dict[int, ThreadPoolExecutor] = {}
+
+
+def _pool(threads: int) -> ThreadPoolExecutor:
+    """Worker threads sleep while they wait, so a busy machine does not slow the others down."""
+    if threads not in _pools:
+        _pools[threads] = ThreadPoolExecutor(threads, thread_name_prefix="kerfgym")
+    return _pools[threads]
+
+
+class Fleet:
+    """``size`` machines that share a law; every other parameter may differ from machine to machine.
+
+    Args:
+        size: number of machines, at least 1.
+        law: what moves them, see :class:`controller.Law`.
+        tables: calibration tables of the heads they carry.
+        threads: worker threads for :meth:`advance`.
+    """
+
+    def __init__(self, size: int, law: Law, tables: Pool, threads: int = 1) -> None:
+        if size < 1:
+            raise InvalidInput(f"a fleet needs at least 1 machine, not {size}")
+        if threads < 1:
+            raise InvalidInput(f"num_threads = {threads}; at least 1")
+        self.size, self.law, self.threads = size, law, threads
+        self.blocks = -(-size // W)
+        self._block = np.zeros(self.blocks * machine.ROWS * W)
+        self._view = self._block.reshape(self.blocks, machine.ROWS, W)
+        self._keys = np.zeros(self.blocks * W, np.uint64)
+        self._owned: dict[int, np.ndarray] = {}
+        self._deck = np.zeros(machine.DECK, np.uint64)
+        self._deck[machine.D_MACHINES] = size
+        self._point(machine.D_BLOCK, self._block)
+        self._point(machine.D_KEYS, self._keys)
+        self._point(machine.D_FREQUENCIES, tables.frequencies)
+        self._point(machine.D_HEIGHTS, tables.heights)
+        self._deck[machine.D_TABLES] = tables.frequencies.size
+        self.drive_by(law)
+        self._index = {
+            f"{name}.{field}": int(place) // W + row
+            for name, (place, cls) in machine.PLACES.items()
+            for row, field in enumerate(fields(cls))
+        }
+        self.record: np.ndarray | None = None
+        every = np.arange(size)
+        for name, (_, cls) in machine.PLACES.items():
+            self.put(name, every, cls())
+        self._feature_defaults(every)
+        self.put_law(every, law.Params())
+
+    # ------------------------------------------------------------------------------------------ columns
+
+    def _point(self, slot: int, array: np.ndarray) -> None:
+        self._owned[slot] = array  # keeps it alive
+        self._deck[slot] = array.ctypes.data
+
+    def put(self, name: str, machines: Any, value: tuple) -> None:
+        """Writes a part (a name of ``machine.PLACES``) into the columns of ``machines``."""
+        self._put_rows(int(machine.PLACES[name][0]) // W, machines, flat(value))
+
+    def _put_rows(self, row: int, machines: Any, numbers: list[float]) -> None:
+        m = np.atleast_1d(machines)
+        for i, number in enumerate(numbers):
+            self._view[m // W, row + i, m % W] = number
+
+    def put_law(self, machines: Any, params: tuple) -> None:
+        """Writes the law's ``Params``."""
+        self._put_rows(int(machine.P_LAW) // W, machines, flat(params))
+
+    def set(self, field: str, machines: Any, values: Any) -> None:
+        """Writes one number of a part, such as ``"sheet.tilt_x"``, for ``machines`` (arrays broadcast)."""
+        m = np.atleast_1d(machines)
+        self._view[m // W, self._index[field], m % W] = values
+
+    def set_law(self, field: str, machines: Any, values: Any) -> None:
+        """Writes one number of the law's ``Params``."""
+        m = np.atleast_1d(machines)
+        row = int(machine.P_LAW) // W + fields(self.law.Params).index(field)
+        self._view[m // W, row, m % W] = values
+
+    def column(self, field: str) -> np.ndarray:
+        """One number of a part for every machine, shape (size,)."""
+        return self._view[:, self._index[field]].reshape(-1)[: self.size].copy()
+
+    def get(self, name: str, index: int = 0) -> Any:
+        """A part of one machine as its NamedTuple."""
+        place, cls = machine.PLACES[name]
+        row = int(place) // W
+        return unflat(cls, self._view[index // W, row : row + rows(cls), index % W].tolist())
+
+    def row(self, field: str, index: int = 0) -> np.ndarray:
+        """A view of one number of one machine, shape (): reading and writing it costs next to nothing."""
+        return self._view[index // W, self._index[field], index % W : index % W + 1]
+
+    def slots(self, place: Any, count: int, index: int = 0) -> np.ndarray:
+        """A view of ``count`` rows of one machine from a place of :mod:`machine`, shape (count,)."""
+        row = int(place) // W
+        return self._view[index // W, row : row + count, index % W]
+
+    # -------------------------------------------------------------------------------- lists beside the sheet
+
+    def _feature_defaults(self, machines: np.ndarray) -> None:
+        for i in range(sheet.FEATURES):
+            self.put_feature(machines, i, sheet.FAR, sheet.FAR, 0.0, 0.0)
+
+    def put_wave(self, machines: Any, i: int, amplitude: Any, kx: Any, ky: Any, phase: Any) -> None:
+        """Wave ``i`` of the sheet: true amplitude (mm) and wave vector (rad/mm); the footprint is allowed for here."""
+        felt = np.asarray(amplitude) * sheet.attenuation(np.hypot(kx, ky))
+        self._put_list(machine.WAVES, 4, machines, i, (felt, kx, ky, phase))
+        self._deck[machine.D_WAVES] = max(int(self._deck[machine.D_WAVES]), i + 1)
+
+    def put_vibration(self, machines: Any, i: int, amplitude: Any, frequency: Any, phase: Any) -> None:
+        """Vibration ``i``: amplitude in mm, frequency in Hz."""
+        self._put_list(machine.VIBRATIONS, 3, machines, i, (amplitude, 2 * np.pi * np.asarray(frequency), phase))
+        self._deck[machine.D_VIBRATIONS] = max(int(self._deck[machine.D_VIBRATIONS]), i + 1)
+
+    def put_feature(self, machines: Any, i: int, start: Any, stop: Any, rise: Any, across: Any) -> None:
+        """Feature ``i`` along the path, mm, see :class:`sheet.Feature`."""
+        self._put_list(machine.FEATURES, 4, machines, i, (start, stop, rise, across))
+        if np.any(np.asarray(start) < sheet.FAR):
+            self.use(machine.F_FEATURES)
+
+    def _put_list(self, place: Any, width: int, machines: Any, i: int, values: tuple) -> None:
+        m, row = np.atleast_1d(machines), int(place) // W + i * width
+        for offset, value in enumerate(values):
+            self._view[m // W, row + offset, m % W] = value
+
+    def use(self, flag: Any) -> None:
+        """Switches on an optional stage, see ``machine.F_…``."""
+        self._deck[machine.D_FLAGS] |= flag
+
+    def put_filter(self, machines: Any, params: filters.Params) -> None:
+        """Filter settings; raises :class:`InvalidInput` if the trim eats the window."""
+        p = filters.validated(params)
+        self.put("filter", machines, p)
+        self._deck[machine.D_WINDOW] = max(int(self._deck[machine.D_WINDOW]), int(p.window))
+        if p.trim > 1:
+            self.use(machine.F_RANKS)
+
+    def widest_window(self, window: int, trim: int) -> None:
+        """Allows for filters up to this window and trim, when they change during an episode."""
+        self._deck[machine.D_WINDOW] = max(int(self._deck[machine.D_WINDOW]), window)
+        if trim > 1:
+            self.use(machine.F_RANKS)
+
+    def put_contours(self, contours: list[path.Contour], which: Any, machines: Any) -> None:
+        """Machine ``machines[i]`` travels ``contours[which[i]]``."""
+        first = np.cumsum([0] + [len(c.x) for c in contours])
+        self._point(machine.D_CONTOUR_X, np.concatenate([c.x for c in contours]))
+        self._point(machine.D_CONTOUR_Y, np.concatenate([c.y for c in contours]))
+        self._point(machine.D_CONTOUR_ON, np.concatenate([c.cutting for c in contours]))
+        self._deck[machine.D_CONTOURS] = first[-1]
+        self.set("path.contour", machines, first[which])
+        self.set("path.samples", machines, np.diff(first)[which])
+        self.use(machine.F_CONTOURS)
+
+    def put_profile(self, heights: np.ndarray, spacing: float, machines: Any) -> None:
+        """A measured profile along the path, mm, sampled every ``spacing`` mm, for ``machines``."""
+        self._point(machine.D_PROFILE, np.ascontiguousarray(heights, np.float64))
+        self._deck[machine.D_PROFILES] = len(heights)
+        self.set("path.profile", machines, 0)
+        self.set("path.profile_samples", machines, len(heights))
+        self.set("path.profile_spacing", machines, spacing)
+        self.use(machine.F_PROFILES)
+
+    # ------------------------------------------------------------------------------------------------- running
+
+    def drive_by(self, law: Law) -> None:
+        """Gives the machines another law (its parameters are written with :meth:`put_law`)."""
+        self.law = law
+        self._deck[machine.D_LAW] = stage_of(law, machine.LAW_PLACES)
+        self._point(machine.D_LAW_TABLES, law.tables if law.tables.size else np.zeros(1))
+        self._deck[machine.D_LAW_SIZE] = law.tables.size
+
+    def hook(self, act: int, observe: int, io: np.ndarray) -> None:
+        """Stages that an environment runs before and after each period: addresses, and the array they share."""
+        self._deck[machine.D_ACT], self._deck[machine.D_OBSERVE] = act, observe
+        self._point(machine.D_IO, io)
+
+    def begin(self, machines: Any, keys: Any) -> None:
+        """Starts an episode on ``machines`` (whose parameters are written), with one random stream each."""
+        for index, key in zip(np.atleast_1d(machines), np.atleast_1d(keys), strict=True):
+            machine.begin(self._deck, np.uint64(index), np.uint64(key))
+
+    def advance(self, steps: int = 1) -> None:
+        """``steps`` control periods of every machine; the result does not depend on the number of threads."""
+        if self.threads == 1 or self.blocks == 1:
+            machine.advance(self._deck, np.uint64(0), np.uint64(self.blocks), np.uint64(steps))
+        else:
+            edges = np.linspace(0, self.blocks, min(4 * self.threads, self.blocks) + 1).astype(np.uint64)
+            runs = [
+                _pool(self.threads).submit(machine.advance, self._deck, low, high, np.uint64(steps))
+                for low, high in zip(edges[:-1], edges[1:], strict=True)
+            ]
+            for run in runs:
+                run.result()
+        self._deck[machine.D_TICK] += np.uint64(steps)
+
+    def start_recording(self, steps: int) -> np.ndarray:
+        """Keeps the next ``steps`` periods: float32 array of shape (steps, channels, size), see ``machine.CHANNELS``."""
+        self.record = np.zeros((steps, len(machine.CHANNELS), self.size), np.float32)
+        self._point(machine.D_RECORD, self.record)
+        self._deck[machine.D_RECORD_TICK] = self._deck[machine.D_TICK]
+        return self.record
+
+    def stop_recording(self) -> None:
+        """Ends :meth:`start_recording`; further periods are not kept."""
+        self._deck[machine.D_RECORD] = 0
+        self.record = None
+
+    @property
+    def tick(self) -> int:
+        """Control periods that the fleet has lived through."""
+        return int(self._deck[machine.D_TICK])
+

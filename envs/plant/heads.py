@@ -1,0 +1,88 @@
+"""The pool of calibrated heads: capacitive heads that differ a little, each with the table of its own calibration run.
+
+Machines that carry the same head share its table, so a machine needs no memory for one. A head is calibrated, on the
+machine, when it is first used.
+"""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from . import calibration, idle, sensor, supervisor
+from .controller import make_law
+from .fleet import Fleet
+from .lanes import mix
+
+HEADS = 16
+"""Heads in the pool; head 0 is the nominal one."""
+
+POOL = calibration.Pool(HEADS)
+"""Tables of the heads that have been calibrated so far."""
+
+LONGEST_RUN = 2500
+"""Control periods after which a calibration run is given up."""
+
+
+def head(index: int) -> sensor.Params:
+    """Head ``index``: body capacitance ±5 %, inductance ±2 %, nozzle radius ±2 % of nominal [A]; head 0 nominal."""
+    nominal = sensor.EQ3
+    if index == 0:
+        return nominal
+    draw = np.random.default_rng(index).uniform(-1.0, 1.0, 3)
+    return nominal._replace(
+        body=nominal.body * (1 + 0.05 * draw[0]),
+        inductance=nominal.inductance * (1 + 0.02 * draw[1]),
+        radius=nominal.radius * (1 + 0.02 * draw[2]),
+    )
+
+
+def run(params: sensor.Params, seed: int = 0, gate: sensor.Gate | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """A calibration run on the machine: touch the sheet, rise to 10 mm at 10 mm/s (Xi2023).
+
+    Returns:
+        Counted frequency (Hz) and encoder height above the contact at the centre of the gate (mm), one per ms.
+    """
+    fleet = Fleet(1, make_law(idle, "idle"), calibration.Pool(1))
+    fleet.put("sensor", 0, params)
+    fleet.put("gate", 0, gate or sensor.Gate())
+    fleet.set("path.feed", 0, 0.0)
+    fleet.set("start.gap", 0, 0.2)
+    fleet.set("job.request", 0, supervisor.CALIBRATE)
+    fleet.begin(0, mix(seed, 1))
+    phase, frequency, position = (
+        fleet.row("supervisor.phase"), fleet.row("signals.frequency"), fleet.row("signals.head_position"),
+    )  # fmt: skip
+    samples: list[tuple[float, float]] = []
+    for _ in range(LONGEST_RUN):
+        fleet.advance()
+        if phase[0] == 1.0:
+            samples.append((frequency[0], position[0]))
+        if phase[0] == 2.0:
+            break
+    zero = fleet.column("supervisor.zero")[0]
+    taken = np.asarray(samples).reshape(-1, 2)
+    return taken[:, 0], taken[:, 1] - zero
+
+
+def calibrate(params: sensor.Params, seed: int = 0, gate: sensor.Gate | None = None) -> calibration.Table:
+    """Runs a calibration and makes the table.
+
+    Raises:
+        CalibrationRefused: the run is not fit to use; the message gives the reason.
+    """
+    frequency, height = run(params, seed, gate)
+    return calibration.build(frequency, height, params.radius)
+
+
+def table(index: int) -> calibration.Table:
+    """The table of head ``index``, calibrated now if it has not been yet."""
+    if index not in POOL:
+        POOL[index] = calibrate(head(index), seed=index)
+    return POOL[index]
+
+
+def ensure(indices: Iterable[int]) -> calibration.Pool:
+    """The pool, with these heads calibrated."""
+    for index in indices:
+        table(int(index))
+    return POOL

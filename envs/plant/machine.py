@@ -1,0 +1,521 @@
+"""One control period of the whole machine: the only place where parts meet.
+
+Order of a period, *command → act → sense → control*::
+
+    supervisor(signals, wish) → drive → 20 × [Z axis, gap] → sensor → filter → table → signals → law → wish
+
+A stage is a loop over the lanes of a block; what it does to one lane is a part's function. The law and an environment's
+action and observation are stages too, called by address, so this kernel is compiled once for all of them.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from . import calibration, filters, path, sensor, sheet, supervisor, z_axis
+from .controller import AHEAD, LAW_PARAMS, LAW_STATE, PERIOD, Privileged
+from .lanes import GOLD, UW, U, U0, U1, U2, W, Layout, call, doubles, kernel, load, part, rows, singles, store, words
+
+SUBSTEPS = 20
+DT = PERIOD / SUBSTEPS
+"""s, physics substep of 50 µs."""
+
+
+class Hand(NamedTuple):
+    """What an environment's action does to the stack."""
+
+    gain: float = 1.0  # times the law's command
+    residual: float = 0.0  # mm/s, added to it
+
+
+class Start(NamedTuple):
+    """Where an episode starts."""
+
+    gap: float = 1.0  # mm above the sheet, at rest
+    head: float = 0.0  # index of the calibrated head
+    coast: float = 0.0  # encoder offset before homing, mm
+
+
+class Moment(NamedTuple):
+    """What one control period adds up."""
+
+    surface: float = 0.0  # mm, at the start of the period; its course is quadratic in the share q of the period
+    slope: float = 0.0  # mm
+    bend: float = 0.0  # mm
+    gap: float = 0.0  # mm, at the latest substep
+    head: float = 0.0  # mm
+    gate_gap: float = 0.0  # mm, mean over the gate
+    gate_motor: float = 0.0  # mm, mean over the gate
+    lowest: float = 0.0  # mm, smallest gap of the period
+    cover: float = 1.0  # share of the sensor's plate over sheet
+    open: bool = False  # nothing but void under the nozzle tip
+    scored: bool = True  # beam over sheet and on
+
+
+class Tally(NamedTuple):
+    """What an episode adds up."""
+
+    ticks: float = 0.0  # control periods so far
+    collided: bool = False
+    lowest: float = 1e9  # mm, smallest gap so far
+    encoder: float = 0.0  # mm, at the last period
+
+
+_layout = Layout()
+P_PATH, P_SHEET = _layout.place(rows(path.Params)), _layout.place(rows(sheet.Params))
+WAVES = _layout.place(sheet.WAVES * rows(sheet.Wave))
+VIBRATIONS = _layout.place(sheet.VIBRATIONS * rows(sheet.Vibration))
+FEATURES = _layout.place(sheet.FEATURES * rows(sheet.Feature))
+P_SENSOR, P_GATE = _layout.place(rows(sensor.Params)), _layout.place(rows(sensor.Gate))
+P_FILTER, P_TABLE = _layout.place(rows(filters.Params)), _layout.place(rows(calibration.Params))
+P_Z, P_GUARD = _layout.place(rows(z_axis.Params)), _layout.place(rows(supervisor.Params))
+JOB, START, HAND = _layout.place(rows(supervisor.Job)), _layout.place(rows(Start)), _layout.place(rows(Hand))
+P_LAW, S_LAW = _layout.place(LAW_PARAMS), _layout.place(LAW_STATE)
+S_PATH, S_SHEET = _layout.place(rows(path.State)), _layout.place(rows(sheet.State))
+S_SENSOR, S_FILTER = _layout.place(rows(sensor.State)), _layout.place(rows(filters.State))
+S_Z, DRIVE, S_GUARD = _layout.place(rows(z_axis.State)), _layout.place(rows(z_axis.Drive)), _layout.place(
+    rows(supervisor.State)
+)
+SIGNALS, MOMENT, TALLY = _layout.place(rows(Privileged)), _layout.place(rows(Moment)), _layout.place(rows(Tally))
+FOLD, KEPT = _layout.place(rows(filters.Fold)), _layout.place(2)
+WISH, BEAM = _layout.place(1), _layout.place(1)
+SURFACES, SURFACES_LAST = _layout.place(16), U(15)  # ring: two points a period, from the past period to the preview
+SAMPLES, SAMPLES_LAST = _layout.place(filters.LONGEST), U(filters.LONGEST - 1)  # ring of frequencies
+HISTORY, HISTORY_LAST = 16, U(15)
+HEIGHTS, RAW_SURFACES, SPEEDS, COMMANDS = (_layout.place(HISTORY) for _ in range(4))  # rings, one entry a period
+ROWS = _layout.rows
+STRIDE = U(ROWS * W)
+
+LAW_PLACES = {"params": P_LAW, "state": S_LAW, "signals": SIGNALS, "wish": WISH}
+
+PLACES = {
+    "path": (P_PATH, path.Params), "sheet": (P_SHEET, sheet.Params), "sensor": (P_SENSOR, sensor.Params),
+    "gate": (P_GATE, sensor.Gate), "filter": (P_FILTER, filters.Params), "table": (P_TABLE, calibration.Params),
+    "z": (P_Z, z_axis.Params), "guard": (P_GUARD, supervisor.Params), "job": (JOB, supervisor.Job),
+    "start": (START, Start), "hand": (HAND, Hand), "signals": (SIGNALS, Privileged), "moment": (MOMENT, Moment),
+    "tally": (TALLY, Tally), "supervisor": (S_GUARD, supervisor.State), "motion": (S_Z, z_axis.State),
+    "drive": (DRIVE, z_axis.Drive), "journey": (S_PATH, path.State),
+}  # fmt: skip
+"""Offset and class of each part that Python reads or writes."""
+
+CHANNELS = (
+    "gap", "height", "raw_height", "surface", "head", "velocity", "acceleration", "command", "wish", "mode", "scored",
+    "distance", "override",
+)  # fmt: skip
+"""What a recorder keeps of each control period, float32: true gap, mm; reported and raw height, mm; surface and head,
+mm; motor velocity, mm/s; motor acceleration, mm/s²; command after and before the supervisor, mm/s; its mode; whether
+the period counts as cutting; distance along the path, mm; whether the supervisor overrode the law."""
+
+# Addresses and counts that a kernel gets in one array, the deck.
+(D_BLOCK, D_KEYS, D_MACHINES, D_TICK, D_WINDOW, D_WAVES, D_VIBRATIONS, D_FLAGS, D_FREQUENCIES, D_HEIGHTS, D_TABLES,
+ D_CONTOUR_X, D_CONTOUR_Y, D_CONTOUR_ON, D_CONTOURS, D_PROFILE, D_PROFILES, D_LAW, D_LAW_TABLES, D_LAW_SIZE, D_ACT,
+ D_OBSERVE, D_IO, D_RECORD, D_RECORD_TICK) = range(25)  # fmt: skip
+DECK = 25
+
+F_CONTOURS, F_FEATURES, F_PROFILES, F_BULGES, F_RANKS = (U(2**i) for i in range(5))
+"""Flags: what at least one of the machines uses; the rest is skipped, which changes no bit of the others."""
+
+_WAVE, _VIBRATION, _FEATURE = (U(rows(c) * W) for c in (sheet.Wave, sheet.Vibration, sheet.Feature))
+_FEATURES = U(sheet.FEATURES)
+_AHEAD2 = U(2 * AHEAD)
+_AHEAD_S = AHEAD * PERIOD
+_CHANNELS = U(len(CHANNELS))
+_PREFILL = AHEAD + 1
+_RISE = U(supervisor.RISE_WINDOW)
+_WORDS = U(6)  # random words that a sample takes
+_POINTS = float(calibration.POINTS)
+_FRESH = U(Privileged._fields.index("fresh") * W)
+
+
+# ---------------------------------------------------------------------------------- stages, in the order of a period
+
+
+@part
+def supervise_all(block, at, n, tick):
+    """Supervisor and drive: the law's wish becomes a command that is on its way."""
+    earlier = at + HEIGHTS + ((tick - U1 - _RISE) & HISTORY_LAST) * UW
+    now = at + COMMANDS + (tick & HISTORY_LAST) * UW
+    for lane in range(n):
+        a = at + lane
+        x = load(Privileged, block, a + SIGNALS)
+        hand = load(Hand, block, a + HAND)
+        s = load(supervisor.State, block, a + S_GUARD)
+        view = supervisor.View(
+            height=x.height, earlier=block[earlier + lane], valid=x.valid, head_position=x.head_position,
+            encoder=x.head_position - s.offset, last_encoder=x.head_position - s.offset - x.head_velocity * PERIOD,
+            wish=hand.gain * block[a + WISH] + hand.residual,
+        )  # fmt: skip
+        s, command = supervisor.step(
+            load(supervisor.Params, block, a + P_GUARD), s, load(supervisor.Job, block, a + JOB), view
+        )
+        store(block, a + S_GUARD, s)
+        store(block, a + DRIVE, z_axis.accept(load(z_axis.Params, block, a + P_Z), load(z_axis.Drive, block, a + DRIVE), command))
+        block[now + lane] = command
+
+
+@part
+def travel_all(block, at, n, tick, deck):
+    """Path and sheet: the surface in the middle and at the end of the period that lies AHEAD ms ahead."""
+    flags = deck[D_FLAGS]
+    middle = at + SURFACES + ((tick + tick + _AHEAD2) & SURFACES_LAST) * UW
+    end = at + SURFACES + ((tick + tick + _AHEAD2 + U1) & SURFACES_LAST) * UW
+    for lane in range(n):
+        a = at + lane
+        store(block, a + S_PATH, path.advance(load(path.Params, block, a + P_PATH), load(path.State, block, a + S_PATH), PERIOD))
+    if flags & F_CONTOURS:
+        xs, ys = doubles(deck[D_CONTOUR_X], deck[D_CONTOURS]), doubles(deck[D_CONTOUR_Y], deck[D_CONTOURS])
+        on = doubles(deck[D_CONTOUR_ON], deck[D_CONTOURS])
+        for lane in range(n):
+            a = at + lane
+            p, s = load(path.Params, block, a + P_PATH), load(path.State, block, a + S_PATH)
+            if p.contour >= 0.0:
+                half = s.distance - 0.5 * p.feed * PERIOD
+                x = path.sample(xs, p.contour, p.samples, path.SPACING, s.distance)
+                y = path.sample(ys, p.contour, p.samples, path.SPACING, s.distance)
+                mx = path.sample(xs, p.contour, p.samples, path.SPACING, half)
+                my = path.sample(ys, p.contour, p.samples, path.SPACING, half)
+                store(block, a + S_PATH, path.State(s.time, s.distance, x, y, mx, my))
+                here = s.distance - p.feed * _AHEAD_S
+                block[a + BEAM] = 1.0 if path.sample(on, p.contour, p.samples, path.SPACING, here) > 0.5 else 0.0
+    for lane in range(n):
+        a = at + lane
+        p, s, where = load(sheet.Params, block, a + P_SHEET), load(sheet.State, block, a + S_SHEET), load(path.State, block, a + S_PATH)
+        block[middle + lane] = p.tilt_x * where.middle_x + p.tilt_y * where.middle_y
+        block[end + lane] = p.tilt_x * where.x + p.tilt_y * where.y
+    if flags & F_BULGES:
+        for lane in range(n):
+            a = at + lane
+            p, s, where = load(sheet.Params, block, a + P_SHEET), load(sheet.State, block, a + S_SHEET), load(path.State, block, a + S_PATH)
+            block[middle + lane] += sheet.bulge(p, s, where.middle_x, where.middle_y)
+            s = sheet.grow(p, s)
+            block[end + lane] += sheet.bulge(p, s, where.x, where.y)
+            store(block, a + S_SHEET, s)
+    for i in range(deck[D_WAVES]):
+        offset = WAVES + i * _WAVE
+        for lane in range(n):
+            a = at + lane
+            w, where = load(sheet.Wave, block, a + offset), load(path.State, block, a + S_PATH)
+            block[middle + lane] += sheet.wave(w, where.middle_x, where.middle_y)
+            block[end + lane] += sheet.wave(w, where.x, where.y)
+    for i in range(deck[D_VIBRATIONS]):
+        offset = VIBRATIONS + i * _VIBRATION
+        for lane in range(n):
+            a = at + lane
+            v, where = load(sheet.Vibration, block, a + offset), load(path.State, block, a + S_PATH)
+            block[middle + lane] += sheet.vibration(v, where.time - 0.5 * PERIOD)
+            block[end + lane] += sheet.vibration(v, where.time)
+    if flags & F_FEATURES:
+        for lane in range(n):
+            a = at + lane
+            s, along = load(sheet.State, block, a + S_SHEET), block[a + S_PATH + UW]
+            if sheet.is_behind(s.current, along) and s.upcoming < sheet.FEATURES:
+                i = U(np.int64(s.upcoming))
+                store(block, a + S_SHEET, sheet.leave(s, load(sheet.Feature, block, a + FEATURES + i * _FEATURE)))
+        for lane in range(n):
+            a = at + lane
+            s, where, p = load(sheet.State, block, a + S_SHEET), load(path.State, block, a + S_PATH), load(path.Params, block, a + P_PATH)
+            block[middle + lane] += sheet.features(s, where.distance - 0.5 * p.feed * PERIOD)
+            block[end + lane] += sheet.features(s, where.distance)
+    if flags & F_PROFILES:
+        profile = doubles(deck[D_PROFILE], deck[D_PROFILES])
+        for lane in range(n):
+            a = at + lane
+            p, s = load(path.Params, block, a + P_PATH), load(path.State, block, a + S_PATH)
+            if p.profile >= 0.0:
+                half = s.distance - 0.5 * p.feed * PERIOD
+                block[middle + lane] += path.sample(profile, p.profile, p.profile_samples, p.profile_spacing, half)
+                block[end + lane] += path.sample(profile, p.profile, p.profile_samples, p.profile_spacing, s.distance)
+
+
+@part
+def prepare_all(block, at, n, tick):
+    """What the substeps of this period need: the surface's course, and what lies under the nozzle."""
+    s0 = at + SURFACES + ((tick + tick - U1) & SURFACES_LAST) * UW
+    s1 = at + SURFACES + ((tick + tick) & SURFACES_LAST) * UW
+    s2 = at + SURFACES + ((tick + tick + U1) & SURFACES_LAST) * UW
+    for lane in range(n):
+        a = at + lane
+        start, middle, end = block[s0 + lane], block[s1 + lane], block[s2 + lane]
+        feature, along = load(sheet.State, block, a + S_SHEET).current, load(path.State, block, a + S_PATH).distance
+        here = along - load(path.Params, block, a + P_PATH).feed * _AHEAD_S
+        m = load(Moment, block, a + MOMENT)
+        radius = sensor.sensing_radius(load(sensor.Params, block, a + P_SENSOR), max(m.gap, 0.0))
+        store(block, a + MOMENT, Moment(
+            surface=start, slope=4.0 * middle - 3.0 * start - end, bend=2.0 * (start - middle) + 2.0 * (end - middle),
+            gap=m.gap, head=m.head, gate_gap=0.0, gate_motor=0.0, lowest=1e9,
+            cover=sheet.coverage(feature, here, radius), open=sheet.over_void(feature, here, sheet.FOOTPRINT),
+            scored=block[a + BEAM] > 0.5 and not sheet.over_void(feature, here, 0.0),
+        ))  # fmt: skip
+
+
+@part
+def move_all(block, at, n, k):
+    """Substep ``k`` of the period: the Z axis moves; gap and gate add up."""
+    share = (np.float64(np.int64(k)) + 1.0) / SUBSTEPS
+    for lane in range(n):
+        a = at + lane
+        p = load(z_axis.Params, block, a + P_Z)
+        before, after, change = z_axis.delayed(p, load(z_axis.Drive, block, a + DRIVE))
+        command = before if share <= change else after
+        z, head = z_axis.step(p, load(z_axis.State, block, a + S_Z), command, DT)
+        store(block, a + S_Z, z)
+        m = load(Moment, block, a + MOMENT)
+        gap = head - (m.surface + share * (m.slope + share * m.bend))
+        length = block[a + P_GATE] * 1e-3
+        weight = DT / length if share > 1.0 - length / PERIOD + 1e-9 else 0.0
+        store(block, a + MOMENT, Moment(
+            m.surface, m.slope, m.bend, gap, head, m.gate_gap + weight * gap, m.gate_motor + weight * z.position,
+            min(m.lowest, gap), m.cover, m.open, m.scored,
+        ))  # fmt: skip
+
+
+@part
+def sense_all(block, at, n, tick, keys, first):
+    """Sensor: one count, put into the ring of samples; a count that is not valid leaves the last one there."""
+    now = at + SAMPLES + (tick & SAMPLES_LAST) * UW
+    last = at + SAMPLES + ((tick - U1) & SAMPLES_LAST) * UW
+    for lane in range(n):
+        a = at + lane
+        m = load(Moment, block, a + MOMENT)
+        touches = m.lowest <= 0.0 and not m.open
+        gap = 0.0 if touches else max(m.gate_gap, 0.1 if m.open else 1e-6)
+        s, f = sensor.step(
+            load(sensor.Params, block, a + P_SENSOR), load(sensor.State, block, a + S_SENSOR),
+            load(sensor.Gate, block, a + P_GATE), gap, m.cover, keys[first + lane], tick,
+        )  # fmt: skip
+        store(block, a + S_SENSOR, s)
+        block[now + lane] = f if f > 0.0 else block[last + lane]
+        t = load(Tally, block, a + TALLY)
+        lowest = min(t.lowest, t.lowest if m.open else m.lowest)
+        store(block, a + TALLY, Tally(t.ticks + 1.0, t.collided or touches, lowest, t.encoder))
+        block[a + SIGNALS + U2 * UW] = f
+
+
+@part
+def filter_all(block, at, n, tick, window, ranks):
+    """Filter over the ring of samples; the result lies in ``FOLD``'s first row."""
+    for lane in range(n):
+        store(block, at + lane + FOLD, filters.begin())
+    for age in range(window):
+        then = at + SAMPLES + ((tick - age) & SAMPLES_LAST) * UW
+        old = np.float64(np.int64(age))
+        for lane in range(n):
+            a = at + lane
+            p = load(filters.Params, block, a + P_FILTER)
+            store(block, a + FOLD, filters.take(p, load(filters.Fold, block, a + FOLD), block[then + lane], old))
+    for lane in range(n):
+        a = at + lane
+        block[a + FOLD] = filters.mean(load(filters.Params, block, a + P_FILTER), load(filters.Fold, block, a + FOLD))
+    if ranks:
+        rank_all(block, at, n, tick, window)
+    now = at + SAMPLES + (tick & SAMPLES_LAST) * UW
+    for lane in range(n):
+        a = at + lane
+        s, f = filters.finish(
+            load(filters.Params, block, a + P_FILTER), load(filters.State, block, a + S_FILTER), block[a + FOLD], block[now + lane]
+        )
+        store(block, a + S_FILTER, s)
+        block[a + FOLD] = f
+
+
+@part
+def rank_all(block, at, n, tick, window):
+    """Trims of two and more, and medians: a sample is kept if enough others lie below and above it."""
+    total, rank = KEPT, KEPT + UW
+    for lane in range(n):
+        block[at + lane + total] = 0.0
+    for age in range(window):
+        this = at + SAMPLES + ((tick - age) & SAMPLES_LAST) * UW
+        old = np.float64(np.int64(age))
+        for lane in range(n):
+            block[at + lane + rank] = 0.0
+        for other in range(window):
+            that = at + SAMPLES + ((tick - other) & SAMPLES_LAST) * UW
+            its_age = np.float64(np.int64(other))
+            for lane in range(n):
+                a = at + lane
+                x, y = block[this + lane], block[that + lane]
+                below = y < x or (y == x and its_age < old)
+                block[a + rank] += 1.0 if below and its_age < block[a + P_FILTER + UW] else 0.0
+        for lane in range(n):
+            a = at + lane
+            p = load(filters.Params, block, a + P_FILTER)
+            block[a + total] += filters.kept(p, block[a + rank], old) * block[this + lane]
+    for lane in range(n):
+        a = at + lane
+        p = load(filters.Params, block, a + P_FILTER)
+        many = p.trim > 1.0 and (p.kind == filters.IMPROVED or p.kind == filters.MEDIAN)
+        block[a + FOLD] = block[a + total] / (p.window - 2.0 * p.trim) if many else block[a + FOLD]
+
+
+@part
+def look_up_all(block, at, n, tick, deck):
+    """Table: filtered and newest frequency to heights. Gathers, so a stage of its own."""
+    frequencies, heights = doubles(deck[D_FREQUENCIES], deck[D_TABLES]), doubles(deck[D_HEIGHTS], deck[D_TABLES])
+    now = at + SAMPLES + (tick & SAMPLES_LAST) * UW
+    for lane in range(n):
+        a = at + lane
+        first = U(np.int64(block[a + START + UW] * _POINTS))
+        p = load(calibration.Params, block, a + P_TABLE)
+        block[a + SIGNALS] = calibration.height(p, frequencies, heights, first, block[a + FOLD])
+        block[a + SIGNALS + UW] = calibration.height(p, frequencies, heights, first, block[now + lane])
+
+
+@part
+def report_all(block, at, n, tick):
+    """Signals of this period for the law, the supervisor, the history and the recorder."""
+    here = U(0)
+    for lane in range(n):
+        a = at + lane
+        m, t, z = load(Moment, block, a + MOMENT), load(Tally, block, a + TALLY), load(z_axis.State, block, a + S_Z)
+        x, s = load(Privileged, block, a + SIGNALS), load(supervisor.State, block, a + S_GUARD)
+        encoder = z_axis.encoded(load(z_axis.Params, block, a + P_Z), m.gate_motor)
+        position = encoder + s.offset
+        speed = (encoder - t.encoder) / PERIOD
+        here = a + SURFACES
+        store(block, a + TALLY, Tally(t.ticks, t.collided, t.lowest, encoder))
+        store(block, a + SIGNALS, Privileged(
+            height=x.height, raw_height=x.raw_height, frequency=x.frequency, valid=x.frequency > 0.0,
+            set_height=load(supervisor.Job, block, a + JOB).set_height, head_position=position, head_velocity=speed,
+            command=s.command, mode=s.mode, override=s.override, captured=s.captured, fresh=False,
+            feed=load(path.Params, block, a + P_PATH).feed,
+            surface_0=block[here + _surface(tick, U0)], surface_1=block[here + _surface(tick, U1)],
+            surface_2=block[here + _surface(tick, U2)], surface_3=block[here + _surface(tick, U(3))],
+            surface_4=block[here + _surface(tick, U(4))], surface_5=block[here + _surface(tick, U(5))],
+            gap=m.gap, head=m.head, velocity=z.velocity, acceleration=z.acceleration,
+        ))  # fmt: skip
+        slot = a + (tick & HISTORY_LAST) * UW
+        block[slot + HEIGHTS] = x.height
+        block[slot + RAW_SURFACES] = position - x.raw_height
+        block[slot + SPEEDS] = speed
+
+
+@part
+def _surface(tick, ahead):
+    """Offset in the ring of the surface at the end of the period ``ahead`` ms from now."""
+    return ((tick + tick + U1 + ahead + ahead) & SURFACES_LAST) * UW
+
+
+@part
+def record_all(block, at, n, tick, record, where, machines):
+    """The channels of this period into the recorder, lanes side by side."""
+    for lane in range(n):
+        a = at + lane
+        x, m, s = load(Privileged, block, a + SIGNALS), load(Moment, block, a + MOMENT), load(path.State, block, a + S_PATH)
+        o = where + lane
+        record[o] = x.gap
+        record[o + machines] = x.height
+        record[o + U(2) * machines] = x.raw_height
+        record[o + U(3) * machines] = x.surface_0
+        record[o + U(4) * machines] = x.head
+        record[o + U(5) * machines] = x.velocity
+        record[o + U(6) * machines] = x.acceleration
+        record[o + U(7) * machines] = x.command
+        record[o + U(8) * machines] = block[a + WISH]
+        record[o + U(9) * machines] = x.mode
+        record[o + U(10) * machines] = 1.0 if m.scored else 0.0
+        record[o + U(11) * machines] = s.distance - x.feed * _AHEAD_S
+        record[o + U(12) * machines] = 1.0 if x.override else 0.0
+
+
+# ------------------------------------------------------------------------------------------------------ kernels
+
+
+@part
+def sense_and_control(block, at, n, tick, keys, first, deck):
+    """The second half of a period: sense, filter, look up, report, control."""
+    sense_all(block, at, n, tick, keys, first)
+    filter_all(block, at, n, tick, deck[D_WINDOW], deck[D_FLAGS] & F_RANKS)
+    look_up_all(block, at, n, tick, deck)
+    report_all(block, at, n, tick)
+    call(deck[D_LAW], deck[D_BLOCK], at, n, deck[D_LAW_TABLES], deck[D_LAW_SIZE])
+
+
+def advance(deck, first, last, steps):
+    """``steps`` control periods of the blocks ``first`` … ``last − 1``; one call per thread.
+
+    Args:
+        deck: uint64 array of addresses and counts, see :class:`fleet.Fleet`; the caller advances its tick afterwards.
+        first, last, steps: unsigned.
+    """
+    machines = deck[D_MACHINES]
+    blocks = (machines + UW - U1) // UW
+    block = doubles(deck[D_BLOCK], blocks * STRIDE)
+    keys = words(deck[D_KEYS], blocks * UW)
+    record = singles(deck[D_RECORD], U(2**40))
+    for b in range(first, last):
+        at = b * STRIDE
+        n = min(UW, machines - b * UW)
+        tick = deck[D_TICK]
+        for step in range(steps):
+            if deck[D_ACT] > U0:
+                call(deck[D_ACT], deck[D_BLOCK], at, n, deck[D_IO], b * UW)
+            supervise_all(block, at, n, tick)
+            travel_all(block, at, n, tick, deck)
+            prepare_all(block, at, n, tick)
+            for k in range(SUBSTEPS):
+                move_all(block, at, n, k)
+            sense_and_control(block, at, n, tick, keys, b * UW, deck)
+            if deck[D_RECORD] > U0:
+                place = (tick - deck[D_RECORD_TICK]) * _CHANNELS * machines + b * UW
+                record_all(block, at, n, tick, record, place, machines)
+            if deck[D_OBSERVE] > U0:
+                call(deck[D_OBSERVE], deck[D_BLOCK], at, n, deck[D_IO], b * UW)
+            tick += U1
+
+
+def begin(deck, machine, key):
+    """Starts an episode on one machine whose parameters lie in its column; the others are left alone.
+
+    The head stands at the starting gap over the sheet; the sheet ahead is known, the filter is filled with one reading,
+    and the law has seen its first signals. ``key`` is the episode's random stream.
+    """
+    b, lane = machine // UW, machine % UW
+    blocks = (deck[D_MACHINES] + UW - U1) // UW
+    block = doubles(deck[D_BLOCK], blocks * STRIDE)
+    keys = words(deck[D_KEYS], blocks * UW)
+    at = b * STRIDE + lane
+    tick = deck[D_TICK] - U1  # the period before the first
+    # Counting on from the block's tick must give the stream that a machine alone would get from tick 0.
+    keys[machine] = key - (tick + U1) * _WORDS * GOLD
+    start, feed = load(Start, block, at + START), load(path.Params, block, at + P_PATH).feed
+
+    store(block, at + S_SHEET, sheet.State(0.0, 0.0, 1.0, load(sheet.Feature, block, at + FEATURES)))
+    store(block, at + S_SENSOR, sensor.State(0.0, 0.0, 0.0, 0.0))
+    store(block, at + S_GUARD, supervisor.State(
+        supervisor.STOP, 0.0, 0.0, False, False, False, supervisor.NO_ALARM, 0.0, start.coast, 0.0
+    ))  # fmt: skip
+    store(block, at + DRIVE, z_axis.Drive(0.0, 0.0, 0.0, 0.0, 0.0))
+    block[at + BEAM] = 1.0
+    store(block, at + S_PATH, path.State(-PERIOD, -PERIOD * feed, 0.0, 0.0, 0.0, 0.0))
+    for i in range(_PREFILL):
+        travel_all(block, at, U1, tick + U1 - U(_PREFILL) + U(i), deck)
+    surface = block[at + SURFACES + _surface(tick, U0)]
+    head = surface + start.gap
+    store(block, at + S_Z, z_axis.at_rest(head))
+    store(block, at + MOMENT, Moment(surface, 0.0, 0.0, start.gap, head, start.gap, head, start.gap, 1.0, False, True))
+    store(block, at + TALLY, Tally(-1.0, False, 1e9, z_axis.encoded(load(z_axis.Params, block, at + P_Z), head)))
+
+    # One reading of the head at rest; the ring and the recursive filters start from it.
+    sense_all(block, at, U1, tick, keys, machine)
+    reading = block[at + SAMPLES + (tick & SAMPLES_LAST) * UW]
+    for i in range(SAMPLES_LAST + U1):
+        block[at + SAMPLES + i * UW] = reading
+    store(block, at + S_FILTER, filters.State(reading, 1e6, 0.0))
+    filter_all(block, at, U1, tick, deck[D_WINDOW], deck[D_FLAGS] & F_RANKS)
+    look_up_all(block, at, U1, tick, deck)
+    report_all(block, at, U1, tick)
+    block[at + SIGNALS + _FRESH] = 1.0
+    for i in range(HISTORY_LAST + U1):
+        block[at + HEIGHTS + i * UW] = block[at + SIGNALS]
+        block[at + RAW_SURFACES + i * UW] = block[at + RAW_SURFACES + (tick & HISTORY_LAST) * UW]
+        block[at + SPEEDS + i * UW] = 0.0
+        block[at + COMMANDS + i * UW] = 0.0
+    store(block, at + HAND, Hand(1.0, 0.0))
+    call(deck[D_LAW], deck[D_BLOCK], at, U1, deck[D_LAW_TABLES], deck[D_LAW_SIZE])
+    if deck[D_OBSERVE] > U0:
+        call(deck[D_OBSERVE], deck[D_BLOCK], at, U1, deck[D_IO], machine)
+
+
+advance = kernel(advance)
+begin = kernel(begin)

@@ -1,0 +1,218 @@
+"""Supervisor: the one command machine between a controller and the drive.
+
+It runs tick by tick: ``stop``, ``home``, ``move``, ``calibrate``, ``follow``, ``hold``, ``alarm``. While following it
+passes the law's command on, except where one of its guards acts:
+
+- *approach*: until the set height is first reached, the descent is no faster than ``sqrt(2·α·a·distance)``, the speed
+  from which the axis still stops in time (PHYSICS §6; the speed limit of Patent2022's planned descent);
+- *hole and edge guard*: when the reading rises by more than ``rise`` within 5 ms while the head is too high, the head
+  holds still, until the sheet is back or ``timeout`` has passed (then it approaches anew);
+- *contact*: the oscillator stops; the head retracts and an alarm is latched;
+- *limits*: near the ends of the travel an alarm is latched and the axis stops.
+
+Whenever its command has differed from the law's, the two are brought together at no more than ``slew`` per period, so
+following is switched on and off without a bump.
+"""
+
+from typing import Annotated, NamedTuple
+
+import numpy as np
+
+from .lanes import clip, part
+from .quantity import Quantity
+
+MODES = ("stop", "home", "move", "calibrate", "follow", "hold", "alarm")
+STOP, HOME, MOVE, CALIBRATE, FOLLOW, HOLD, ALARM = (float(i) for i in range(len(MODES)))
+
+ALARMS = ("none", "collision", "limit", "following error")
+NO_ALARM, COLLISION, LIMIT, FOLLOWING_ERROR = (float(i) for i in range(len(ALARMS)))
+
+RISE_WINDOW = 5
+"""ms over which the hole guard looks for a rise (PHYSICS §6)."""
+
+SECONDS = 1e-3
+"""s, one tick."""
+
+LEAD = 10.0
+"""mm, screw lead and so the distance of the encoder's index pulses (PHYSICS §2)."""
+
+CALIBRATION_HEIGHT, CALIBRATION_SPEED = 10.0, 10.0
+"""mm and mm/s (Xi2023)."""
+
+TOUCH_SPEED = 0.5
+"""mm/s at which a calibration feels for the sheet [A]."""
+
+
+class Params(NamedTuple):
+    """Limits of the supervisor; part of the controller's stack as ``guard.…``."""
+
+    plan: Annotated[float, Quantity("1", 0.1, 1.0, "share α of the acceleration that planned moves use")] = 0.5
+    acceleration: Annotated[float, Quantity("mm/s²", 1e3, 5e4, "acceleration a that planned moves count on")] = 1e4
+    fastest: Annotated[float, Quantity("mm/s", 1.0, 500.0, "fastest planned move")] = 150.0
+    capture: Annotated[float, Quantity("mm", 0.01, 2.0, "error at which an approach is over")] = 0.1
+    rise: Annotated[float, Quantity("mm", 0.02, 5.0, "rise within 5 ms that trips the hole guard")] = 0.15
+    error: Annotated[float, Quantity("mm", 0.0, 5.0, "least error at which the hole guard trips")] = 0.15
+    release: Annotated[float, Quantity("mm", 0.01, 5.0, "error below which a hold ends")] = 0.3
+    timeout: Annotated[float, Quantity("ms", 1.0, 5000.0, "longest hold")] = 400.0
+    slew: Annotated[float, Quantity("mm/s per ms", 0.5, 50.0, "largest change of command at a handover")] = 10.0
+    retract: Annotated[float, Quantity("mm", 0.1, 50.0, "way up after a collision")] = 5.0
+    alarm_error: Annotated[
+        float, Quantity("mm", 0.0, 50.0, "following error that raises an alarm after 100 ms; 0: off")
+    ] = 0.0
+
+
+class Job(NamedTuple):
+    """What the operator and the machine's set-up ask for."""
+
+    request: float = FOLLOW  # one of MODES
+    target: float = 50.0  # mm, of a move
+    set_height: float = 1.0  # mm
+    hole_guard: bool = False
+    switch: float = 100.0  # mm, height of the home switch
+    low: float = -38.0  # mm, limit alarms
+    high: float = 108.0  # mm
+
+
+class State(NamedTuple):
+    """What the supervisor remembers."""
+
+    mode: float = STOP
+    phase: float = 0.0  # of homing, calibration and alarm
+    ticks: float = 0.0  # ms in the mode, or ms of lasting following error
+    captured: bool = False  # the approach is over
+    joining: bool = False  # still bringing its own command to the law's
+    override: bool = False
+    alarm: float = NO_ALARM
+    zero: float = 0.0  # mm, head position at the last contact
+    offset: float = 0.0  # mm, added to the encoder; set by homing
+    command: float = 0.0  # mm/s, last command sent
+
+
+class View(NamedTuple):
+    """What the supervisor reads each tick."""
+
+    height: float  # mm
+    earlier: float  # mm, height RISE_WINDOW ms ago
+    valid: bool
+    head_position: float  # mm, encoder with offset
+    encoder: float  # mm, encoder without
+    last_encoder: float  # mm, one tick ago
+    wish: float  # mm/s, the law's command
+
+
+@part
+def planned(p, distance):
+    """Speed from which the axis still stops within ``distance`` (mm), with its sign, mm/s."""
+    d = abs(distance)
+    v = min(min(np.sqrt(2.0 * p.plan * p.acceleration * d), 60.0 * d), p.fastest)
+    return v if distance > 0.0 else -v
+
+
+@part
+def _follow(p, s, job, x):
+    """Command, mode, captured and ticks while following or holding."""
+    e = x.height - job.set_height
+    late = p.alarm_error > 0.0 and abs(e) > p.alarm_error and s.captured
+    if s.mode == HOLD:
+        ends = e < p.release
+        expired = s.ticks >= p.timeout
+        mode = FOLLOW if ends or expired else HOLD
+        captured = not (expired and not ends)
+        ticks = 0.0 if ends or expired else s.ticks + 1.0
+        u = x.wish if ends else 0.0
+    else:
+        trips = job.hole_guard and s.captured and e > p.error and x.height - x.earlier > p.rise
+        captured = s.captured or e < p.capture
+        mode = HOLD if trips else FOLLOW
+        ticks = 0.0 if trips or not late else s.ticks + 1.0
+        slowest = -np.sqrt(2.0 * p.plan * p.acceleration * max(e, 0.0))
+        u = x.wish if captured else max(x.wish, max(slowest, -p.fastest))
+        u = 0.0 if trips else u
+    return u, mode, captured, ticks
+
+
+@part
+def _home(p, s, job, x):
+    """Up to the switch, stop, down at 2 mm/s until it releases, then on to the index pulse (CN102528288A)."""
+    at_switch = x.encoder >= job.switch
+    indexed = np.floor(x.encoder / LEAD) != np.floor(x.last_encoder / LEAD)
+    still = abs(x.encoder - x.last_encoder) < 1e-3
+    phase = s.phase
+    u = p.fastest
+    if phase == 0.0:
+        phase = 1.0 if at_switch else 0.0
+    elif phase == 1.0:
+        u = 0.0
+        phase = 2.0 if still else 1.0
+    elif phase == 2.0:
+        u = -2.0
+        phase = 3.0 if not at_switch else 2.0
+    else:
+        u = -2.0
+        phase = 4.0 if indexed else 3.0
+    return u, phase, LEAD * np.rint(x.encoder / LEAD) - x.encoder
+
+
+@part
+def step(p, s, job, x):
+    """One tick.
+
+    Args:
+        p, s, job: :class:`Params`, :class:`State`, :class:`Job`.
+        x: :class:`View`.
+
+    Returns:
+        ``(state, command)``, command in mm/s.
+    """
+    mode, phase, ticks, captured, alarm, zero, offset = (
+        s.mode, s.phase, s.ticks, s.captured, s.alarm, s.zero, s.offset,
+    )  # fmt: skip
+    asked = FOLLOW if job.request == HOLD else job.request
+    running = FOLLOW if mode == HOLD else mode
+    if asked != running and (mode != ALARM or asked == STOP):
+        # A new command first stops the current one; following may start from any speed (it is joined bumplessly).
+        stopped = abs(s.command) < 1e-9 or asked == FOLLOW or asked == STOP
+        mode = asked if stopped else STOP
+        phase, ticks, captured = 0.0, 0.0, False
+        alarm = NO_ALARM if asked == STOP else alarm
+    s = State(mode, phase, ticks, captured, s.joining, s.override, alarm, zero, offset, s.command)
+
+    u = 0.0
+    if mode == FOLLOW or mode == HOLD:
+        u, mode, captured, ticks = _follow(p, s, job, x)
+        if job.request == HOLD:
+            u = 0.0
+        if ticks > 100.0 and mode == FOLLOW:
+            mode, alarm, phase, u = ALARM, FOLLOWING_ERROR, 1.0, 0.0
+    elif mode == MOVE:
+        u = planned(p, job.target - x.head_position)
+    elif mode == HOME:
+        u, phase, correction = _home(p, s, job, x)
+        if phase == 4.0:
+            mode, phase, u, offset = STOP, 0.0, 0.0, correction
+    elif mode == CALIBRATE:
+        if phase == 0.0:
+            u = -TOUCH_SPEED
+            if not x.valid:
+                phase, zero, u = 1.0, x.head_position, CALIBRATION_SPEED
+        elif phase == 1.0:
+            done = x.head_position - zero > CALIBRATION_HEIGHT + 0.1
+            phase, u = (2.0, 0.0) if done else (1.0, CALIBRATION_SPEED)
+    elif mode == ALARM:
+        going = phase == 0.0 and x.head_position < zero + p.retract
+        u = planned(p, zero + p.retract + 0.5 - x.head_position) if going else 0.0
+        phase = 0.0 if going else 1.0
+
+    outside = (x.head_position < job.low and u < 0.0) or (x.head_position > job.high and u > 0.0)
+    if outside and mode != HOME and mode != ALARM:
+        mode, alarm, phase, u = ALARM, LIMIT, 1.0, 0.0
+    if not x.valid and mode != CALIBRATE and mode != ALARM:
+        mode, alarm, phase, zero = ALARM, COLLISION, 0.0, x.head_position
+        u = p.fastest
+
+    passes = mode == FOLLOW and u == x.wish
+    joined = clip(u, s.command - p.slew, s.command + p.slew)
+    joining = (not passes or s.override or s.joining) and joined != u
+    command = joined if not passes or s.override or s.joining else u
+    override = not passes or joining
+    return State(mode, phase, ticks, captured, joining, override, alarm, zero, offset, command), command
