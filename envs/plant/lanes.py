@@ -22,7 +22,8 @@ from typing import Any, get_type_hints
 import numpy as np
 from llvmlite import ir
 from numba import carray, njit, types
-from numba.extending import intrinsic, overload
+from numba.core import cgutils
+from numba.extending import intrinsic
 
 W = 32
 """Lanes in a block."""
@@ -85,78 +86,71 @@ class Layout:
         return U(here * W)
 
 
-def _name(cls: Any) -> str:
-    return f"{cls.__module__}_{cls.__qualname__}".replace(".", "_").replace("<locals>", "")
+# Written as instructions rather than as functions, because Numba would compile a function for every class.
 
 
-def _classes(cls: Any) -> dict[str, Any]:
-    inner = [k for k in get_type_hints(cls).values() if is_part(k)]
-    return {_name(cls): cls, **{n: c for k in inner for n, c in _classes(k).items()}}
+def _numba_type(cls: Any) -> Any:
+    kinds = get_type_hints(cls).values()
+    inner = [_numba_type(k) if is_part(k) else (types.boolean if k is bool else types.float64) for k in kinds]
+    return types.BaseTuple.from_types(inner, cls)
 
 
-def _source(cls: Any, row: int = 0, path: str = "value") -> tuple[str, list[str], int]:
-    """The constructor call that reads ``cls`` from ``row`` on, the statements that write it, and the next free row."""
-    reads, writes = [], []
-    for name, kind in get_type_hints(cls).items():
+def _cell(builder, data, at, row):
+    return builder.gep(data, [builder.add(at, ir.Constant(ir.IntType(64), row * W))])
+
+
+def _read(context, builder, cls, data, at, row):
+    """Instructions that read ``cls`` from ``row`` on; returns its value and the next free row."""
+    values = []
+    for kind in get_type_hints(cls).values():
         if is_part(kind):
-            read, write, row = _source(kind, row, f"{path}.{name}")
-            reads.append(read)
-            writes += write
+            value, row = _read(context, builder, kind, data, at, row)
         else:
-            cell, row = f"block[at + ROW[{row}]]", row + 1
-            reads.append(f"{cell} != 0.0" if kind is bool else cell)
-            writes.append(f"{cell} = 1.0 if {path}.{name} else 0.0" if kind is bool else f"{cell} = {path}.{name}")
-    return f"{_name(cls)}({', '.join(reads)})", writes, row
+            value, row = builder.load(_cell(builder, data, at, row)), row + 1
+            if kind is bool:
+                value = builder.fcmp_unordered("!=", value, ir.Constant(ir.DoubleType(), 0.0))
+        values.append(value)
+    return context.make_tuple(builder, _numba_type(cls), values), row
 
 
-def _generate(source: str, scope: dict[str, Any]) -> Any:
-    exec(source, scope)
-    return scope["code"]
+def _write(context, builder, cls, data, at, row, value):
+    """Instructions that write ``value`` from ``row`` on; returns the next free row."""
+    parts = cgutils.unpack_tuple(builder, value)
+    for kind, x in zip(get_type_hints(cls).values(), parts, strict=True):
+        if is_part(kind):
+            row = _write(context, builder, kind, data, at, row, x)
+        else:
+            if kind is bool:
+                x = builder.uitofp(x, ir.DoubleType())
+            builder.store(x, _cell(builder, data, at, row))
+            row += 1
+    return row
 
 
-def _scope(cls: Any) -> dict[str, Any]:
-    return {"ROW": tuple(U(r * W) for r in range(rows(cls))), **_classes(cls)}
+@intrinsic
+def load(typingctx, cls, block, at):
+    """The part ``cls`` from the column at ``at`` (compiled code only; in Python see ``Fleet.get``)."""
+    kind = cls.instance_class
+
+    def codegen(context, builder, signature, args):
+        data = context.make_array(block)(context, builder, args[1]).data
+        return _read(context, builder, kind, data, args[2], 0)[0]
+
+    return _numba_type(kind)(cls, block, types.uint64), codegen
 
 
-def load(cls: Any, block: Any, at: Any) -> Any:
-    """The part ``cls`` from the column at ``at`` (compiled code only)."""
-    raise NotImplementedError("compiled code only; use Machines.get in Python")
+@intrinsic
+def store(typingctx, block, at, value):
+    """Writes a part into the column at ``at`` (compiled code only; in Python see ``Fleet.put``)."""
+    kind = value.instance_class
+    whole = _numba_type(kind)
 
+    def codegen(context, builder, signature, args):
+        data = context.make_array(block)(context, builder, args[0]).data
+        _write(context, builder, kind, data, args[1], 0, args[2])
+        return context.get_dummy_value()
 
-def store(block: Any, at: Any, value: Any) -> None:
-    """Writes a part into the column at ``at`` (compiled code only)."""
-    raise NotImplementedError("compiled code only; use Machines.put in Python")
-
-
-def replace(value: Any, field: str, x: Any) -> Any:
-    """A copy of a part with one field changed; ``field`` must be a literal (compiled code only)."""
-    raise NotImplementedError("compiled code only; use value._replace in Python")
-
-
-_INLINE = {"forceinline": True, "error_model": "numpy"}
-
-
-@overload(load, jit_options=_INLINE)
-def _load(cls, block, at):
-    if isinstance(cls, types.NamedTupleClass):
-        kind = cls.instance_class
-        return _generate(f"def code(cls, block, at): return {_source(kind)[0]}", _scope(kind))
-
-
-@overload(store, jit_options=_INLINE)
-def _store(block, at, value):
-    if isinstance(value, types.BaseNamedTuple):
-        kind = value.instance_class
-        body = "".join(f"\n    {line}" for line in _source(kind)[1]) or "\n    pass"
-        return _generate(f"def code(block, at, value):{body}", _scope(kind))
-
-
-@overload(replace, jit_options=_INLINE, prefer_literal=True)
-def _replace(value, field, x):
-    if isinstance(field, types.StringLiteral) and isinstance(value, types.BaseNamedTuple):
-        kind, changed = value.instance_class, field.literal_value
-        arguments = ", ".join("x" if name == changed else f"value.{name}" for name in kind._fields)
-        return _generate(f"def code(value, field, x): return kind({arguments})", {"kind": kind})
+    return types.none(block, types.uint64, whole), codegen
 
 
 # ------------------------------------------------------------------------------------------------- addresses
@@ -221,28 +215,24 @@ def call(typingctx, function, block, at, n, tables, size):
 
 # -------------------------------------------------------------------------------------------- kernels and their cache
 
-PACKAGE = pathlib.Path(__file__).parents[2]
-
-
 def _stamp() -> str:
     digest = hashlib.sha256(str(W).encode())
-    for folder in ("envs", "baselines"):
-        for path in sorted((PACKAGE / folder).rglob("*.py")):
-            digest.update(path.relative_to(PACKAGE).as_posix().encode() + b"\0" + path.read_bytes())
+    for path in sorted(pathlib.Path(__file__).parent.glob("*.py")):
+        digest.update(path.name.encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()
 
 
 STAMP = _stamp()
-"""Hash of every source that a kernel can contain."""
+"""Hash of all sources of the plant, which any kernel may contain."""
 
 
 def kernel(function: Callable[..., Any], extra: str = "") -> Any:
-    """``function`` compiled at its first call, cached on disk, and compiled anew when any source has changed.
+    """``function`` compiled at its first call, cached on disk, and compiled anew when a source has changed.
 
-    ``extra`` enters the stamp too: the text of a controller that lives outside the package.
+    ``extra`` is the text of whatever else the kernel contains: a controller, an environment's observation.
     """
     compiled = njit(error_model="numpy", nogil=True, cache=True)(function)
-    compiled._cache._cache_file._source_stamp = STAMP + hashlib.sha256(extra.encode()).hexdigest() * bool(extra)
+    compiled._cache._cache_file._source_stamp = STAMP + hashlib.sha256(extra.encode()).hexdigest()
     return compiled
 
 

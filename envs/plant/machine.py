@@ -17,6 +17,7 @@ from .controller import AHEAD, LAW_PARAMS, LAW_STATE, PERIOD, Privileged
 from .lanes import GOLD, UW, U, U0, U1, U2, W, Layout, call, doubles, kernel, load, part, rows, singles, store, words
 
 SUBSTEPS = 20
+_AT_ONCE = 5
 DT = PERIOD / SUBSTEPS
 """s, physics substep of 50 µs."""
 
@@ -36,20 +37,27 @@ class Start(NamedTuple):
     coast: float = 0.0  # encoder offset before homing, mm
 
 
-class Moment(NamedTuple):
-    """What one control period adds up."""
+class Course(NamedTuple):
+    """What is fixed at the start of a control period."""
 
     surface: float = 0.0  # mm, at the start of the period; its course is quadratic in the share q of the period
     slope: float = 0.0  # mm
     bend: float = 0.0  # mm
+    opens: float = 0.75  # share of the period at which the gate opens
+    weight: float = 0.2  # of each substep within the gate
+    cover: float = 1.0  # share of the sensor's plate over sheet
+    open: bool = False  # nothing but void under the nozzle tip
+    scored: bool = True  # beam on and over sheet
+
+
+class Moment(NamedTuple):
+    """What the substeps of a control period add up."""
+
     gap: float = 0.0  # mm, at the latest substep
     head: float = 0.0  # mm
     gate_gap: float = 0.0  # mm, mean over the gate
     gate_motor: float = 0.0  # mm, mean over the gate
     lowest: float = 0.0  # mm, smallest gap of the period
-    cover: float = 1.0  # share of the sensor's plate over sheet
-    open: bool = False  # nothing but void under the nozzle tip
-    scored: bool = True  # beam over sheet and on
 
 
 class Tally(NamedTuple):
@@ -76,9 +84,10 @@ S_SENSOR, S_FILTER = _layout.place(rows(sensor.State)), _layout.place(rows(filte
 S_Z, DRIVE, S_GUARD = _layout.place(rows(z_axis.State)), _layout.place(rows(z_axis.Drive)), _layout.place(
     rows(supervisor.State)
 )
-SIGNALS, MOMENT, TALLY = _layout.place(rows(Privileged)), _layout.place(rows(Moment)), _layout.place(rows(Tally))
+SIGNALS, TALLY = _layout.place(rows(Privileged)), _layout.place(rows(Tally))
+COURSE, PACE, MOMENT = _layout.place(rows(Course)), _layout.place(rows(z_axis.Pace)), _layout.place(rows(Moment))
 FOLD, KEPT = _layout.place(rows(filters.Fold)), _layout.place(2)
-WISH, BEAM = _layout.place(1), _layout.place(1)
+WISH, BEAM, PASSED = _layout.place(1), _layout.place(1), _layout.place(1)
 SURFACES, SURFACES_LAST = _layout.place(16), U(15)  # ring: two points a period, from the past period to the preview
 SAMPLES, SAMPLES_LAST = _layout.place(filters.LONGEST), U(filters.LONGEST - 1)  # ring of frequencies
 HISTORY, HISTORY_LAST = 16, U(15)
@@ -92,7 +101,7 @@ PLACES = {
     "path": (P_PATH, path.Params), "sheet": (P_SHEET, sheet.Params), "sensor": (P_SENSOR, sensor.Params),
     "gate": (P_GATE, sensor.Gate), "filter": (P_FILTER, filters.Params), "table": (P_TABLE, calibration.Params),
     "z": (P_Z, z_axis.Params), "guard": (P_GUARD, supervisor.Params), "job": (JOB, supervisor.Job),
-    "start": (START, Start), "hand": (HAND, Hand), "signals": (SIGNALS, Privileged), "moment": (MOMENT, Moment),
+    "start": (START, Start), "hand": (HAND, Hand), "signals": (SIGNALS, Privileged), "course": (COURSE, Course), "moment": (MOMENT, Moment),
     "tally": (TALLY, Tally), "supervisor": (S_GUARD, supervisor.State), "motion": (S_Z, z_axis.State),
     "drive": (DRIVE, z_axis.Drive), "journey": (S_PATH, path.State),
 }  # fmt: skip
@@ -131,26 +140,51 @@ _FRESH = U(Privileged._fields.index("fresh") * W)
 
 
 @part
+def _view(block, a, earlier):
+    """What the supervisor of the machine at ``a`` reads."""
+    x, hand = load(Privileged, block, a + SIGNALS), load(Hand, block, a + HAND)
+    encoder = x.head_position - load(supervisor.State, block, a + S_GUARD).offset
+    return supervisor.View(
+        height=x.height, earlier=earlier, valid=x.valid, head_position=x.head_position, encoder=encoder,
+        last_encoder=encoder - x.head_velocity * PERIOD, wish=hand.gain * block[a + WISH] + hand.residual,
+    )  # fmt: skip
+
+
+@part
 def supervise_all(block, at, n, tick):
     """Supervisor and drive: the law's wish becomes a command that is on its way."""
-    earlier = at + HEIGHTS + ((tick - U1 - _RISE) & HISTORY_LAST) * UW
+    past = at + HEIGHTS + ((tick - U1 - _RISE) & HISTORY_LAST) * UW
     now = at + COMMANDS + (tick & HISTORY_LAST) * UW
     for lane in range(n):
+        block[at + lane + PASSED] = block[past + lane]
+    for lane in range(n):
         a = at + lane
-        x = load(Privileged, block, a + SIGNALS)
-        hand = load(Hand, block, a + HAND)
-        s = load(supervisor.State, block, a + S_GUARD)
-        view = supervisor.View(
-            height=x.height, earlier=block[earlier + lane], valid=x.valid, head_position=x.head_position,
-            encoder=x.head_position - s.offset, last_encoder=x.head_position - s.offset - x.head_velocity * PERIOD,
-            wish=hand.gain * block[a + WISH] + hand.residual,
+        s, u = supervisor.follow(
+            load(supervisor.Params, block, a + P_GUARD), load(supervisor.State, block, a + S_GUARD),
+            load(supervisor.Job, block, a + JOB), _view(block, a, block[a + PASSED]),
         )  # fmt: skip
-        s, command = supervisor.step(
-            load(supervisor.Params, block, a + P_GUARD), s, load(supervisor.Job, block, a + JOB), view
-        )
         store(block, a + S_GUARD, s)
-        store(block, a + DRIVE, z_axis.accept(load(z_axis.Params, block, a + P_Z), load(z_axis.Drive, block, a + DRIVE), command))
-        block[now + lane] = command
+        block[a + PASSED] = u
+    for lane in range(n):  # rare, so branches are cheaper than computing it for all
+        a = at + lane
+        s, job = load(supervisor.State, block, a + S_GUARD), load(supervisor.Job, block, a + JOB)
+        if not supervisor.is_following(s, job):
+            p = load(supervisor.Params, block, a + P_GUARD)
+            s, u = supervisor.errand(p, s, job, _view(block, a, 0.0), block[a + PASSED])
+            store(block, a + S_GUARD, s)
+            block[a + PASSED] = u
+    for lane in range(n):
+        a = at + lane
+        s, command = supervisor.join(
+            load(supervisor.Params, block, a + P_GUARD), load(supervisor.State, block, a + S_GUARD),
+            load(supervisor.Job, block, a + JOB), _view(block, a, 0.0), block[a + PASSED],
+        )  # fmt: skip
+        store(block, a + S_GUARD, s)
+        drive = z_axis.accept(load(z_axis.Params, block, a + P_Z), load(z_axis.Drive, block, a + DRIVE), command)
+        store(block, a + DRIVE, drive)
+        block[a + PASSED] = command
+    for lane in range(n):
+        block[now + lane] = block[at + lane + PASSED]
 
 
 @part
@@ -229,44 +263,58 @@ def travel_all(block, at, n, tick, deck):
 
 @part
 def prepare_all(block, at, n, tick):
-    """What the substeps of this period need: the surface's course, and what lies under the nozzle."""
+    """What the substeps of this period need: the surface's course, the drive's pace, the gate."""
     s0 = at + SURFACES + ((tick + tick - U1) & SURFACES_LAST) * UW
     s1 = at + SURFACES + ((tick + tick) & SURFACES_LAST) * UW
     s2 = at + SURFACES + ((tick + tick + U1) & SURFACES_LAST) * UW
     for lane in range(n):
         a = at + lane
         start, middle, end = block[s0 + lane], block[s1 + lane], block[s2 + lane]
+        block[a + COURSE] = start
+        block[a + COURSE + UW] = 4.0 * middle - 3.0 * start - end
+        block[a + COURSE + U2 * UW] = 2.0 * (start - middle) + 2.0 * (end - middle)
+    for lane in range(n):
+        a = at + lane
         feature, along = load(sheet.State, block, a + S_SHEET).current, load(path.State, block, a + S_PATH).distance
         here = along - load(path.Params, block, a + P_PATH).feed * _AHEAD_S
-        m = load(Moment, block, a + MOMENT)
+        c, m, gate = load(Course, block, a + COURSE), load(Moment, block, a + MOMENT), load(sensor.Gate, block, a + P_GATE)
         radius = sensor.sensing_radius(load(sensor.Params, block, a + P_SENSOR), max(m.gap, 0.0))
-        store(block, a + MOMENT, Moment(
-            surface=start, slope=4.0 * middle - 3.0 * start - end, bend=2.0 * (start - middle) + 2.0 * (end - middle),
-            gap=m.gap, head=m.head, gate_gap=0.0, gate_motor=0.0, lowest=1e9,
+        share = gate.length * (1e-3 / PERIOD)
+        store(block, a + COURSE, Course(
+            c.surface, c.slope, c.bend, opens=1.0 - share + 1e-9, weight=1.0 / (share * SUBSTEPS),
             cover=sheet.coverage(feature, here, radius), open=sheet.over_void(feature, here, sheet.FOOTPRINT),
             scored=block[a + BEAM] > 0.5 and not sheet.over_void(feature, here, 0.0),
         ))  # fmt: skip
+        store(block, a + PACE, z_axis.pace(load(z_axis.Params, block, a + P_Z), load(z_axis.Drive, block, a + DRIVE), DT))
+        store(block, a + MOMENT, Moment(m.gap, m.head, 0.0, 0.0, 1e9))
+
+
+@part
+def substep(p, pace, course, z, m, share):
+    """One substep of one machine: the Z axis moves; gap and gate add up."""
+    z, head = z_axis.step(p, pace, z, share, DT)
+    gap = head - (course.surface + share * (course.slope + share * course.bend))
+    weight = course.weight if share > course.opens else 0.0
+    return z, Moment(
+        gap, head, m.gate_gap + weight * gap, m.gate_motor + weight * z.position, min(m.lowest, gap)
+    )
 
 
 @part
 def move_all(block, at, n, k):
-    """Substep ``k`` of the period: the Z axis moves; gap and gate add up."""
-    share = (np.float64(np.int64(k)) + 1.0) / SUBSTEPS
+    """Substeps ``k`` … ``k + 4`` of the period; five at once, so that a machine's state stays in registers for a while."""
+    first = np.float64(np.int64(k))
     for lane in range(n):
         a = at + lane
-        p = load(z_axis.Params, block, a + P_Z)
-        before, after, change = z_axis.delayed(p, load(z_axis.Drive, block, a + DRIVE))
-        command = before if share <= change else after
-        z, head = z_axis.step(p, load(z_axis.State, block, a + S_Z), command, DT)
+        p, pace, course = load(z_axis.Params, block, a + P_Z), load(z_axis.Pace, block, a + PACE), load(Course, block, a + COURSE)
+        z, m = load(z_axis.State, block, a + S_Z), load(Moment, block, a + MOMENT)
+        z, m = substep(p, pace, course, z, m, (first + 1.0) / SUBSTEPS)
+        z, m = substep(p, pace, course, z, m, (first + 2.0) / SUBSTEPS)
+        z, m = substep(p, pace, course, z, m, (first + 3.0) / SUBSTEPS)
+        z, m = substep(p, pace, course, z, m, (first + 4.0) / SUBSTEPS)
+        z, m = substep(p, pace, course, z, m, (first + 5.0) / SUBSTEPS)
         store(block, a + S_Z, z)
-        m = load(Moment, block, a + MOMENT)
-        gap = head - (m.surface + share * (m.slope + share * m.bend))
-        length = block[a + P_GATE] * 1e-3
-        weight = DT / length if share > 1.0 - length / PERIOD + 1e-9 else 0.0
-        store(block, a + MOMENT, Moment(
-            m.surface, m.slope, m.bend, gap, head, m.gate_gap + weight * gap, m.gate_motor + weight * z.position,
-            min(m.lowest, gap), m.cover, m.open, m.scored,
-        ))  # fmt: skip
+        store(block, a + MOMENT, m)
 
 
 @part
@@ -276,19 +324,21 @@ def sense_all(block, at, n, tick, keys, first):
     last = at + SAMPLES + ((tick - U1) & SAMPLES_LAST) * UW
     for lane in range(n):
         a = at + lane
-        m = load(Moment, block, a + MOMENT)
-        touches = m.lowest <= 0.0 and not m.open
-        gap = 0.0 if touches else max(m.gate_gap, 0.1 if m.open else 1e-6)
+        m, c = load(Moment, block, a + MOMENT), load(Course, block, a + COURSE)
+        touches = m.lowest <= 0.0 and not c.open
+        gap = 0.0 if touches else max(m.gate_gap, 0.1 if c.open else 1e-6)
         s, f = sensor.step(
             load(sensor.Params, block, a + P_SENSOR), load(sensor.State, block, a + S_SENSOR),
-            load(sensor.Gate, block, a + P_GATE), gap, m.cover, keys[first + lane], tick,
+            load(sensor.Gate, block, a + P_GATE), gap, c.cover, keys[first + lane], tick,
         )  # fmt: skip
         store(block, a + S_SENSOR, s)
-        block[now + lane] = f if f > 0.0 else block[last + lane]
         t = load(Tally, block, a + TALLY)
-        lowest = min(t.lowest, t.lowest if m.open else m.lowest)
+        lowest = t.lowest if c.open else min(t.lowest, m.lowest)
         store(block, a + TALLY, Tally(t.ticks + 1.0, t.collided or touches, lowest, t.encoder))
         block[a + SIGNALS + U2 * UW] = f
+    for lane in range(n):
+        f = block[at + lane + SIGNALS + U2 * UW]
+        block[now + lane] = f if f > 0.0 else block[last + lane]
 
 
 @part
@@ -401,7 +451,7 @@ def record_all(block, at, n, tick, record, where, machines):
     """The channels of this period into the recorder, lanes side by side."""
     for lane in range(n):
         a = at + lane
-        x, m, s = load(Privileged, block, a + SIGNALS), load(Moment, block, a + MOMENT), load(path.State, block, a + S_PATH)
+        x, c, s = load(Privileged, block, a + SIGNALS), load(Course, block, a + COURSE), load(path.State, block, a + S_PATH)
         o = where + lane
         record[o] = x.gap
         record[o + machines] = x.height
@@ -413,7 +463,7 @@ def record_all(block, at, n, tick, record, where, machines):
         record[o + U(7) * machines] = x.command
         record[o + U(8) * machines] = block[a + WISH]
         record[o + U(9) * machines] = x.mode
-        record[o + U(10) * machines] = 1.0 if m.scored else 0.0
+        record[o + U(10) * machines] = 1.0 if c.scored else 0.0
         record[o + U(11) * machines] = s.distance - x.feed * _AHEAD_S
         record[o + U(12) * machines] = 1.0 if x.override else 0.0
 
@@ -453,7 +503,7 @@ def advance(deck, first, last, steps):
             supervise_all(block, at, n, tick)
             travel_all(block, at, n, tick, deck)
             prepare_all(block, at, n, tick)
-            for k in range(SUBSTEPS):
+            for k in range(0, SUBSTEPS, _AT_ONCE):
                 move_all(block, at, n, k)
             sense_and_control(block, at, n, tick, keys, b * UW, deck)
             if deck[D_RECORD] > U0:
@@ -483,7 +533,7 @@ def begin(deck, machine, key):
     store(block, at + S_SHEET, sheet.State(0.0, 0.0, 1.0, load(sheet.Feature, block, at + FEATURES)))
     store(block, at + S_SENSOR, sensor.State(0.0, 0.0, 0.0, 0.0))
     store(block, at + S_GUARD, supervisor.State(
-        supervisor.STOP, 0.0, 0.0, False, False, False, supervisor.NO_ALARM, 0.0, start.coast, 0.0
+        supervisor.STOP, 0.0, 0.0, False, False, supervisor.NO_ALARM, 0.0, start.coast, 0.0
     ))  # fmt: skip
     store(block, at + DRIVE, z_axis.Drive(0.0, 0.0, 0.0, 0.0, 0.0))
     block[at + BEAM] = 1.0
@@ -493,7 +543,8 @@ def begin(deck, machine, key):
     surface = block[at + SURFACES + _surface(tick, U0)]
     head = surface + start.gap
     store(block, at + S_Z, z_axis.at_rest(head))
-    store(block, at + MOMENT, Moment(surface, 0.0, 0.0, start.gap, head, start.gap, head, start.gap, 1.0, False, True))
+    store(block, at + COURSE, Course(surface, 0.0, 0.0, 0.75, 0.2, 1.0, False, True))
+    store(block, at + MOMENT, Moment(start.gap, head, start.gap, head, start.gap))
     store(block, at + TALLY, Tally(-1.0, False, 1e9, z_axis.encoded(load(z_axis.Params, block, at + P_Z), head)))
 
     # One reading of the head at rest; the ring and the recursive filters start from it.

@@ -80,8 +80,7 @@ class State(NamedTuple):
     phase: float = 0.0  # of homing, calibration and alarm
     ticks: float = 0.0  # ms in the mode, or ms of lasting following error
     captured: bool = False  # the approach is over
-    joining: bool = False  # still bringing its own command to the law's
-    override: bool = False
+    override: bool = False  # its command differs from the law's
     alarm: float = NO_ALARM
     zero: float = 0.0  # mm, head position at the last contact
     offset: float = 0.0  # mm, added to the encoder; set by homing
@@ -109,35 +108,55 @@ def planned(p, distance):
 
 
 @part
-def _follow(p, s, job, x):
-    """Command, mode, captured and ticks while following or holding."""
+def follow(p, s, job, x):
+    """The tick of a machine that follows or holds; any other is left as it is.
+
+    Returns:
+        ``(state, command)``, mm/s, before :func:`join`.
+    """
     e = x.height - job.set_height
-    late = p.alarm_error > 0.0 and abs(e) > p.alarm_error and s.captured
-    if s.mode == HOLD:
-        ends = e < p.release
-        expired = s.ticks >= p.timeout
-        mode = FOLLOW if ends or expired else HOLD
-        captured = not (expired and not ends)
-        ticks = 0.0 if ends or expired else s.ticks + 1.0
-        u = x.wish if ends else 0.0
+    holding = s.mode == HOLD
+
+    released = e < p.release
+    expired = s.ticks >= p.timeout
+
+    late = p.alarm_error > 0.0 and s.captured and abs(e) > p.alarm_error
+    trips = job.hole_guard and s.captured and e > p.error and x.height - x.earlier > p.rise
+    captured = s.captured or e < p.capture
+    slowest = max(-np.sqrt(2.0 * p.plan * p.acceleration * max(e, 0.0)), -p.fastest)
+    passed = x.wish if captured else max(x.wish, slowest)
+    alarmed = s.ticks >= 100.0 and not holding
+
+    if holding:
+        mode = FOLLOW if released or expired else HOLD
+        ticks = 0.0 if released or expired else s.ticks + 1.0
+        captured = released or not expired
+        u = x.wish if released else 0.0
     else:
-        trips = job.hole_guard and s.captured and e > p.error and x.height - x.earlier > p.rise
-        captured = s.captured or e < p.capture
-        mode = HOLD if trips else FOLLOW
-        ticks = 0.0 if trips or not late else s.ticks + 1.0
-        slowest = -np.sqrt(2.0 * p.plan * p.acceleration * max(e, 0.0))
-        u = x.wish if captured else max(x.wish, max(slowest, -p.fastest))
-        u = 0.0 if trips else u
-    return u, mode, captured, ticks
+        mode = HOLD if trips else (ALARM if alarmed else FOLLOW)
+        ticks = s.ticks + 1.0 if late and not trips else 0.0
+        u = 0.0 if trips or alarmed else passed
+    alarm = FOLLOWING_ERROR if alarmed else s.alarm
+    after = State(
+        mode, 1.0 if alarmed else s.phase, ticks, captured, s.override, alarm, s.zero, s.offset, s.command
+    )
+    mine = s.mode == FOLLOW or s.mode == HOLD
+    return after if mine else s, (0.0 if job.request == HOLD else u) if mine else 0.0
 
 
 @part
-def _home(p, s, job, x):
+def is_following(s, job):
+    """Whether :func:`errand` has nothing to do."""
+    follows = s.mode == FOLLOW or s.mode == HOLD
+    return follows and (job.request == FOLLOW or job.request == HOLD)
+
+
+@part
+def _home(p, phase, job, x):
     """Up to the switch, stop, down at 2 mm/s until it releases, then on to the index pulse (CN102528288A)."""
     at_switch = x.encoder >= job.switch
     indexed = np.floor(x.encoder / LEAD) != np.floor(x.last_encoder / LEAD)
     still = abs(x.encoder - x.last_encoder) < 1e-3
-    phase = s.phase
     u = p.fastest
     if phase == 0.0:
         phase = 1.0 if at_switch else 0.0
@@ -154,15 +173,15 @@ def _home(p, s, job, x):
 
 
 @part
-def step(p, s, job, x):
-    """One tick.
+def errand(p, s, job, x, u):
+    """The tick of a machine in any other mode, and every change of mode that the operator asks for.
 
     Args:
-        p, s, job: :class:`Params`, :class:`State`, :class:`Job`.
-        x: :class:`View`.
+        p, s, job, x: :class:`Params`, :class:`State`, :class:`Job`, :class:`View`.
+        u: command of :func:`follow`, mm/s.
 
     Returns:
-        ``(state, command)``, command in mm/s.
+        ``(state, command)``, mm/s, before :func:`join`.
     """
     mode, phase, ticks, captured, alarm, zero, offset = (
         s.mode, s.phase, s.ticks, s.captured, s.alarm, s.zero, s.offset,
@@ -175,44 +194,59 @@ def step(p, s, job, x):
         mode = asked if stopped else STOP
         phase, ticks, captured = 0.0, 0.0, False
         alarm = NO_ALARM if asked == STOP else alarm
-    s = State(mode, phase, ticks, captured, s.joining, s.override, alarm, zero, offset, s.command)
-
-    u = 0.0
-    if mode == FOLLOW or mode == HOLD:
-        u, mode, captured, ticks = _follow(p, s, job, x)
-        if job.request == HOLD:
-            u = 0.0
-        if ticks > 100.0 and mode == FOLLOW:
-            mode, alarm, phase, u = ALARM, FOLLOWING_ERROR, 1.0, 0.0
-    elif mode == MOVE:
+        u = 0.0
+    if mode == MOVE:
         u = planned(p, job.target - x.head_position)
     elif mode == HOME:
-        u, phase, correction = _home(p, s, job, x)
+        u, phase, correction = _home(p, phase, job, x)
         if phase == 4.0:
             mode, phase, u, offset = STOP, 0.0, 0.0, correction
-    elif mode == CALIBRATE:
-        if phase == 0.0:
-            u = -TOUCH_SPEED
-            if not x.valid:
-                phase, zero, u = 1.0, x.head_position, CALIBRATION_SPEED
-        elif phase == 1.0:
-            done = x.head_position - zero > CALIBRATION_HEIGHT + 0.1
-            phase, u = (2.0, 0.0) if done else (1.0, CALIBRATION_SPEED)
+    elif mode == CALIBRATE and phase == 0.0:
+        u = -TOUCH_SPEED
+        if not x.valid:
+            phase, zero, u = 1.0, x.head_position, CALIBRATION_SPEED
+    elif mode == CALIBRATE and phase == 1.0:
+        done = x.head_position - zero > CALIBRATION_HEIGHT + 0.1
+        phase, u = (2.0, 0.0) if done else (1.0, CALIBRATION_SPEED)
     elif mode == ALARM:
         going = phase == 0.0 and x.head_position < zero + p.retract
         u = planned(p, zero + p.retract + 0.5 - x.head_position) if going else 0.0
         phase = 0.0 if going else 1.0
+    return State(mode, phase, ticks, captured, s.override, alarm, zero, offset, s.command), u
 
+
+@part
+def join(p, s, job, x, u):
+    """Alarms of contact and limits, then the bumpless handover.
+
+    Returns:
+        ``(state, command)``, mm/s, what goes to the drive.
+    """
+    armed = s.mode != ALARM
     outside = (x.head_position < job.low and u < 0.0) or (x.head_position > job.high and u > 0.0)
-    if outside and mode != HOME and mode != ALARM:
-        mode, alarm, phase, u = ALARM, LIMIT, 1.0, 0.0
-    if not x.valid and mode != CALIBRATE and mode != ALARM:
-        mode, alarm, phase, zero = ALARM, COLLISION, 0.0, x.head_position
-        u = p.fastest
+    limit = outside and armed and s.mode != HOME
+    contact = not x.valid and armed and s.mode != CALIBRATE
+    mode = ALARM if limit or contact else s.mode
+    alarm = COLLISION if contact else (LIMIT if limit else s.alarm)
+    phase = 0.0 if contact else (1.0 if limit else s.phase)
+    zero = x.head_position if contact else s.zero
+    u = p.fastest if contact else (0.0 if limit else u)
 
     passes = mode == FOLLOW and u == x.wish
-    joined = clip(u, s.command - p.slew, s.command + p.slew)
-    joining = (not passes or s.override or s.joining) and joined != u
-    command = joined if not passes or s.override or s.joining else u
-    override = not passes or joining
-    return State(mode, phase, ticks, captured, joining, override, alarm, zero, offset, command), command
+    apart = not passes or s.override
+    command = clip(u, s.command - p.slew, s.command + p.slew) if apart else u
+    override = not passes or command != u
+    return State(mode, phase, s.ticks, s.captured, override, alarm, zero, s.offset, command), command
+
+
+@part
+def step(p, s, job, x):
+    """One tick: :func:`follow`, :func:`errand` where needed, :func:`join`.
+
+    Returns:
+        ``(state, command)``, command in mm/s.
+    """
+    s, u = follow(p, s, job, x)
+    if not is_following(s, job):
+        s, u = errand(p, s, job, x, u)
+    return join(p, s, job, x, u)

@@ -55,7 +55,7 @@ class State(NamedTuple):
     velocity: float = 0.0  # mm/s, motor
     acceleration: float = 0.0  # mm/s², motor
     resist: float = 0.0  # mm/s², friction now
-    play: float = 0.0  # mm by which the head has fallen behind the motor, 0…−backlash … see step
+    play: float = 0.0  # mm by which the head has risen off its lower flank, 0 to backlash
     falling: float = 0.0  # mm/s, speed of the head within the backlash
     mode: float = 0.0  # mm, deflected end of the structural mode
     mode_velocity: float = 0.0  # mm/s
@@ -71,6 +71,22 @@ class Drive(NamedTuple):
     c4: float = 0.0
 
 
+class Pace(NamedTuple):
+    """What does not change within a control period: coefficients of the substeps, and the command before and after."""
+
+    before: float = 0.0  # mm/s
+    after: float = 0.0  # mm/s
+    change: float = 0.0  # share of the period at which `after` takes over
+    stiff: float = 0.0  # ω²·dt
+    damp: float = 0.0  # 2ζω·dt
+    near_end: float = 0.0  # 1/s
+    soft: float = 0.0  # 1/s
+    drag: float = 0.0  # 1/s, friction/creep
+    jolt: float = 0.0  # mm/s², jerk·dt
+    mode_stiff: float = 0.0
+    mode_damp: float = 0.0
+
+
 @part
 def accept(p, d, command):
     """A new command enters at the start of a control period: speed limit, D/A, queue."""
@@ -80,58 +96,61 @@ def accept(p, d, command):
 
 
 @part
-def delayed(p, d):
-    """What reaches the drive in this period: ``(before, after, share)``; the change comes at ``share`` of the period."""
+def pace(p, d, dt):
+    """The coming period's :class:`Pace` under the commands ``d``, for substeps of ``dt`` seconds."""
     whole = np.floor(p.dead_time)
     older = d.c1 if whole < 1.0 else (d.c2 if whole < 2.0 else (d.c3 if whole < 3.0 else d.c4))
     newer = d.c0 if whole < 1.0 else (d.c1 if whole < 2.0 else (d.c2 if whole < 3.0 else (d.c3 if whole < 4.0 else d.c4)))
-    return older, newer, p.dead_time - whole
+    return Pace(
+        before=older,
+        after=newer,
+        change=p.dead_time - whole,
+        stiff=p.omega * p.omega * dt,
+        damp=2.0 * p.zeta * p.omega * dt,
+        near_end=0.8 * p.acceleration / p.speed,
+        soft=0.9 * p.jerk / p.acceleration,
+        drag=p.friction / p.creep,
+        jolt=p.jerk * dt,
+        mode_stiff=p.omega_r * p.omega_r * dt,
+        mode_damp=2.0 * p.zeta_r * p.omega_r * dt,
+    )
 
 
 @part
-def step(p, s, command, dt):
-    """One substep of ``dt`` seconds under ``command`` (mm/s).
+def step(p, r, s, share, dt):
+    """One substep of ``dt`` seconds that ends at ``share`` of the control period.
+
+    Args:
+        p, r, s: :class:`Params`, :class:`Pace`, :class:`State`.
 
     Returns:
         ``(state, head)``: head is the position of the nozzle, mm.
     """
-    near_end = 0.8 * p.acceleration / p.speed  # 1/s
-    u = clip(command, near_end * (p.low - s.position), near_end * (p.high - s.position))
-    u = clip(u, -p.speed, p.speed)
+    command = r.before if share <= r.change else r.after
+    u = clip(command, r.near_end * (p.low - s.position), r.near_end * (p.high - s.position))
 
-    resist = p.friction * clip(s.velocity / p.creep, -1.0, 1.0)
-    wanted = p.omega * (p.omega * (u - s.velocity) - 2.0 * p.zeta * s.acceleration) * dt - (resist - s.resist)
-    soft = 0.9 * p.jerk / p.acceleration  # 1/s
-    most = min(p.acceleration, soft * (p.speed - s.velocity))
-    least = max(-p.acceleration, -soft * (p.speed + s.velocity))
+    resist = clip(r.drag * s.velocity, -p.friction, p.friction)
+    wanted = r.stiff * (u - s.velocity) - r.damp * s.acceleration - (resist - s.resist)
+    most = min(p.acceleration, r.soft * (p.speed - s.velocity))
+    least = max(-p.acceleration, -r.soft * (p.speed + s.velocity))
     bounded = clip(s.acceleration + wanted, least, most)
-    acceleration = s.acceleration + clip(bounded - s.acceleration, -p.jerk * dt, p.jerk * dt)
+    acceleration = s.acceleration + clip(bounded - s.acceleration, -r.jolt, r.jolt)
     velocity = s.velocity + dt * acceleration
     position = s.position + dt * velocity
 
     # Free play: the head lies on the lower flank (play 0) and rises to the upper one (play = backlash) only while the
     # motor falls away from under it.
-    falling = s.falling + dt * (-acceleration - GRAVITY)
-    play = s.play + dt * falling
-    inside = play > 0.0 and play < p.backlash
-    carried = position + clip(play, 0.0, p.backlash)
+    falling = s.falling - dt * (acceleration + GRAVITY)
+    play = clip(s.play + dt * falling, 0.0, p.backlash)
+    carried = position + play
 
-    mode_velocity = s.mode_velocity + dt * p.omega_r * (
-        p.omega_r * (carried - s.mode) - 2.0 * p.zeta_r * s.mode_velocity
-    )
+    mode_velocity = s.mode_velocity + r.mode_stiff * (carried - s.mode) - r.mode_damp * s.mode_velocity
     mode = s.mode + dt * mode_velocity
-    head = (1.0 - p.compliance) * carried + p.compliance * mode
-    after = State(
-        position=position,
-        velocity=velocity,
-        acceleration=acceleration,
-        resist=resist,
-        play=clip(play, 0.0, p.backlash),
-        falling=falling if inside else 0.0,
-        mode=mode,
-        mode_velocity=mode_velocity,
-    )
-    return after, head
+    head = carried + p.compliance * (mode - carried)
+    free = play > 0.0 and play < p.backlash
+    return State(
+        position, velocity, acceleration, resist, play, falling if free else 0.0, mode, mode_velocity
+    ), head
 
 
 @part
