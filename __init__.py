@@ -1,0 +1,17 @@
+"""kerfgym: a reinforcement-learning and optimisation testbed for laser-cutting machine control."""
+
+__version__ = "0.1.0"
+
+
+def _register() -> None:
+    import gymnasium
+
+    gymnasium.register(
+        id="kerfgym/HeightFollowing-v0",
+        entry_point="kerfgym.envs.height_following:HeightFollowingEnv",
+    )
+
+
+# Test tools may import the checkout under its folder's name; only the package registers.
+if __name__ == "kerfgym":
+    _register()

@@ -59,7 +59,7 @@ class Fleet:
         every = np.arange(size)
         for name, (_, cls) in machine.PLACES.items():
             self.put(name, every, cls())
-        self._feature_defaults(every)
+        self.clear_features(every)
         self.put_law(every, law.Params())
 
     # ------------------------------------------------------------------------------------------ columns
@@ -113,10 +113,6 @@ class Fleet:
 
     # -------------------------------------------------------------------------------- lists beside the sheet
 
-    def _feature_defaults(self, machines: np.ndarray) -> None:
-        for i in range(sheet.FEATURES):
-            self.put_feature(machines, i, sheet.FAR, sheet.FAR, 0.0, 0.0)
-
     def put_wave(self, machines: Any, i: int, amplitude: Any, kx: Any, ky: Any, phase: Any) -> None:
         """Wave ``i`` of the sheet: true amplitude (mm) and wave vector (rad/mm); the footprint is allowed for here."""
         felt = np.asarray(amplitude) * sheet.attenuation(np.hypot(kx, ky))
@@ -138,6 +134,25 @@ class Fleet:
         m, row = np.atleast_1d(machines), int(place) // W + i * width
         for offset, value in enumerate(values):
             self._view[m // W, row + offset, m % W] = value
+
+    @property
+    def waves(self) -> int:
+        """Waves that the kernel adds up."""
+        return int(self._deck[machine.D_WAVES])
+
+    @property
+    def vibrations(self) -> int:
+        """Vibrations that the kernel adds up."""
+        return int(self._deck[machine.D_VIBRATIONS])
+
+    def clear_features(self, machines: Any) -> None:
+        """Takes all steps, holes and edges away."""
+        for i in range(sheet.FEATURES):
+            self.put_feature(machines, i, sheet.FAR, sheet.FAR, 0.0, 0.0)
+
+    def use_bulges(self) -> None:
+        """Switches the thermal bulge on."""
+        self.use(machine.F_BULGES)
 
     def use(self, flag: Any) -> None:
         """Switches on an optional stage, see ``machine.F_…``."""

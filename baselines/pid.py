@@ -1,0 +1,52 @@
+"""PID with filtered derivative and anti-windup.
+
+``u = −(kp·e + I + kd·de/dt)``, ``e = height − set height``. The derivative is taken of the error behind a first-order
+lag; the integral follows the command that really went to the drive (back-calculation), so that nothing winds up while
+the supervisor overrides the law or a limit holds, and following is switched on without a bump.
+"""
+
+from typing import Annotated, NamedTuple
+
+from kerfgym.envs.plant.controller import PERIOD
+from kerfgym.envs.plant.lanes import clip, part
+from kerfgym.envs.plant.quantity import Quantity
+
+
+class Params(NamedTuple):
+    """Gains."""
+
+    kp: Annotated[float, Quantity("1/s", 1.0, 400.0, "proportional gain", log=True)] = 90.0
+    ki: Annotated[float, Quantity("1/s²", 0.0, 20000.0, "integral gain")] = 1500.0
+    kd: Annotated[float, Quantity("1", -1.0, 2.0, "derivative gain")] = 0.2
+    lag: Annotated[float, Quantity("ms", 0.0, 20.0, "time constant of the derivative's lag")] = 1.0
+    limit: Annotated[float, Quantity("mm/s", 1.0, 500.0, "largest integral part")] = 100.0
+
+
+class State(NamedTuple):
+    """Integral and derivative."""
+
+    integral: float = 0.0  # mm/s
+    error: float = 0.0  # mm, of the period before
+    slope: float = 0.0  # mm/s
+    free: float = 0.0  # mm/s, command without integral of the period before
+
+
+@part
+def init(params):
+    """The initial state."""
+    return State(0.0, 0.0, 0.0, 0.0)
+
+
+@part
+def control(params, state, signals, tables):
+    """Head velocity, mm/s."""
+    error = signals.height - signals.set_height
+    last = error if signals.fresh else state.error
+    share = 1.0 / (params.lag + 1.0)  # of the newest difference, lag in ms, T = 1 ms
+    slope = state.slope + share * ((error - last) / PERIOD - state.slope)
+    # While another command is in force, the integral becomes what would have given it.
+    tracked = -signals.command + state.free
+    integral = tracked if signals.override else state.integral + params.ki * PERIOD * error
+    integral = clip(integral, -params.limit, params.limit)
+    free = -(params.kp * error + params.kd * slope)
+    return State(integral, error, slope, free), free - integral

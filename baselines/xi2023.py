@@ -1,0 +1,34 @@
+"""Xi2023: proportional height follower on a filtered capacitive reading.
+
+``u = −Kv·(height − set height)``. The paper does not publish its gain; ``xi2023-ma`` (moving average, eq. 6) and
+``xi2023-improved`` (trimmed mean, Fig. 9) assume 50 1/s, ``xi2023-tuned`` has window, trim and gain tuned.
+"""
+
+from typing import Annotated, NamedTuple
+
+from kerfgym.envs.plant.lanes import part
+from kerfgym.envs.plant.quantity import Quantity
+
+
+class Params(NamedTuple):
+    """The loop gain."""
+
+    kv: Annotated[float, Quantity("1/s", 1.0, 400.0, "position loop gain Kv", "[A]", log=True)] = 50.0
+
+
+class State(NamedTuple):
+    """A proportional law remembers nothing."""
+
+    nothing: float = 0.0
+
+
+@part
+def init(params):
+    """The initial state."""
+    return State(0.0)
+
+
+@part
+def control(params, state, signals, tables):
+    """Head velocity, mm/s."""
+    return state, -params.kv * (signals.height - signals.set_height)

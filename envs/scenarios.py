@@ -1,0 +1,496 @@
+"""Scenarios: named, seeded distributions over machine, sheet and journey.
+
+A scenario is physics only; what a user tunes belongs to the controller's stack. It is frozen and validated; unknown or
+misspelt keys and values out of range are errors that name what is allowed. :func:`load` reads one from TOML,
+:meth:`Scenario.to_toml` writes it, :data:`SUITES` holds the frozen suites.
+
+Seeds: tune 0–999, train 10 000 and up, test 1000–1199 (report) and 1200–1999 (reserve). They are disjoint, and a seed
+fixes an episode completely: machine, sheet, and every random number of its noise.
+"""
+
+import functools
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, get_args
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+
+from .distributions import Number, bounds, draw, fraction
+from .plant import heads, sensor, sheet, z_axis
+from .plant.calibration import read_columns
+from .plant.controller import PERIOD
+from .plant.fleet import Fleet
+from .plant.lanes import mix
+from .plant.quantity import InvalidInput, Quantity, did_you_mean
+
+SPLITS = {"tune": range(0, 1000), "test": range(1000, 1200), "reserve": range(1200, 2000), "train": range(10_000, 2**40)}
+"""Seeds of each split."""
+
+
+class _Section(BaseModel):
+    """A table of a scenario: frozen, no unknown keys, every number within its declared range."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    @model_validator(mode="after")
+    def _within(self) -> "_Section":
+        for name, info in type(self).model_fields.items():
+            for quantity in info.metadata:
+                if isinstance(quantity, Quantity):
+                    for end in bounds(getattr(self, name)):
+                        quantity.check(end, name)
+        return self
+
+
+def _q(unit: str, low: float, high: float, doc: str, source: str = "[A]") -> Any:
+    return Quantity(unit, low, high, doc, source)
+
+
+class Axis(_Section):
+    """The Z axis; defaults are the following suite's plants (DESIGN §4, PHYSICS §2)."""
+
+    bandwidth: Annotated[Number, _q("Hz", 5, 500, "velocity loop")] = {"uniform": (50, 120)}  # type: ignore[assignment]
+    zeta: Annotated[Number, _q("1", 0.2, 2, "its damping ratio")] = {"uniform": (0.6, 1.0)}  # type: ignore[assignment]
+    dead_time: Annotated[Number, _q("s", 0, 0.004, "command to drive")] = {"choice": (0.001, 0.002)}  # type: ignore[assignment]
+    acceleration: Annotated[Number, _q("mm/s²", 500, 1e5, "limit")] = {"uniform": (10_000, 18_000)}  # type: ignore[assignment]
+    jerk: Annotated[Number, _q("mm/s³", 1e4, 1e8, "limit of the drive")] = 2e6
+    speed: Annotated[Number, _q("mm/s", 10, 2000, "limit", "Xi2023")] = 500.0
+    resonance: Annotated[Number, _q("Hz", 10, 1000, "structural mode")] = {"uniform": (60, 150)}  # type: ignore[assignment]
+    resonance_zeta: Annotated[Number, _q("1", 0.005, 1, "its damping ratio")] = 0.05
+    compliance: Annotated[Number, _q("1", 0, 1, "its share of the load path")] = 0.1
+    friction: Annotated[Number, _q("mm/s²", 0, 1e4, "Coulomb friction over mass")] = 800.0
+    backlash: Annotated[Number, _q("mm", 0, 0.2, "free play, closed by gravity")] = 0.005
+    encoder: Annotated[Number, _q("mm", 0, 0.1, "per count; 0: ideal")] = 1e-3
+    dac_bits: Annotated[Number, _q("bit", 0, 24, "of ±speed; 0: ideal")] = 16.0
+
+    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
+
+
+class Head(_Section):
+    """The sensor's noise and disturbances (PHYSICS §1); the head itself comes from the pool of calibrated heads."""
+
+    noise: Annotated[Number, _q("pF", 0, 1, "capacitance noise, sigma")] = {"log_uniform": (5e-4, 5e-3)}  # type: ignore[assignment]
+    jitter: Annotated[Number, _q("1", 0, 1e-3, "relative oscillator noise per sample, sigma")] = 1e-6
+    drift: Annotated[Number, _q("1", -0.05, 0.05, "relative change of L·C when warm")] = 0.0
+    warming: Annotated[Number, _q("s", 1, 1e5, "time constant of the drift")] = 600.0
+    impulses: Annotated[Number, _q("1/s", 0, 500, "rate of impulses")] = 2.0
+    impulse_samples: Annotated[Number, _q("samples", 1, 50, "longest impulse, lengths uniform from 1")] = 1.0
+    impulse_height: Annotated[Number, _q("mm", 0, 5, "apparent height at zero gap, A(h) = this/(1 + h/falloff)")] = 0.137
+    impulse_falloff: Annotated[Number, _q("mm", 0.01, 100, "see impulse_height")] = 0.894
+    impulse_spread: Annotated[Number, _q("1", 0, 1, "relative spread of the height")] = 0.3
+    bursts: Annotated[Number, _q("1/s", 0, 100, "rate of plasma bursts")] = 0.0
+    burst: Annotated[Number, _q("pF", 0, 5, "largest burst")] = 0.1
+    burst_length: Annotated[Number, _q("s", 0.001, 10, "mean length of a burst")] = 0.02
+    plasma: Annotated[Number, _q("pF", 0, 5, "constant offset while cutting")] = 0.0
+    nominal: bool = False
+
+    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
+
+
+class Wave(_Section):
+    """A sine of the sheet's shape; amplitude · (wavelength/reference)^exponent."""
+
+    amplitude: Annotated[Number, _q("mm", 0, 10, "before the factor of the wavelength")]
+    wavelength: Annotated[Number, _q("mm", 5, 1e5, "")]
+    direction: Annotated[Number, _q("deg", -180, 180, "of its wave vector, from x")] = 0.0
+    exponent: Annotated[Number, _q("1", 0, 4, "how the amplitude grows with the wavelength")] = 0.0
+    reference: Annotated[Number, _q("mm", 1, 1e5, "wavelength at which the factor is 1")] = 60.0
+
+
+class Vibration(_Section):
+    """A sine in time that moves the whole sheet."""
+
+    frequency: Annotated[Number, _q("Hz", 0, 400, "")]
+    amplitude: Annotated[Number, _q("mm", 0, 5, "")]
+
+
+class Steps(_Section):
+    """Steps along the path."""
+
+    count: Annotated[int, _q("", 1, sheet.FEATURES, "steps")] = 12
+    height: Annotated[Number, _q("mm", -5, 5, "of each")]
+    spacing: Annotated[Number, _q("mm", 5, 1e4, "from step to step")]
+
+
+class Holes(_Section):
+    """Voids or raised parts along the path, one in each ``pitch``, beginning within its first half."""
+
+    pitch: Annotated[Number, _q("mm", 30, 1e5, "distance of their middles on average")]
+    jitter: Annotated[Number, _q("mm", -1e4, 1e4, "of each middle")] = 0.0
+    length: Annotated[Number, _q("mm", 0.5, 1e4, "along the path")]
+    round: bool = False
+    rise: Annotated[Number, _q("mm", 0, 20, "a part standing proud instead of a void; 0: a void")] = 0.0
+    count: Annotated[int, _q("", 1, sheet.FEATURES, "at most")] = sheet.FEATURES
+
+
+class Bulge(_Section):
+    """A thermal bulge."""
+
+    height: Annotated[Number, _q("mm", 0, 5, "in the end")]
+    width: Annotated[Number, _q("mm", 2, 1000, "full, at half height")]
+    growth: Annotated[Number, _q("s", 0.01, 1000, "time constant τ")]
+    x: Annotated[Number, _q("mm", -1e4, 1e4, "centre")] = 300.0
+    y: Annotated[Number, _q("mm", -1e4, 1e4, "centre")] = 0.0
+
+
+class Profile(_Section):
+    """A measured surface: CSV with the columns ``position_mm`` and ``height_mm``."""
+
+    file: str
+    spacing: Annotated[float, _q("mm", 0.01, 100, "to which it is resampled")] = 0.1
+
+
+class Sheet(_Section):
+    """The sheet's shape and motion."""
+
+    tilt: Annotated[Number, _q("mm/mm", -0.3, 0.3, "slope along x")] = 0.0
+    tilt_y: Annotated[Number, _q("mm/mm", -0.3, 0.3, "slope along y")] = 0.0
+    waves: tuple[Wave, ...] = ()
+    vibrations: tuple[Vibration, ...] = ()
+    steps: Steps | None = None
+    holes: Holes | None = None
+    bulge: Bulge | None = None
+    profile: Profile | None = None
+
+    @model_validator(mode="after")
+    def _few_enough(self) -> "Sheet":
+        if len(self.waves) > sheet.WAVES:
+            raise ValueError(f"{len(self.waves)} waves; at most {sheet.WAVES}")
+        if len(self.vibrations) > sheet.VIBRATIONS:
+            raise ValueError(f"{len(self.vibrations)} vibrations; at most {sheet.VIBRATIONS}")
+        if self.steps and self.holes:
+            raise ValueError("steps and holes exclude each other in one sheet")
+        return self
+
+
+class Scenario(_Section):
+    """A frozen scenario; see the module's text."""
+
+    name: str
+    summary: str = ""
+    version: int = 1
+    duration: Annotated[float, _q("s", 0.05, 600, "of an episode")] = 3.0
+    settle: Annotated[float, _q("s", 0, 60, "at the start, not scored")] = 0.3
+    feed: Annotated[Number, _q("mm/s", 0, 2000, "along the path")] = 200.0
+    set_height: Annotated[Number, _q("mm", 0.05, 9, "")] = {"choice": (0.5, 0.8, 1.0)}  # type: ignore[assignment]
+    start_above: Annotated[Number, _q("mm", 0, 30, "head above the set height at the start")] = 0.0
+    guard: bool = False
+    exempt: bool = False
+    axis: Axis = Axis()
+    head: Head = Head()
+    sheet: Sheet = Sheet()
+
+    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
+
+    @property
+    def steps(self) -> int:
+        """Control periods of an episode."""
+        return round(self.duration / PERIOD)
+
+    @property
+    def settle_steps(self) -> int:
+        """Control periods at the start that are not scored."""
+        return round(self.settle / PERIOD)
+
+    def to_toml(self) -> str:
+        """The scenario as TOML that :func:`parse` reads back to an equal scenario."""
+        import tomli_w
+
+        return tomli_w.dumps(_without_none(self.model_dump(mode="json")))
+
+    def varied(self, **changes: Any) -> "Scenario":
+        """A copy with some fields changed, validated anew: ``varied(feed=400, head={"noise": 0.01})`` merges tables."""
+        return _validated(_merged(self.model_dump(), changes), self.name)
+
+
+def _merged(base: dict, changes: dict) -> dict:
+    out = dict(base)
+    for key, value in changes.items():
+        both = isinstance(value, dict) and isinstance(out.get(key), dict)
+        same_kind = both and not (set(value) & {"uniform", "log_uniform", "choice"})
+        out[key] = _merged(out[key], value) if same_kind else value
+    return out
+
+
+def _without_none(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {k: _without_none(v) for k, v in value.items() if v is not None}
+    return [_without_none(v) for v in value] if isinstance(value, list) else value
+
+
+# ---------------------------------------------------------------------------------------------------- reading
+
+
+def _model_at(location: tuple) -> Any:
+    """The section whose key an error is about."""
+    model: Any = Scenario
+    for key in location:
+        if isinstance(key, str) and model is not None and key in model.model_fields:
+            kinds = [model.model_fields[key].annotation, *get_args(model.model_fields[key].annotation)]
+            models = [k for k in kinds if isinstance(k, type) and issubclass(k, _Section)]
+            model = models[0] if models else None
+    return model
+
+
+def _validated(data: dict, where: str, text: str = "") -> Scenario:
+    try:
+        return Scenario.model_validate(data)
+    except ValidationError as error:
+        first = error.errors()[0]
+        location = [k for k in first["loc"] if k not in ("float", "Uniform", "LogUniform", "Choice")]
+        key = ".".join(str(k) for k in location)
+        about = first["msg"].removeprefix("Value error, ").split(" = ")[0]  # a range error names its own key
+        line = _line_of(text, about) or _line_of(text, str(location[-1]) if location else "")
+        if first["type"] == "extra_forbidden":
+            model = _model_at(tuple(location[:-1]))
+            known = list(model.model_fields) if model else ["uniform", "log_uniform", "choice", "sign"]
+            message = f"unknown key '{key}'; {did_you_mean(str(location[-1]), known)}"
+        else:
+            message = f"{key}: {first['msg'].removeprefix('Value error, ')}" if key else first["msg"]
+        raise InvalidInput(f"{where}{line}: {message}") from None
+
+
+def _line_of(text: str, key: str) -> str:
+    for number, line in enumerate(text.splitlines(), start=1):
+        if line.split("=")[0].strip(" []") .split(".")[-1] == key:
+            return f", line {number}"
+    return ""
+
+
+def parse(text: str, where: str = "scenario") -> Scenario:
+    """A scenario from TOML text.
+
+    Raises:
+        InvalidInput: file, line and key of the first mistake.
+    """
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InvalidInput(f"{where}: not valid TOML: {error}") from None
+    return _validated(data, where, text)
+
+
+def read(path: str | Path) -> Scenario:
+    """A scenario from a TOML file; files it names are taken relative to it.
+
+    Raises:
+        InvalidInput: file, line and key of the first mistake.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InvalidInput(f"cannot read scenario file {path}: {error}") from None
+    scenario = parse(text, str(path))
+    if scenario.sheet.profile and not Path(scenario.sheet.profile.file).is_absolute():
+        file = str(Path(path).resolve().parent / scenario.sheet.profile.file)
+        scenario = scenario.varied(sheet={"profile": {"file": file}})
+    if scenario.sheet.profile:
+        profile(scenario.sheet.profile)  # a bad file is an error now, not in the middle of a run
+    return scenario
+
+
+@functools.lru_cache(maxsize=32)
+def profile(source: Profile) -> np.ndarray:
+    """Heights of a measured profile, resampled at ``source.spacing``, mm, starting at its first position.
+
+    Raises:
+        InvalidInput: gaps, text or positions that do not rise, with file, row and column.
+    """
+    columns = read_columns(source.file, ("position_mm", "height_mm"))
+    falls = np.flatnonzero(np.diff(columns[:, 0]) <= 0)
+    if len(falls):
+        raise InvalidInput(f"{source.file}, row {falls[0] + 3}, column position_mm: positions must rise from row to row")
+    grid = np.arange(columns[0, 0], columns[-1, 0], source.spacing)
+    return np.interp(grid, columns[:, 0], columns[:, 1])
+
+
+# -------------------------------------------------------------------------------------------------- the machine
+
+
+def prepare(fleet: Fleet, scenario: Scenario, machines: Any, seeds: Any) -> None:
+    """Writes the physics of ``scenario`` into the columns of ``machines``, one seed each.
+
+    Args:
+        fleet: whose tables are the pool of :mod:`plant.heads`.
+        machines: indices, shape (n,).
+        seeds: scenario seeds, shape (n,).
+    """
+    m, seeds = np.atleast_1d(machines), np.atleast_1d(np.asarray(seeds, np.uint64))
+
+    def value(section: _Section, name: str, label: str) -> np.ndarray:
+        return draw(getattr(section, name), seeds, label + name)
+
+    _prepare_axis(fleet, scenario.axis, m, functools.partial(value, scenario.axis, label="axis."))
+    _prepare_head(fleet, scenario.head, m, seeds, functools.partial(value, scenario.head, label="head."))
+    _prepare_sheet(fleet, scenario, m, seeds)
+    set_height = value(scenario, "set_height", "")
+    fleet.set("path.feed", m, value(scenario, "feed", ""))
+    fleet.set("job.set_height", m, set_height)
+    fleet.set("job.hole_guard", m, float(scenario.guard))
+    fleet.set("start.gap", m, set_height + value(scenario, "start_above", ""))
+
+
+def _prepare_axis(fleet: Fleet, axis: Axis, m: np.ndarray, value: Any) -> None:
+    bits, speed = value("dac_bits"), value("speed")
+    columns = {
+        "omega": 2 * np.pi * value("bandwidth"),
+        "zeta": value("zeta"),
+        "speed": speed,
+        "acceleration": value("acceleration"),
+        "jerk": value("jerk"),
+        "dead_time": value("dead_time") / PERIOD,
+        "dac": np.where(bits > 0, speed / 2.0 ** np.maximum(bits - 1, 0), 0.0),
+        "encoder": value("encoder"),
+        "friction": value("friction"),
+        "backlash": value("backlash"),
+        "omega_r": 2 * np.pi * value("resonance"),
+        "zeta_r": value("resonance_zeta"),
+        "compliance": value("compliance"),
+    }
+    assert set(columns) <= set(z_axis.Params._fields)
+    for name, column in columns.items():
+        fleet.set(f"z.{name}", m, column)
+
+
+def _prepare_head(fleet: Fleet, head: Head, m: np.ndarray, seeds: np.ndarray, value: Any) -> None:
+    which = np.zeros(len(m), int) if head.nominal else (fraction(seeds, "head") * heads.HEADS).astype(int)
+    for index in np.unique(which):
+        heads.table(int(index))
+        fleet.put("sensor", m[which == index], heads.head(int(index)))
+    fleet.set("start.head", m, which)
+    columns = {
+        "noise": value("noise"),
+        "jitter": value("jitter"),
+        "drift": value("drift"),
+        "warming": 1 - np.exp(-PERIOD / value("warming")),
+        "impulses": value("impulses") * PERIOD,
+        "longest": value("impulse_samples"),
+        "impulse": value("impulse_height"),
+        "falloff": value("impulse_falloff"),
+        "spread": value("impulse_spread"),
+        "bursts": value("bursts") * PERIOD,
+        "burst": value("burst"),
+        "burst_end": 1 - np.exp(-PERIOD / value("burst_length")),
+        "plasma": value("plasma"),
+    }
+    assert set(columns) <= set(sensor.Params._fields)
+    for name, column in columns.items():
+        fleet.set(f"sensor.{name}", m, column)
+
+
+def _prepare_sheet(fleet: Fleet, scenario: Scenario, m: np.ndarray, seeds: np.ndarray) -> None:
+    shape = scenario.sheet
+    fleet.set("sheet.tilt_x", m, draw(shape.tilt, seeds, "sheet.tilt"))
+    fleet.set("sheet.tilt_y", m, draw(shape.tilt_y, seeds, "sheet.tilt_y"))
+    for i in range(sheet.WAVES):
+        if i < len(shape.waves):
+            w, label = shape.waves[i], f"sheet.waves.{i}."
+            length = draw(w.wavelength, seeds, label + "wavelength")
+            relative = (length / draw(w.reference, seeds, label + "reference")) ** draw(w.exponent, seeds, label + "exponent")
+            angle = np.deg2rad(draw(w.direction, seeds, label + "direction"))
+            k, phase = 2 * np.pi / length, 2 * np.pi * fraction(seeds, label + "phase")
+            amplitude = draw(w.amplitude, seeds, label + "amplitude") * relative
+            fleet.put_wave(m, i, amplitude, k * np.cos(angle), k * np.sin(angle), phase)
+        elif i < fleet.waves:
+            fleet.put_wave(m, i, 0.0, 0.0, 0.0, 0.0)
+    for i in range(sheet.VIBRATIONS):
+        if i < len(shape.vibrations):
+            v, label = shape.vibrations[i], f"sheet.vibrations.{i}."
+            fleet.put_vibration(
+                m, i, draw(v.amplitude, seeds, label + "amplitude"), draw(v.frequency, seeds, label + "frequency"),
+                2 * np.pi * fraction(seeds, label + "phase"),
+            )  # fmt: skip
+        elif i < fleet.vibrations:
+            fleet.put_vibration(m, i, 0.0, 0.0, 0.0)
+    fleet.clear_features(m)
+    if shape.steps:
+        _put_steps(fleet, shape.steps, m, seeds)
+    if shape.holes:
+        _put_holes(fleet, shape.holes, m, seeds)
+    b = shape.bulge
+    fleet.set("sheet.bulge", m, draw(b.height, seeds, "sheet.bulge.height") if b else 0.0)
+    if b:
+        fleet.set("sheet.bulge_width", m, draw(b.width, seeds, "sheet.bulge.width"))
+        fleet.set("sheet.bulge_growth", m, 1 - np.exp(-PERIOD / draw(b.growth, seeds, "sheet.bulge.growth")))
+        fleet.set("sheet.bulge_x", m, draw(b.x, seeds, "sheet.bulge.x"))
+        fleet.set("sheet.bulge_y", m, draw(b.y, seeds, "sheet.bulge.y"))
+        fleet.use_bulges()
+    if shape.profile:
+        fleet.put_profile(profile(shape.profile), shape.profile.spacing, m)
+    else:
+        fleet.set("path.profile", m, -1.0)
+
+
+def _put_steps(fleet: Fleet, steps: Steps, m: np.ndarray, seeds: np.ndarray) -> None:
+    at = np.zeros(len(m))
+    for i in range(steps.count):
+        at = at + draw(steps.spacing, seeds, f"sheet.steps.{i}.spacing")
+        fleet.put_feature(m, i, at, sheet.FAR, draw(steps.height, seeds, f"sheet.steps.{i}.height"), 0.0)
+
+
+def _put_holes(fleet: Fleet, holes: Holes, m: np.ndarray, seeds: np.ndarray) -> None:
+    previous = np.full(len(m), -sheet.SPACING)
+    for i in range(holes.count):
+        label = f"sheet.holes.{i}."
+        length, rise = draw(holes.length, seeds, label + "length"), draw(holes.rise, seeds, label + "rise")
+        middle = (i + 0.5) * draw(holes.pitch, seeds, "sheet.holes.pitch") + draw(holes.jitter, seeds, label + "jitter")
+        start = np.maximum(middle - length / 2, previous + sheet.SPACING)
+        previous = start + length
+        # A round hole is as wide across as its mean chord; slots and edges are wider than any sensor.
+        across = np.where(rise > 0, 0.0, length * np.pi / 4 if holes.round else sheet.FAR)
+        fleet.put_feature(m, i, start, start + length, rise, across)
+
+
+def noise_keys(seeds: Any) -> np.ndarray:
+    """The random stream of each scenario seed."""
+    return mix(np.atleast_1d(np.asarray(seeds, np.uint64)), np.uint64(0x6E6F697365))
+
+
+# ------------------------------------------------------------------------------------------------------- suites
+
+_SUITES = Path(__file__).parent / "suites"
+
+
+def suites() -> list[str]:
+    """Names of the suites, in order."""
+    return sorted(p.name for p in _SUITES.iterdir() if p.is_dir())
+
+
+def suite(name: str) -> dict[str, Scenario]:
+    """The scenarios of a suite by name, in the suite's order.
+
+    Raises:
+        InvalidInput: no suite of that name; the nearest is offered.
+    """
+    if name not in suites():
+        raise InvalidInput(f"unknown suite '{name}'; {did_you_mean(name, suites())}")
+    return dict(_suite(name))
+
+
+@functools.cache
+def _suite(name: str) -> tuple[tuple[str, Scenario], ...]:
+    order = tomllib.loads((_SUITES / f"{name}.toml").read_text(encoding="utf-8"))["scenarios"]
+    return tuple((s, read(_SUITES / name / f"{s}.toml")) for s in order)
+
+
+@functools.cache
+def core(name: str) -> tuple[str, ...]:
+    """Names of the scenarios over which the suite's score is taken."""
+    return tuple(tomllib.loads((_SUITES / f"{name}.toml").read_text(encoding="utf-8"))["core"])
+
+
+def load(name: str | Path | Scenario) -> Scenario:
+    """A scenario by name, from a TOML file, or as it is.
+
+    Raises:
+        InvalidInput: neither a known name (the nearest is offered) nor a readable file.
+    """
+    if isinstance(name, Scenario):
+        return name
+    known = {s: scenario for group in suites() for s, scenario in suite(group).items()}
+    if str(name) in known:
+        return known[str(name)]
+    if str(name).endswith(".toml") or Path(name).is_file():
+        return read(name)
+    raise InvalidInput(f"unknown scenario '{name}'; {did_you_mean(str(name), known)}, or a path to a TOML file")

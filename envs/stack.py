@@ -1,0 +1,260 @@
+"""A controller's stack: the whole chain that a user tunes, trains and compares, under one declared parameter tree.
+
+    gate → filter → look-up → law → supervisor limits
+
+Its parameters are ``gate.…``, ``filter.…``, ``table.…``, ``law.…`` and ``guard.…``, each with unit, range, default and
+source (:class:`Quantity`). ``pid:law.kp=80,filter.window=9`` is the stack ``pid`` with two of them changed
+(:func:`resolve`). A stack fills a slot of the machine; ``z`` commands the head's velocity at 1 kHz.
+"""
+
+import importlib
+import importlib.util
+import inspect
+import re
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Protocol
+
+from .plant import calibration, filters, idle, sensor, supervisor
+from .plant.controller import SLOTS, Law, make_law
+from .plant.fleet import Fleet
+from .plant.quantity import InvalidInput, Quantity, checked, did_you_mean, quantities
+
+GROUPS: dict[str, Any] = {
+    "gate": sensor.Gate,
+    "filter": filters.Params,
+    "table": calibration.Params,
+    "guard": supervisor.Params,
+}
+"""Parameter groups that every stack has; ``law`` comes from its law."""
+
+
+class PythonController(Protocol):
+    """A user's controller in plain Python; it runs everywhere a compiled law does, only slower."""
+
+    def reset(self) -> None:
+        """Forgets the past episode."""
+
+    def control(self, signals: Any) -> float:
+        """Head velocity in mm/s, up positive, for the signals of this period (:class:`Sensed`)."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One tunable number of a stack."""
+
+    name: str
+    value: float
+    quantity: Quantity
+
+
+@dataclass(frozen=True)
+class Stack:
+    """A controller, complete with filter and limits.
+
+    ``values`` holds what differs from the parts' defaults, by dotted name; ``python`` makes a fresh plain-Python
+    controller if the law is one.
+    """
+
+    name: str
+    summary: str
+    law: Law
+    values: dict[str, Any] = field(default_factory=dict)
+    python: Callable[[], PythonController] | None = None
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for group in {name.split(".")[0] for name in self.values}:
+            if group not in self._groups:
+                raise InvalidInput(f"controller '{self.name}': unknown group '{group}'; {did_you_mean(group, self._groups)}")
+        for group in self._groups:
+            self.part(group)
+        filters.validated(self.part("filter"))
+
+    @property
+    def slot(self) -> str:
+        """What the stack drives."""
+        return self.law.slot
+
+    @property
+    def information(self) -> str:
+        """Information class of its law: sensor, preview or privileged."""
+        return self.law.information
+
+    @property
+    def _groups(self) -> dict[str, Any]:
+        return {**GROUPS, "law": self.law.Params}
+
+    def part(self, group: str) -> Any:
+        """Parameters of one group as its NamedTuple, checked."""
+        mine = {n.split(".", 1)[1]: v for n, v in self.values.items() if n.split(".")[0] == group and "." in n}
+        return checked(self._groups[group], mine, f"{group}.")
+
+    def parameters(self) -> dict[str, Parameter]:
+        """Every declared parameter by dotted name."""
+        found = {}
+        for group, cls in self._groups.items():
+            values = self.part(group)
+            for name, quantity in quantities(cls).items():
+                found[f"{group}.{name}"] = Parameter(f"{group}.{name}", getattr(values, name), quantity)
+        return found
+
+    def varied(self, changes: dict[str, Any], name: str | None = None) -> "Stack":
+        """The stack with some parameters changed.
+
+        Raises:
+            InvalidInput: unknown parameter (the nearest is offered), or value out of range.
+        """
+        known = self.parameters()
+        for key in changes:
+            if key not in known:
+                raise InvalidInput(f"controller '{self.name}': unknown parameter '{key}'; {did_you_mean(key, known)}")
+        return replace(self, values={**self.values, **changes}, name=name or self.name)
+
+    def install(self, fleet: Fleet, machines: Any) -> None:
+        """Writes the stack's parameters into the columns of ``machines``; the fleet must run the stack's law."""
+        fleet.put("gate", machines, self.part("gate"))
+        fleet.put("table", machines, self.part("table"))
+        fleet.put("guard", machines, self.part("guard"))
+        fleet.put_filter(machines, self.part("filter"))
+        fleet.put_law(machines, self.part("law"))
+
+
+def python_stack(make: Callable[[], PythonController], name: str, summary: str = "") -> Stack:
+    """A stack whose law is a plain-Python controller; its filter is the default one."""
+    return Stack(name, summary, make_law(idle, "idle"), python=make)
+
+
+# ------------------------------------------------------------------------------------------------------ registry
+
+_stacks: dict[str, Stack | Callable[[], Stack]] = {}
+_sources: list[str] = []
+
+
+def register(name: str, stack: Stack | Callable[[], Stack]) -> None:
+    """Makes a stack known by name; a function is called when it is first asked for."""
+    _stacks[name] = stack
+
+
+def register_source(module: str) -> None:
+    """A module to import before names are looked up; it registers its stacks."""
+    _sources.append(module)
+
+
+def _load_sources() -> None:
+    while _sources:
+        importlib.import_module(_sources.pop())
+
+
+def names() -> list[str]:
+    """Names of all registered stacks."""
+    _load_sources()
+    return sorted(_stacks)
+
+
+def get(name: str) -> Stack:
+    """A registered stack.
+
+    Raises:
+        InvalidInput: unknown name; the nearest is offered.
+    """
+    _load_sources()
+    if name not in _stacks:
+        raise InvalidInput(
+            f"unknown controller '{name}'; {did_you_mean(name, sorted(_stacks))}, or module:attr of your own"
+        )
+    entry = _stacks[name]
+    if not isinstance(entry, Stack):
+        entry = _stacks[name] = entry()
+    return entry
+
+
+def resolve(spec: "str | Stack") -> Stack:
+    """A stack from what a user writes.
+
+    ``pid`` · ``pid:law.kp=80,filter.window=9`` · ``z=pid`` · ``package.module:attr`` · ``file.py:attr``, the last two
+    also with overrides behind a second colon.
+
+    Raises:
+        InvalidInput: unknown name, slot, module, attribute, parameter, or value out of range.
+    """
+    if isinstance(spec, Stack):
+        return spec
+    prefixed = re.match(r"([A-Za-z_]\w*)=(.*)", spec)
+    slot, rest = prefixed.groups() if prefixed else ("z", spec)
+    if slot not in SLOTS:
+        raise InvalidInput(f"'{spec}': no slot '{slot}' in this machine; {did_you_mean(slot, SLOTS)}")
+    pieces = rest.split(":")
+    if len(pieces) > 1 and "=" not in pieces[1]:
+        stack, overrides = _import(pieces[0], pieces[1]), pieces[2:]
+    else:
+        stack, overrides = get(pieces[0]), pieces[1:]
+    if stack.slot != slot:
+        raise InvalidInput(f"'{spec}': controller '{stack.name}' drives slot '{stack.slot}', not '{slot}'")
+    if not overrides:
+        return stack
+    return stack.varied(_overrides(overrides[0], spec), name=f"{stack.name}:{overrides[0]}")
+
+
+def _overrides(text: str, spec: str) -> dict[str, Any]:
+    changes: dict[str, Any] = {}
+    for item in text.split(","):
+        key, equals, value = item.partition("=")
+        if not equals:
+            raise InvalidInput(f"'{spec}': '{item}' is not of the form parameter=value")
+        try:
+            changes[key.strip()] = float(value)
+        except ValueError:
+            changes[key.strip()] = value.strip()
+    return changes
+
+
+def _import(module: str, attribute: str) -> Stack:
+    """A user's controller: a Stack, a law namespace, or a plain-Python class."""
+    try:
+        if module.endswith(".py"):
+            space = _import_file(Path(module))
+        else:
+            if "" not in sys.path:
+                sys.path.insert(0, "")  # the user's own folder
+            space = importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        raise InvalidInput(f"cannot import '{module}': {error}") from None
+    if not hasattr(space, attribute):
+        public = [n for n in vars(space) if not n.startswith("_")]
+        raise InvalidInput(f"module '{module}' has no '{attribute}'; {did_you_mean(attribute, public)}")
+    return as_stack(getattr(space, attribute), f"{Path(module).stem}:{attribute}")
+
+
+def _import_file(path: Path) -> Any:
+    if not path.is_file():
+        raise InvalidInput(f"no file '{path}'")
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec
+    assert spec.loader
+    space = importlib.util.module_from_spec(spec)
+    sys.modules[path.stem] = space
+    spec.loader.exec_module(space)
+    return space
+
+
+def as_stack(thing: Any, name: str) -> Stack:
+    """A stack from a user's object: a :class:`Stack`, a compiled law's namespace, or a plain-Python controller class.
+
+    Raises:
+        InvalidInput: it is none of these; the message says what is missing.
+    """
+    if isinstance(thing, Stack):
+        return thing
+    if hasattr(thing, "control") and hasattr(thing, "reset"):
+        doc = (inspect.getdoc(thing) or "").split("\n")[0]
+        make = thing if isinstance(thing, type) else lambda: thing
+        return python_stack(make, name, doc)
+    if hasattr(thing, "control") or hasattr(thing, "Params"):
+        law = make_law(thing, name, getattr(thing, "INFORMATION", "sensor"), getattr(thing, "SLOT", "z"))
+        return Stack(name, law.summary, law, dict(getattr(thing, "DEFAULTS", {})))
+    raise InvalidInput(
+        f"'{name}' is not a controller: it needs reset() and control(signals), or Params, State, init and control"
+    )
