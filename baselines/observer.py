@@ -11,6 +11,7 @@ from typing import Annotated, NamedTuple
 from kerfgym.envs.plant.controller import PERIOD
 from kerfgym.envs.plant.lanes import clip, part
 from kerfgym.envs.plant.quantity import Quantity
+from kerfgym.envs.plant.supervisor import HOLD
 
 
 class Params(NamedTuple):
@@ -48,9 +49,11 @@ def control(params, state, signals, tables):
     level = state.level + PERIOD * (state.speed + 0.5 * PERIOD * state.acceleration)
     speed = state.speed + PERIOD * state.acceleration
     missed = clip(measured - level, -params.gate, params.gate)
-    level = measured if signals.fresh else level + (1.0 - r * r * r) * missed
-    speed = 0.0 if signals.fresh else speed + 1.5 * d * d * (1.0 + r) / PERIOD * missed
-    bend = 0.0 if signals.fresh else state.acceleration + d * d * d / (PERIOD * PERIOD) * missed
+    # Far from the sheet there is nothing to track yet; over a hole the reading is not the sheet's.
+    blind, holds = not signals.captured, signals.mode == HOLD
+    level = measured if blind else (state.level if holds else level + (1.0 - r * r * r) * missed)
+    speed = 0.0 if blind or holds else speed + 1.5 * d * d * (1.0 + r) / PERIOD * missed
+    bend = 0.0 if blind or holds else state.acceleration + d * d * d / (PERIOD * PERIOD) * missed
     coming = speed + params.bend * params.lead * 1e-3 * bend
     error = signals.head_position - level - signals.set_height
     return State(level, speed, bend), params.feed * coming - params.kp * error

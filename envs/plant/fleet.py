@@ -166,6 +166,11 @@ class Fleet:
         if p.trim > 1:
             self.use(machine.F_RANKS)
 
+    def forget_filters(self) -> None:
+        """Before all machines get new filters: the kernel need not allow for the old ones any more."""
+        self._deck[machine.D_WINDOW] = 1
+        self._deck[machine.D_FLAGS] &= ~machine.F_RANKS
+
     def widest_window(self, window: int, trim: int) -> None:
         """Allows for filters up to this window and trim, when they change during an episode."""
         self._deck[machine.D_WINDOW] = max(int(self._deck[machine.D_WINDOW]), window)

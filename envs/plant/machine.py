@@ -87,11 +87,11 @@ S_Z, DRIVE, S_GUARD = _layout.place(rows(z_axis.State)), _layout.place(rows(z_ax
 SIGNALS, TALLY = _layout.place(rows(Privileged)), _layout.place(rows(Tally))
 COURSE, PACE, MOMENT = _layout.place(rows(Course)), _layout.place(rows(z_axis.Pace)), _layout.place(rows(Moment))
 FOLD, KEPT = _layout.place(rows(filters.Fold)), _layout.place(2)
-WISH, BEAM, PASSED = _layout.place(1), _layout.place(1), _layout.place(1)
+WISH, BEAM, PASSED, REFUGE = (_layout.place(1) for _ in range(4))
 SURFACES, SURFACES_LAST = _layout.place(16), U(15)  # ring: two points a period, from the past period to the preview
 SAMPLES, SAMPLES_LAST = _layout.place(filters.LONGEST), U(filters.LONGEST - 1)  # ring of frequencies
 HISTORY, HISTORY_LAST = 16, U(15)
-HEIGHTS, RAW_SURFACES, SPEEDS, COMMANDS = (_layout.place(HISTORY) for _ in range(4))  # rings, one entry a period
+HEIGHTS, RAW_HEIGHTS, POSITIONS, COMMANDS = (_layout.place(HISTORY) for _ in range(4))  # rings, one entry a period
 ROWS = _layout.rows
 STRIDE = U(ROWS * W)
 
@@ -130,7 +130,7 @@ _AHEAD2 = U(2 * AHEAD)
 _AHEAD_S = AHEAD * PERIOD
 _CHANNELS = U(len(CHANNELS))
 _PREFILL = AHEAD + 1
-_RISE = U(supervisor.RISE_WINDOW)
+_RISE, _MEMORY = U(supervisor.RISE_WINDOW), U(supervisor.MEMORY)
 _WORDS = U(6)  # random words that a sample takes
 _POINTS = float(calibration.POINTS)
 _FRESH = U(Privileged._fields.index("fresh") * W)
@@ -140,12 +140,13 @@ _FRESH = U(Privileged._fields.index("fresh") * W)
 
 
 @part
-def _view(block, a, earlier):
-    """What the supervisor of the machine at ``a`` reads."""
+def _view(block, a, surface, refuge):
+    """What the supervisor of the machine at ``a`` reads; ``surface``: encoder − height RISE_WINDOW ms ago, mm."""
     x, hand = load(Privileged, block, a + SIGNALS), load(Hand, block, a + HAND)
     encoder = x.head_position - load(supervisor.State, block, a + S_GUARD).offset
     return supervisor.View(
-        height=x.height, earlier=earlier, valid=x.valid, head_position=x.head_position, encoder=encoder,
+        height=x.height, fall=surface - (x.head_position - x.height), refuge=refuge, valid=x.valid,
+        head_position=x.head_position, encoder=encoder,
         last_encoder=encoder - x.head_velocity * PERIOD, wish=hand.gain * block[a + WISH] + hand.residual,
     )  # fmt: skip
 
@@ -153,15 +154,17 @@ def _view(block, a, earlier):
 @part
 def supervise_all(block, at, n, tick):
     """Supervisor and drive: the law's wish becomes a command that is on its way."""
-    past = at + HEIGHTS + ((tick - U1 - _RISE) & HISTORY_LAST) * UW
+    past = at + ((tick - U1 - _RISE) & HISTORY_LAST) * UW
+    before = at + POSITIONS + ((tick - U1 - _MEMORY) & HISTORY_LAST) * UW
     now = at + COMMANDS + (tick & HISTORY_LAST) * UW
     for lane in range(n):
-        block[at + lane + PASSED] = block[past + lane]
+        block[at + lane + PASSED] = block[past + lane + POSITIONS] - block[past + lane + HEIGHTS]
+        block[at + lane + REFUGE] = block[before + lane]
     for lane in range(n):
         a = at + lane
         s, u = supervisor.follow(
             load(supervisor.Params, block, a + P_GUARD), load(supervisor.State, block, a + S_GUARD),
-            load(supervisor.Job, block, a + JOB), _view(block, a, block[a + PASSED]),
+            load(supervisor.Job, block, a + JOB), _view(block, a, block[a + PASSED], block[a + REFUGE]),
         )  # fmt: skip
         store(block, a + S_GUARD, s)
         block[a + PASSED] = u
@@ -170,14 +173,14 @@ def supervise_all(block, at, n, tick):
         s, job = load(supervisor.State, block, a + S_GUARD), load(supervisor.Job, block, a + JOB)
         if not supervisor.is_following(s, job):
             p = load(supervisor.Params, block, a + P_GUARD)
-            s, u = supervisor.errand(p, s, job, _view(block, a, 0.0), block[a + PASSED])
+            s, u = supervisor.errand(p, s, job, _view(block, a, 0.0, 0.0), block[a + PASSED])
             store(block, a + S_GUARD, s)
             block[a + PASSED] = u
     for lane in range(n):
         a = at + lane
         s, command = supervisor.join(
             load(supervisor.Params, block, a + P_GUARD), load(supervisor.State, block, a + S_GUARD),
-            load(supervisor.Job, block, a + JOB), _view(block, a, 0.0), block[a + PASSED],
+            load(supervisor.Job, block, a + JOB), _view(block, a, 0.0, 0.0), block[a + PASSED],
         )  # fmt: skip
         store(block, a + S_GUARD, s)
         drive = z_axis.accept(load(z_axis.Params, block, a + P_Z), load(z_axis.Drive, block, a + DRIVE), command)
@@ -436,8 +439,8 @@ def report_all(block, at, n, tick):
         ))  # fmt: skip
         slot = a + (tick & HISTORY_LAST) * UW
         block[slot + HEIGHTS] = x.height
-        block[slot + RAW_SURFACES] = position - x.raw_height
-        block[slot + SPEEDS] = speed
+        block[slot + RAW_HEIGHTS] = x.raw_height
+        block[slot + POSITIONS] = position
 
 
 @part
@@ -533,7 +536,7 @@ def begin(deck, machine, key):
     store(block, at + S_SHEET, sheet.State(0.0, 0.0, 1.0, load(sheet.Feature, block, at + FEATURES)))
     store(block, at + S_SENSOR, sensor.State(0.0, 0.0, 0.0, 0.0))
     store(block, at + S_GUARD, supervisor.State(
-        supervisor.STOP, 0.0, 0.0, False, False, supervisor.NO_ALARM, 0.0, start.coast, 0.0
+        supervisor.STOP, 0.0, 0.0, False, False, supervisor.NO_ALARM, 0.0, 0.0, start.coast, 0.0
     ))  # fmt: skip
     store(block, at + DRIVE, z_axis.Drive(0.0, 0.0, 0.0, 0.0, 0.0))
     block[at + BEAM] = 1.0
@@ -559,8 +562,8 @@ def begin(deck, machine, key):
     block[at + SIGNALS + _FRESH] = 1.0
     for i in range(HISTORY_LAST + U1):
         block[at + HEIGHTS + i * UW] = block[at + SIGNALS]
-        block[at + RAW_SURFACES + i * UW] = block[at + RAW_SURFACES + (tick & HISTORY_LAST) * UW]
-        block[at + SPEEDS + i * UW] = 0.0
+        block[at + RAW_HEIGHTS + i * UW] = block[at + SIGNALS + UW]
+        block[at + POSITIONS + i * UW] = block[at + POSITIONS + (tick & HISTORY_LAST) * UW]
         block[at + COMMANDS + i * UW] = 0.0
     store(block, at + HAND, Hand(1.0, 0.0))
     call(deck[D_LAW], deck[D_BLOCK], at, U1, deck[D_LAW_TABLES], deck[D_LAW_SIZE])

@@ -3,10 +3,12 @@
 It runs tick by tick: ``stop``, ``home``, ``move``, ``calibrate``, ``follow``, ``hold``, ``alarm``. While following it
 passes the law's command on, except where one of its guards acts:
 
-- *approach*: until the set height is first reached, the descent is no faster than ``sqrt(2·α·a·distance)``, the speed
-  from which the axis still stops in time (PHYSICS §6; the speed limit of Patent2022's planned descent);
-- *hole and edge guard*: when the reading rises by more than ``rise`` within 5 ms while the head is too high, the head
-  holds still, until the sheet is back or ``timeout`` has passed (then it approaches anew);
+- *approach*: until the set height is first reached, the descent is no faster than the speed from which the axis still
+  stops in time, ``sqrt(2·α·a·distance)`` less what the loop's ``delay`` costs (PHYSICS §6, Patent2022's descent);
+- *hole and edge guard*: when the sheet seems to fall by more than ``rise`` within 5 ms, faster than sheets do, the head
+  goes back to where it was before and holds there, until the sheet is back or ``timeout`` has passed (then it
+  approaches anew). It looks at encoder − reading, not at the reading: a tight loop hides the rise of the reading by
+  following it;
 - *contact*: the oscillator stops; the head retracts and an alarm is latched;
 - *limits*: near the ends of the travel an alarm is latched and the axis stops.
 
@@ -27,8 +29,11 @@ STOP, HOME, MOVE, CALIBRATE, FOLLOW, HOLD, ALARM = (float(i) for i in range(len(
 ALARMS = ("none", "collision", "limit", "following error")
 NO_ALARM, COLLISION, LIMIT, FOLLOWING_ERROR = (float(i) for i in range(len(ALARMS)))
 
+MEMORY = 15
+"""ms by which a hold goes back in the head's positions: an edge is felt that much earlier than it trips the guard."""
+
 RISE_WINDOW = 5
-"""ms over which the hole guard looks for a rise (PHYSICS §6)."""
+"""ms over which the hole guard looks for a fall of the sheet (PHYSICS §6)."""
 
 SECONDS = 1e-3
 """s, one tick."""
@@ -49,10 +54,11 @@ class Params(NamedTuple):
     plan: Annotated[float, Quantity("1", 0.1, 1.0, "share α of the acceleration that planned moves use")] = 0.5
     acceleration: Annotated[float, Quantity("mm/s²", 1e3, 5e4, "acceleration a that planned moves count on")] = 1e4
     fastest: Annotated[float, Quantity("mm/s", 1.0, 500.0, "fastest planned move")] = 150.0
+    delay: Annotated[float, Quantity("ms", 0.0, 50.0, "delay of the whole loop that planned moves count on")] = 12.0
     capture: Annotated[float, Quantity("mm", 0.01, 2.0, "error at which an approach is over")] = 0.1
-    rise: Annotated[float, Quantity("mm", 0.02, 5.0, "rise within 5 ms that trips the hole guard")] = 0.15
-    error: Annotated[float, Quantity("mm", 0.0, 5.0, "least error at which the hole guard trips")] = 0.15
-    release: Annotated[float, Quantity("mm", 0.01, 5.0, "error below which a hold ends")] = 0.3
+    rise: Annotated[float, Quantity("mm", 0.02, 5.0, "apparent fall of the sheet in 5 ms that trips the hole guard")] = 0.1
+    error: Annotated[float, Quantity("mm", 0.0, 5.0, "least error at which the hole guard trips")] = 0.02
+    release: Annotated[float, Quantity("mm", 0.01, 5.0, "error below which a hold ends")] = 0.1
     timeout: Annotated[float, Quantity("ms", 1.0, 5000.0, "longest hold")] = 400.0
     slew: Annotated[float, Quantity("mm/s per ms", 0.5, 50.0, "largest change of command at a handover")] = 10.0
     retract: Annotated[float, Quantity("mm", 0.1, 50.0, "way up after a collision")] = 5.0
@@ -83,6 +89,7 @@ class State(NamedTuple):
     override: bool = False  # its command differs from the law's
     alarm: float = NO_ALARM
     zero: float = 0.0  # mm, head position at the last contact
+    refuge: float = 0.0  # mm, head position to which a hold goes back
     offset: float = 0.0  # mm, added to the encoder; set by homing
     command: float = 0.0  # mm/s, last command sent
 
@@ -91,7 +98,8 @@ class View(NamedTuple):
     """What the supervisor reads each tick."""
 
     height: float  # mm
-    earlier: float  # mm, height RISE_WINDOW ms ago
+    fall: float  # mm by which encoder − height has fallen in RISE_WINDOW ms
+    refuge: float  # mm, head position MEMORY ms ago
     valid: bool
     head_position: float  # mm, encoder with offset
     encoder: float  # mm, encoder without
@@ -102,8 +110,9 @@ class View(NamedTuple):
 @part
 def planned(p, distance):
     """Speed from which the axis still stops within ``distance`` (mm), with its sign, mm/s."""
-    d = abs(distance)
-    v = min(min(np.sqrt(2.0 * p.plan * p.acceleration * d), 60.0 * d), p.fastest)
+    a = p.plan * p.acceleration
+    lost = a * p.delay * SECONDS  # from v²/2a + v·delay = distance
+    v = min(np.sqrt(lost * lost + 2.0 * a * abs(distance)) - lost, p.fastest)
     return v if distance > 0.0 else -v
 
 
@@ -121,24 +130,24 @@ def follow(p, s, job, x):
     expired = s.ticks >= p.timeout
 
     late = p.alarm_error > 0.0 and s.captured and abs(e) > p.alarm_error
-    trips = job.hole_guard and s.captured and e > p.error and x.height - x.earlier > p.rise
+    trips = job.hole_guard and s.captured and e > p.error and x.fall > p.rise
     captured = s.captured or e < p.capture
-    slowest = max(-np.sqrt(2.0 * p.plan * p.acceleration * max(e, 0.0)), -p.fastest)
-    passed = x.wish if captured else max(x.wish, slowest)
+    passed = x.wish if captured else max(x.wish, planned(p, -max(e, 0.0)))
     alarmed = s.ticks >= 100.0 and not holding
 
     if holding:
         mode = FOLLOW if released or expired else HOLD
         ticks = 0.0 if released or expired else s.ticks + 1.0
         captured = released or not expired
-        u = x.wish if released else 0.0
+        u = x.wish if released else planned(p, s.refuge - x.head_position)
     else:
         mode = HOLD if trips else (ALARM if alarmed else FOLLOW)
         ticks = s.ticks + 1.0 if late and not trips else 0.0
-        u = 0.0 if trips or alarmed else passed
+        u = planned(p, x.refuge - x.head_position) if trips else (0.0 if alarmed else passed)
     alarm = FOLLOWING_ERROR if alarmed else s.alarm
+    refuge = x.refuge if trips and not holding else s.refuge
     after = State(
-        mode, 1.0 if alarmed else s.phase, ticks, captured, s.override, alarm, s.zero, s.offset, s.command
+        mode, 1.0 if alarmed else s.phase, ticks, captured, s.override, alarm, s.zero, refuge, s.offset, s.command
     )
     mine = s.mode == FOLLOW or s.mode == HOLD
     return after if mine else s, (0.0 if job.request == HOLD else u) if mine else 0.0
@@ -212,7 +221,7 @@ def errand(p, s, job, x, u):
         going = phase == 0.0 and x.head_position < zero + p.retract
         u = planned(p, zero + p.retract + 0.5 - x.head_position) if going else 0.0
         phase = 0.0 if going else 1.0
-    return State(mode, phase, ticks, captured, s.override, alarm, zero, offset, s.command), u
+    return State(mode, phase, ticks, captured, s.override, alarm, zero, s.refuge, offset, s.command), u
 
 
 @part
@@ -236,7 +245,7 @@ def join(p, s, job, x, u):
     apart = not passes or s.override
     command = clip(u, s.command - p.slew, s.command + p.slew) if apart else u
     override = not passes or command != u
-    return State(mode, phase, s.ticks, s.captured, override, alarm, zero, s.offset, command), command
+    return State(mode, phase, s.ticks, s.captured, override, alarm, zero, s.refuge, s.offset, command), command
 
 
 @part
