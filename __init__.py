@@ -6,6 +6,9 @@ __version__ = "0.1.0"
 def _register() -> None:
     import gymnasium
 
+    from .envs.sources import SOURCES
+
+    SOURCES.append("kerfgym.baselines")
     gymnasium.register(
         id="kerfgym/HeightFollowing-v0",
         entry_point="kerfgym.envs.height_following:HeightFollowingEnv",

@@ -13,11 +13,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import KDTree
 
-from .plant.path import Contour, resample
+from .plant.path import SPACING, Contour, resample
 from .plant.quantity import InvalidInput
 
 Points = npt.NDArray[np.float64]
@@ -26,8 +23,8 @@ Points = npt.NDArray[np.float64]
 CHORD = 0.01
 """mm, the largest distance between a curve and its chords."""
 
-GAP = 0.02
-"""mm, the largest gap between two ends that are still joined; less than what is resampled, more than CAD rounds."""
+GAP = SPACING
+"""mm, the largest gap between two ends that are still joined: what CAD rounds away, and one sample of the journey."""
 
 EXACT = 1e-6
 """mm, below which two points are the same; ends are joined this closely first, across a gap only afterwards."""
@@ -76,7 +73,8 @@ def read_dxf(path: str | Path) -> Drawing:
     """The contours of a DXF drawing, inner ones before those that contain them, otherwise the nearest next.
 
     Cut are the lines, arcs, circles, ellipses, splines and 2D polylines of the model space, also inside blocks. Left
-    out and counted are other entities, those on layers that are off or frozen, those of zero length and duplicates.
+    out and counted are other entities, those on layers that are off or frozen, those of zero length and duplicates. The
+    nozzle comes from the origin.
 
     Args:
         path: a file that ends in ``.dxf``, text or binary.
@@ -273,7 +271,7 @@ def _halved(at: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
 
 def _key(points: Points) -> bytes:
     """The same for two polylines that run through the same points, in either direction."""
-    grid = np.round(points / EXACT).astype(np.int64)
+    grid = np.round(points / EXACT) + 0.0  # no −0, whose bytes differ
     return min(grid.tobytes(), grid[::-1].tobytes())
 
 
@@ -303,7 +301,7 @@ def _chained(curves: list[Points], tolerance: float) -> tuple[list[Points], list
         if a != b:
             edges[a].append(i)
             edges[b].append(i)
-    loose = []
+    loose: list[Points] = []
     unused = {i for at in edges.values() for i in at}
     for start in [n for n, at in edges.items() if len(at) % 2] + list(edges):
         loops, rest = _walk(start, edges, nodes, unused)
@@ -322,7 +320,9 @@ def _walk(
     start: int, edges: dict[int, list[int]], nodes: npt.NDArray[np.int64], unused: set[int]
 ) -> tuple[list[Trail], Trail]:
     """The loops on a walk from ``start``, and what remains of it; takes its edges out of ``unused``."""
-    loops, trail, here = [], [], start
+    loops: list[Trail] = []
+    trail: Trail = []
+    here = start
     passed: dict[int, int] = {}
     while True:
         while edges[here] and edges[here][0] not in unused:
@@ -344,6 +344,10 @@ def _walk(
 
 def _clusters(points: Points, tolerance: float) -> npt.NDArray[np.int64]:
     """A number for each point, the same for points within ``tolerance`` of each other."""
+    from scipy.sparse import coo_matrix  # slow, as the DXF reader is
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import KDTree
+
     pairs = KDTree(points).query_pairs(tolerance, output_type="ndarray")
     graph = coo_matrix((np.ones(len(pairs)), tuple(pairs.T)), (len(points), len(points)))
     return connected_components(graph, directed=False)[1].astype(np.int64)
@@ -355,12 +359,12 @@ def _assembled(run: list[Points], closed: bool) -> Points:
 
 
 def _without_repeats(points: Points) -> Points:
-    """``points`` without those that stand where the one before stands; the ends stay exactly."""
-    if len(points) < 2:
+    """``points`` without those that stand where the one before stands; both ends stay exactly."""
+    if len(points) == 0:
         return points
-    keep = np.append(np.hypot(*np.diff(points, axis=0).T) > EXACT, True)
-    keep[0] = True
-    return points[keep]
+    kept = points[np.append(True, np.hypot(*np.diff(points, axis=0).T) > EXACT)]
+    kept[-1] = points[-1]
+    return kept
 
 
 def _length(points: Points) -> float:

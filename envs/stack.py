@@ -21,6 +21,7 @@ from .plant import calibration, filters, idle, sensor, supervisor
 from .plant.controller import SLOTS, Law, make_law
 from .plant.fleet import Fleet
 from .plant.quantity import InvalidInput, Quantity, checked, did_you_mean, quantities
+from .sources import SOURCES
 
 GROUPS: dict[str, Any] = {
     "gate": sensor.Gate,
@@ -130,7 +131,6 @@ def python_stack(make: Callable[[], PythonController], name: str, summary: str =
 # ------------------------------------------------------------------------------------------------------ registry
 
 _stacks: dict[str, Stack | Callable[[], Stack]] = {}
-_sources: list[str] = []
 
 
 def register(name: str, stack: Stack | Callable[[], Stack]) -> None:
@@ -138,14 +138,12 @@ def register(name: str, stack: Stack | Callable[[], Stack]) -> None:
     _stacks[name] = stack
 
 
-def register_source(module: str) -> None:
-    """A module to import before names are looked up; it registers its stacks."""
-    _sources.append(module)
+register("idle", lambda: Stack("idle", "no law: the head stands still unless a hand moves it", make_law(idle, "idle")))
 
 
 def _load_sources() -> None:
-    while _sources:
-        importlib.import_module(_sources.pop())
+    for module in SOURCES:
+        importlib.import_module(module)
 
 
 def names() -> list[str]:

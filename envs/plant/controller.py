@@ -17,6 +17,7 @@ import hashlib
 import inspect
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -174,6 +175,16 @@ def stage_of(law: Law, rows: dict[str, np.uint64]) -> int:
     return lanes.address_of(_stages[name])
 
 
+def stage_address(function: Callable[..., None]) -> int:
+    """Address of an environment's stage, compiled and cached with the text of its file as part of the key."""
+    name = f"{function.__module__}.{function.__qualname__}"
+    if name not in _stages:
+        path = inspect.getsourcefile(function)
+        text = Path(path).read_text(encoding="utf-8") if path else ""
+        _stages[name] = lanes.kernel(function, text)
+    return lanes.address_of(_stages[name])
+
+
 def _compiled(function: Callable[..., Any]) -> Any:
     return function if hasattr(function, "py_func") else part(function)
 
@@ -207,6 +218,6 @@ def _source(space: Any) -> str:
     """Text of the file that holds a law; enters the stamp of its compiled code."""
     try:
         path = inspect.getsourcefile(space)
-        return open(path, encoding="utf-8").read() if path else ""
+        return Path(path).read_text(encoding="utf-8") if path else ""
     except (OSError, TypeError):
         return ""

@@ -44,6 +44,8 @@ class Fleet:
         self._owned: dict[int, np.ndarray] = {}
         self._deck = np.zeros(machine.DECK, np.uint64)
         self._deck[machine.D_MACHINES] = size
+        self._deck[machine.D_LAST] = self.blocks
+        self._deck[machine.D_STEPS] = 1
         self._point(machine.D_BLOCK, self._block)
         self._point(machine.D_KEYS, self._keys)
         self._point(machine.D_FREQUENCIES, tables.frequencies)
@@ -218,17 +220,24 @@ class Fleet:
 
     def advance(self, steps: int = 1) -> None:
         """``steps`` control periods of every machine; the result does not depend on the number of threads."""
+        self._deck[machine.D_STEPS] = steps
         if self.threads == 1 or self.blocks == 1:
-            machine.advance(self._deck, np.uint64(0), np.uint64(self.blocks), np.uint64(steps))
+            machine.advance(self._deck)
         else:
-            edges = np.linspace(0, self.blocks, min(4 * self.threads, self.blocks) + 1).astype(np.uint64)
-            runs = [
-                _pool(self.threads).submit(machine.advance, self._deck, low, high, np.uint64(steps))
-                for low, high in zip(edges[:-1], edges[1:], strict=True)
-            ]
+            edges = np.linspace(0, self.blocks, min(4 * self.threads, self.blocks) + 1).astype(int)
+            runs = []
+            for low, high in zip(edges[:-1], edges[1:], strict=True):
+                deck = self._deck.copy()
+                deck[machine.D_FIRST], deck[machine.D_LAST] = low, high
+                runs.append(_pool(self.threads).submit(machine.advance, deck))
             for run in runs:
                 run.result()
-        self._deck[machine.D_TICK] += np.uint64(steps)
+            self._deck[machine.D_TICK] += np.uint64(steps)
+        self._deck[machine.D_STEPS] = 1
+
+    def advance_once(self) -> None:
+        """One control period, in this thread: what an environment's step calls."""
+        machine.advance(self._deck)
 
     def start_recording(self, steps: int) -> np.ndarray:
         """Keeps the next ``steps`` periods: float32 array of shape (steps, channels, size), see ``machine.CHANNELS``."""

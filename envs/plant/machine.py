@@ -87,7 +87,7 @@ S_Z, DRIVE, S_GUARD = _layout.place(rows(z_axis.State)), _layout.place(rows(z_ax
 SIGNALS, TALLY = _layout.place(rows(Privileged)), _layout.place(rows(Tally))
 COURSE, PACE, MOMENT = _layout.place(rows(Course)), _layout.place(rows(z_axis.Pace)), _layout.place(rows(Moment))
 FOLD, KEPT = _layout.place(rows(filters.Fold)), _layout.place(2)
-WISH, BEAM, PASSED, REFUGE = (_layout.place(1) for _ in range(4))
+WISH, BEAM, PASSED, REFUGE, CLOCK, ORIGIN = (_layout.place(1) for _ in range(6))
 SURFACES, SURFACES_LAST = _layout.place(16), U(15)  # ring: two points a period, from the past period to the preview
 SAMPLES, SAMPLES_LAST = _layout.place(filters.LONGEST), U(filters.LONGEST - 1)  # ring of frequencies
 HISTORY, HISTORY_LAST = 16, U(15)
@@ -118,8 +118,8 @@ the period counts as cutting; distance along the path, mm; whether the superviso
 # Addresses and counts that a kernel gets in one array, the deck.
 (D_BLOCK, D_KEYS, D_MACHINES, D_TICK, D_WINDOW, D_WAVES, D_VIBRATIONS, D_FLAGS, D_FREQUENCIES, D_HEIGHTS, D_TABLES,
  D_CONTOUR_X, D_CONTOUR_Y, D_CONTOUR_ON, D_CONTOURS, D_PROFILE, D_PROFILES, D_LAW, D_LAW_TABLES, D_LAW_SIZE, D_ACT,
- D_OBSERVE, D_IO, D_RECORD, D_RECORD_TICK) = range(25)  # fmt: skip
-DECK = 25
+ D_OBSERVE, D_IO, D_RECORD, D_RECORD_TICK, D_FIRST, D_LAST, D_STEPS) = range(28)  # fmt: skip
+DECK = 28
 
 F_CONTOURS, F_FEATURES, F_PROFILES, F_BULGES, F_RANKS = (U(2**i) for i in range(5))
 """Flags: what at least one of the machines uses; the rest is skipped, which changes no bit of the others."""
@@ -127,13 +127,14 @@ F_CONTOURS, F_FEATURES, F_PROFILES, F_BULGES, F_RANKS = (U(2**i) for i in range(
 _WAVE, _VIBRATION, _FEATURE = (U(rows(c) * W) for c in (sheet.Wave, sheet.Vibration, sheet.Feature))
 _FEATURES = U(sheet.FEATURES)
 _AHEAD2 = U(2 * AHEAD)
-_AHEAD_S = AHEAD * PERIOD
+AHEAD_S = AHEAD * PERIOD
+"""s by which the path runs ahead of the machine."""
 _CHANNELS = U(len(CHANNELS))
 _PREFILL = AHEAD + 1
 _RISE, _MEMORY = U(supervisor.RISE_WINDOW), U(supervisor.MEMORY)
 _WORDS = U(6)  # random words that a sample takes
 _POINTS = float(calibration.POINTS)
-_FRESH = U(Privileged._fields.index("fresh") * W)
+_FRESH, _HEAD_POSITION = (U(Privileged._fields.index(name) * W) for name in ("fresh", "head_position"))
 
 
 # ---------------------------------------------------------------------------------- stages, in the order of a period
@@ -212,7 +213,7 @@ def travel_all(block, at, n, tick, deck):
                 mx = path.sample(xs, p.contour, p.samples, path.SPACING, half)
                 my = path.sample(ys, p.contour, p.samples, path.SPACING, half)
                 store(block, a + S_PATH, path.State(s.time, s.distance, x, y, mx, my))
-                here = s.distance - p.feed * _AHEAD_S
+                here = s.distance - p.feed * AHEAD_S
                 block[a + BEAM] = 1.0 if path.sample(on, p.contour, p.samples, path.SPACING, here) > 0.5 else 0.0
     for lane in range(n):
         a = at + lane
@@ -279,7 +280,7 @@ def prepare_all(block, at, n, tick):
     for lane in range(n):
         a = at + lane
         feature, along = load(sheet.State, block, a + S_SHEET).current, load(path.State, block, a + S_PATH).distance
-        here = along - load(path.Params, block, a + P_PATH).feed * _AHEAD_S
+        here = along - load(path.Params, block, a + P_PATH).feed * AHEAD_S
         c, m, gate = load(Course, block, a + COURSE), load(Moment, block, a + MOMENT), load(sensor.Gate, block, a + P_GATE)
         radius = sensor.sensing_radius(load(sensor.Params, block, a + P_SENSOR), max(m.gap, 0.0))
         share = gate.length * (1e-3 / PERIOD)
@@ -437,6 +438,7 @@ def report_all(block, at, n, tick):
             surface_4=block[here + _surface(tick, U(4))], surface_5=block[here + _surface(tick, U(5))],
             gap=m.gap, head=m.head, velocity=z.velocity, acceleration=z.acceleration,
         ))  # fmt: skip
+        block[a + CLOCK] = np.float64(np.int64(tick & HISTORY_LAST))
         slot = a + (tick & HISTORY_LAST) * UW
         block[slot + HEIGHTS] = x.height
         block[slot + RAW_HEIGHTS] = x.raw_height
@@ -467,7 +469,7 @@ def record_all(block, at, n, tick, record, where, machines):
         record[o + U(8) * machines] = block[a + WISH]
         record[o + U(9) * machines] = x.mode
         record[o + U(10) * machines] = 1.0 if c.scored else 0.0
-        record[o + U(11) * machines] = s.distance - x.feed * _AHEAD_S
+        record[o + U(11) * machines] = s.distance - x.feed * AHEAD_S
         record[o + U(12) * machines] = 1.0 if x.override else 0.0
 
 
@@ -484,23 +486,22 @@ def sense_and_control(block, at, n, tick, keys, first, deck):
     call(deck[D_LAW], deck[D_BLOCK], at, n, deck[D_LAW_TABLES], deck[D_LAW_SIZE])
 
 
-def advance(deck, first, last, steps):
-    """``steps`` control periods of the blocks ``first`` … ``last − 1``; one call per thread.
+def advance(deck):
+    """Some control periods of some blocks, as the deck says; one call, with a deck of its own, per thread.
 
     Args:
-        deck: uint64 array of addresses and counts, see :class:`fleet.Fleet`; the caller advances its tick afterwards.
-        first, last, steps: unsigned.
+        deck: uint64 array of addresses and counts, see :class:`fleet.Fleet`; its tick moves on by the periods.
     """
     machines = deck[D_MACHINES]
     blocks = (machines + UW - U1) // UW
     block = doubles(deck[D_BLOCK], blocks * STRIDE)
     keys = words(deck[D_KEYS], blocks * UW)
     record = singles(deck[D_RECORD], U(2**40))
-    for b in range(first, last):
+    for b in range(deck[D_FIRST], deck[D_LAST]):
         at = b * STRIDE
         n = min(UW, machines - b * UW)
         tick = deck[D_TICK]
-        for step in range(steps):
+        for step in range(deck[D_STEPS]):
             if deck[D_ACT] > U0:
                 call(deck[D_ACT], deck[D_BLOCK], at, n, deck[D_IO], b * UW)
             supervise_all(block, at, n, tick)
@@ -515,6 +516,7 @@ def advance(deck, first, last, steps):
             if deck[D_OBSERVE] > U0:
                 call(deck[D_OBSERVE], deck[D_BLOCK], at, n, deck[D_IO], b * UW)
             tick += U1
+    deck[D_TICK] += deck[D_STEPS]
 
 
 def begin(deck, machine, key):
@@ -535,8 +537,9 @@ def begin(deck, machine, key):
 
     store(block, at + S_SHEET, sheet.State(0.0, 0.0, 1.0, load(sheet.Feature, block, at + FEATURES)))
     store(block, at + S_SENSOR, sensor.State(0.0, 0.0, 0.0, 0.0))
+    follows = load(supervisor.Job, block, at + JOB).request == supervisor.FOLLOW
     store(block, at + S_GUARD, supervisor.State(
-        supervisor.STOP, 0.0, 0.0, False, False, supervisor.NO_ALARM, 0.0, 0.0, start.coast, 0.0
+        supervisor.FOLLOW if follows else supervisor.STOP, 0.0, 0.0, False, False, supervisor.NO_ALARM, 0.0, 0.0, start.coast, 0.0
     ))  # fmt: skip
     store(block, at + DRIVE, z_axis.Drive(0.0, 0.0, 0.0, 0.0, 0.0))
     block[at + BEAM] = 1.0
@@ -565,6 +568,7 @@ def begin(deck, machine, key):
         block[at + RAW_HEIGHTS + i * UW] = block[at + SIGNALS + UW]
         block[at + POSITIONS + i * UW] = block[at + POSITIONS + (tick & HISTORY_LAST) * UW]
         block[at + COMMANDS + i * UW] = 0.0
+    block[at + ORIGIN] = block[at + SIGNALS + _HEAD_POSITION]
     store(block, at + HAND, Hand(1.0, 0.0))
     call(deck[D_LAW], deck[D_BLOCK], at, U1, deck[D_LAW_TABLES], deck[D_LAW_SIZE])
     if deck[D_OBSERVE] > U0:

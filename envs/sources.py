@@ -1,0 +1,6 @@
+"""Modules that register controllers by name; imported when a name is first looked up.
+
+The package's root fills this list, by string: environments take their base controllers by name and never import them.
+"""
+
+SOURCES: list[str] = []

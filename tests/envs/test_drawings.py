@@ -1,0 +1,536 @@
+"""Drawings: contours in cutting order, with lengths from closed forms."""
+
+from itertools import pairwise
+
+import ezdxf
+import numpy as np
+import pytest
+from scipy.interpolate import BSpline
+from scipy.special import ellipe
+
+from kerfgym.envs import drawings
+from kerfgym.envs.drawings import CHORD, GAP, journey, read_dxf
+from kerfgym.envs.plant.path import SPACING
+from kerfgym.envs.plant.quantity import InvalidInput
+
+
+@pytest.fixture
+def sheet(tmp_path):
+    """Draws on a new sheet with the function given, saves it, reads it."""
+
+    def read(draw, insunits=4, measurement=1):
+        document = ezdxf.new("R2010")
+        document.header["$INSUNITS"], document.header["$MEASUREMENT"] = insunits, measurement
+        draw(document.modelspace())
+        document.saveas(tmp_path / "part.dxf")
+        return read_dxf(tmp_path / "part.dxf")
+
+    return read
+
+
+def length(points):
+    return np.hypot(*np.diff(points, axis=0).T).sum()
+
+
+def box(space, x, y, width, height=None, **attributes):
+    height = width if height is None else height
+    corners = [(x, y), (x + width, y), (x + width, y + height), (x, y + height)]
+    return space.add_lwpolyline(corners, close=True, dxfattribs=attributes)
+
+
+def left_edges(drawing):
+    return [round(float(piece[:, 0].min()), 6) for piece in drawing.pieces]
+
+
+# Joining
+
+
+def test_four_lines_in_any_order_and_direction_are_one_rectangle(sheet):
+    def draw(space):
+        space.add_line((30, 20), (0, 20))
+        space.add_line((0, 0), (30, 0))
+        space.add_line((0, 0), (0, 20))
+        space.add_line((30, 20), (30, 0))
+
+    drawing = sheet(draw)
+    (piece,) = drawing.pieces
+    assert drawing.closed == [True]
+    assert len(piece) == 5
+    assert (piece[0] == piece[-1]).all()
+    assert length(piece) == pytest.approx(100.0, abs=1e-9)
+    assert drawing.cut_length == pytest.approx(100.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(("gap", "closed"), [(0.8 * GAP, [True]), (1.2 * GAP, [False])])
+def test_a_gap_is_bridged_up_to_the_tolerance(sheet, gap, closed):
+    def draw(space):
+        space.add_line((0, 0), (10, 0))
+        space.add_line((0, gap), (5, 8))
+        space.add_line((5, 8), (10, 0))
+
+    drawing = sheet(draw)
+    assert drawing.closed == closed
+    assert drawing.cut_length == pytest.approx(10 + np.hypot(5, 8) + np.hypot(5, 8 - gap) + gap * closed[0])
+
+
+def test_gaps_in_every_corner_are_bridged(sheet):
+    corners = np.array([(0, 0), (20, 0), (10, 15), (0, 0)], float)
+
+    def draw(space):
+        for a, b in pairwise(corners):
+            space.add_line(a, b + (0, 0.5 * GAP))
+
+    drawing = sheet(draw)
+    assert drawing.closed == [True]
+    assert drawing.cut_length == pytest.approx(length(corners), abs=6 * GAP)
+
+
+def test_lines_in_any_order_and_direction_are_one_open_contour(sheet):
+    def draw(space):
+        space.add_line((20, 0), (10, 0))
+        space.add_line((0, 0), (10, 0))
+        space.add_line((30, 5), (20, 0))
+
+    drawing = sheet(draw)
+    assert drawing.closed == [False]
+    assert drawing.pieces[0].tolist() == [[0, 0], [10, 0], [20, 0], [30, 5]]
+
+
+def test_a_speck_shorter_than_the_gap_is_no_contour(sheet):
+    def draw(space):
+        box(space, 0, 0, 10)
+        space.add_line((5, 5), (5 + 0.5 * GAP, 5))
+        space.add_circle((2, 2), 0.1 * GAP)
+
+    assert sheet(draw).closed == [True]
+
+
+def test_a_curve_in_lines_far_shorter_than_the_gap_keeps_its_shape(sheet):
+    angles = np.linspace(0, 2 * np.pi, 401)
+    x, y = 0.5 * np.cos(angles), 0.5 * np.sin(angles)
+    x[-1], y[-1] = x[0], y[0]
+
+    def draw(space):
+        for i in np.random.default_rng(1).permutation(400):
+            space.add_line((x[i], y[i]), (x[i + 1], y[i + 1]))
+
+    drawing = sheet(draw)
+    assert drawing.closed == [True]
+    assert drawing.cut_length == pytest.approx(np.pi, rel=1e-4)
+
+
+def test_squares_that_share_a_corner_stay_two_contours(sheet):
+    def draw(space):
+        for x, y in ((0, 0), (10, 10)):
+            corners = [(x, y), (x + 10, y), (x + 10, y + 10), (x, y + 10), (x, y)]
+            for a, b in pairwise(corners):
+                space.add_line(a, b)
+
+    drawing = sheet(draw)
+    assert drawing.closed == [True, True]
+    assert [length(p) for p in drawing.pieces] == pytest.approx([40.0, 40.0])
+
+
+def test_a_lead_in_stays_apart_from_the_contour_it_leads_to(sheet):
+    def draw(space):
+        space.add_line((-5, 0), (0, 0))
+        for a, b in pairwise([(0, 0), (10, 0), (5, 8), (0, 0)]):
+            space.add_line(a, b)
+
+    drawing = sheet(draw)
+    assert sorted(drawing.closed) == [False, True]
+    assert drawing.cut_length == pytest.approx(5 + 10 + 2 * np.hypot(5, 8))
+
+
+def test_two_half_circles_are_one_closed_contour(sheet):
+    def draw(space):
+        space.add_arc((0, 0), 10, 0, 180)
+        space.add_arc((0, 0), 10, 180, 360)
+
+    drawing = sheet(draw)
+    assert drawing.closed == [True]
+    assert np.hypot(*drawing.pieces[0].T) == pytest.approx(10.0)
+
+
+# Curves
+
+
+@pytest.mark.parametrize("radius", [5.0, 40.0, 900.0])
+def test_a_circle_is_two_pi_r_long_and_leaves_its_chords_by_the_tolerance_at_most(sheet, radius):
+    drawing = sheet(lambda space: space.add_circle((3, 4), radius))
+    (piece,) = drawing.pieces
+    assert drawing.closed == [True]
+    assert length(piece) == pytest.approx(2 * np.pi * radius, rel=1e-3)
+    assert np.hypot(*(piece - (3, 4)).T) == pytest.approx(radius)
+    middles = 0.5 * (piece[1:] + piece[:-1]) - (3, 4)
+    assert radius - np.hypot(*middles.T).min() <= CHORD * 1.001
+
+
+def test_an_arc_with_its_axis_down_is_mirrored(sheet):
+    drawing = sheet(lambda space: space.add_arc((0, 0), 10, 0, 90, dxfattribs={"extrusion": (0, 0, -1)}))
+    ends = drawing.pieces[0][[0, -1]]
+    assert ends[ends[:, 0].argsort()] == pytest.approx(np.array([[-10, 0], [0, 10]]))
+
+
+@pytest.mark.parametrize("kind", ["LWPOLYLINE", "POLYLINE"])
+@pytest.mark.parametrize("angle", [90.0, -90.0, 180.0, -270.0])
+def test_a_bulge_is_an_arc_of_four_times_its_arctangent(sheet, kind, angle):
+    radians = np.radians(angle)
+    points = [(0, 0, np.tan(radians / 4)), (20, 0, 0)]
+    radius = 10 / abs(np.sin(radians / 2))
+
+    def draw(space):
+        if kind == "LWPOLYLINE":
+            space.add_lwpolyline(points, format="xyb")
+        else:
+            space.add_polyline2d(points, format="xyb")
+
+    drawing = sheet(draw)
+    (piece,) = drawing.pieces
+    assert drawing.closed == [False]
+    assert piece[[0, -1]] == pytest.approx(np.array([[0, 0], [20, 0]]))
+    assert length(piece) == pytest.approx(radius * abs(radians), rel=1e-3)
+    # counter-clockwise from left to right runs below the chord
+    deepest = -np.sign(angle) * radius * (1 - np.cos(radians / 2))
+    assert piece[np.abs(piece[:, 1]).argmax(), 1] == pytest.approx(deepest, abs=CHORD)
+
+
+def test_the_bulge_of_the_last_vertex_closes_the_polyline(sheet):
+    slot = [(0, 0, 0), (30, 0, 1), (30, 10, 0), (0, 10, 1)]
+    drawing = sheet(lambda space: space.add_lwpolyline(slot, format="xyb", close=True))
+    assert drawing.closed == [True]
+    assert drawing.cut_length == pytest.approx(60 + 10 * np.pi, rel=1e-3)
+    assert drawing.pieces[0][:, 0].min() == pytest.approx(-5.0, abs=CHORD)
+
+
+def test_the_control_points_of_a_fitted_polyline_are_not_cut(sheet):
+    def draw(space):
+        line = space.add_polyline2d([(0, 0), (10, 0), (20, 0)])
+        line.append_vertex((10, 50), dxfattribs={"flags": 16})
+
+    assert sheet(draw).cut_length == pytest.approx(20.0)
+
+
+def test_the_perimeter_of_an_ellipse_is_the_elliptic_integral(sheet):
+    drawing = sheet(lambda space: space.add_ellipse((5, 5), major_axis=(0, 30), ratio=0.4))
+    assert drawing.closed == [True]
+    assert drawing.cut_length == pytest.approx(4 * 30 * ellipe(1 - 0.4**2), rel=1e-3)
+
+
+def test_a_clamped_spline_runs_from_its_first_to_its_last_control_point(sheet):
+    control = np.array([(0, 0), (10, 30), (40, 30), (50, 0), (80, 10)], float)
+    drawing = sheet(lambda space: space.add_open_spline(np.c_[control, np.zeros(5)]))
+    (piece,) = drawing.pieces
+    assert drawing.closed == [False]
+    assert piece[[0, -1]] == pytest.approx(control[[0, -1]])
+    curve = BSpline([0, 0, 0, 0, 1, 2, 2, 2, 2], control, 3)(np.linspace(0, 2, 5001))
+    assert length(piece) == pytest.approx(length(curve), rel=1e-4)
+
+
+def test_a_closed_spline_without_clamped_ends_is_cut_only_where_it_is_defined(sheet):
+    corners = np.array([(100, 0), (110, 0), (110, 10), (100, 10)], float)
+    control = np.r_[corners, corners[:3]]
+
+    def draw(space):
+        space.add_spline(degree=3).set_closed([(x, y, 0) for x, y in corners], degree=3)
+
+    drawing = sheet(draw)
+    curve = BSpline(np.arange(11.0), control, 3)(np.linspace(3, 7, 5001))
+    assert drawing.closed == [True]
+    assert drawing.cut_length == pytest.approx(length(curve), rel=1e-3)
+    assert drawing.pieces[0].min(axis=0) == pytest.approx(curve.min(axis=0), abs=CHORD)
+
+
+def test_a_rational_spline_can_be_a_circle(sheet):
+    square = [(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1), (1, 0)]
+
+    def draw(space):
+        spline = space.add_spline(degree=2)
+        spline.control_points = [(10 * x, 10 * y, 0) for x, y in square]
+        spline.knots = [0, 0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 4]
+        spline.weights = [1, np.sqrt(0.5)] * 4 + [1]
+
+    drawing = sheet(draw)
+    assert drawing.closed == [True]
+    assert np.hypot(*drawing.pieces[0].T) == pytest.approx(10.0)
+    assert drawing.cut_length == pytest.approx(20 * np.pi, rel=1e-3)
+
+
+# Units
+
+
+@pytest.mark.parametrize(
+    ("insunits", "measurement", "name", "mm"),
+    [
+        (1, 1, "inches", 25.4),
+        (4, 0, "mm", 1),
+        (5, 1, "cm", 10),
+        (6, 1, "m", 1000),
+        (0, 0, "inches", 25.4),
+        (0, 1, "mm", 1),
+    ],
+)
+def test_lengths_are_converted_to_mm(sheet, insunits, measurement, name, mm):
+    drawing = sheet(lambda space: space.add_circle((2, 0), 1), insunits, measurement)
+    assert drawing.units == name
+    assert drawing.pieces[0][0] == pytest.approx([3 * mm, 0])
+    assert drawing.cut_length == pytest.approx(2 * np.pi * mm, abs=2.1 * CHORD)
+
+
+def test_a_file_without_header_is_in_mm(tmp_path):
+    pairs = "0 SECTION 2 ENTITIES 0 LINE 8 0 10 0 20 0 11 30 21 40 0 ENDSEC 0 EOF"
+    (tmp_path / "bare.dxf").write_text(pairs.replace(" ", "\n") + "\n")
+    drawing = read_dxf(tmp_path / "bare.dxf")
+    assert (drawing.name, drawing.units) == ("bare", "mm")
+    assert drawing.cut_length == pytest.approx(50.0)
+
+
+# Order
+
+
+def test_a_hole_is_cut_before_what_is_around_it(sheet):
+    def draw(space):
+        box(space, 0, 0, 100)
+        box(space, 40, 40, 20)
+        space.add_line((45, 50), (55, 50))
+
+    drawing = sheet(draw)
+    assert left_edges(drawing) == [45, 40, 0]
+    assert drawing.closed == [False, True, True]
+
+
+def test_a_shape_inside_the_hull_but_outside_the_outline_is_not_a_hole(sheet):
+    def draw(space):
+        space.add_lwpolyline([(0, 0), (100, 0), (100, 10), (10, 10), (10, 100), (0, 100)], close=True)
+        box(space, 50, 50, 20)
+
+    assert left_edges(sheet(draw)) == [0, 50]
+
+
+def test_a_hole_may_touch_its_outline(sheet):
+    def draw(space):
+        box(space, 0, 0, 100)
+        space.add_lwpolyline([(0, 0), (50, 30), (30, 50)], close=True)
+
+    assert [len(p) for p in sheet(draw).pieces] == [4, 5]
+
+
+def test_a_slot_may_share_an_edge_with_its_outline(sheet):
+    def draw(space):
+        box(space, 0, 0, 100)
+        box(space, 80, 40, 20)
+
+    assert left_edges(sheet(draw)) == [80, 0]
+
+
+def test_the_nearest_contour_is_next(sheet):
+    def draw(space):
+        for x in (60, 20, 80, 40):
+            box(space, x, 0, 10)
+
+    assert left_edges(sheet(draw)) == [20, 40, 60, 80]
+
+
+def test_an_open_contour_is_cut_from_its_nearer_end(sheet):
+    def draw(space):
+        space.add_line((0, 0), (100, 0))
+        space.add_line((0, 10), (100, 10))
+
+    drawing = sheet(draw)
+    assert drawing.pieces[1].tolist() == [[100, 10], [0, 10]]
+    assert drawing.move_length == pytest.approx(10.0)
+
+
+# What is left out, what is looked into
+
+
+def test_what_is_not_cut_is_counted(sheet):
+    def draw(space):
+        box(space, 0, 0, 10, layer="outline")
+        space.add_text("part 7")
+        space.add_text("part 8")
+        space.add_point((1, 1))
+        space.add_hatch()
+        space.add_polymesh((3, 3))
+
+    drawing = sheet(draw)
+    assert drawing.layers == ["outline"]
+    assert drawing.skipped == {"TEXT": 2, "POINT": 1, "HATCH": 1, "POLYLINE (mesh)": 1}
+
+
+@pytest.mark.parametrize("state", ["off", "freeze"])
+def test_hidden_layers_are_not_cut(sheet, state):
+    def draw(space):
+        getattr(space.doc.layers.add("Bend"), state)()
+        box(space, 0, 0, 10)
+        box(space, 20, 0, 10, layer="bend")
+        box(space, 40, 0, 10, invisible=1)
+        block = space.doc.blocks.new("slot")
+        box(block, 0, 0, 5)
+        space.add_blockref("slot", (60, 0), dxfattribs={"layer": "BEND"})
+
+    drawing = sheet(draw)
+    assert left_edges(drawing) == [0]
+    assert drawing.skipped == {
+        "LWPOLYLINE on hidden layer 'bend'": 1,
+        "invisible LWPOLYLINE": 1,
+        "INSERT on hidden layer 'BEND'": 1,
+    }
+
+
+def test_duplicates_and_entities_of_no_length_are_dropped(sheet):
+    def draw(space):
+        space.add_line((0, 0), (10, 0))
+        space.add_line((0, 0), (10, 0))
+        space.add_line((10, 0), (0, 0))
+        space.add_line((3, 3), (3, 3))
+        space.add_arc((5, 5), 2, 30, 30)
+        space.add_lwpolyline([(7, 7), (7, 7), (7, 7)])
+        space.add_circle((5, 5), 2)
+        space.add_circle((5, 5), 2)
+
+    drawing = sheet(draw)
+    assert drawing.cut_length == pytest.approx(10 + 4 * np.pi, abs=2.1 * CHORD)
+    assert drawing.skipped == {
+        "duplicate LINE": 2,
+        "LINE of zero length": 1,
+        "ARC of zero length": 1,
+        "LWPOLYLINE of zero length": 1,
+        "duplicate CIRCLE": 1,
+    }
+
+
+def test_blocks_are_placed_turned_and_scaled(sheet):
+    def draw(space):
+        inner = space.doc.blocks.new("inner")
+        box(inner, 0, 0, 10, 1)
+        outer = space.doc.blocks.new("outer")
+        outer.add_blockref("inner", (100, 0), dxfattribs={"rotation": 90})
+        space.add_blockref("outer", (0, 50), dxfattribs={"xscale": 2, "yscale": 2, "layer": "holes"})
+
+    drawing = sheet(draw)
+    (piece,) = drawing.pieces
+    assert drawing.layers == ["holes"]
+    assert piece.min(axis=0) == pytest.approx([198, 50])
+    assert piece.max(axis=0) == pytest.approx([200, 70])
+
+
+def test_a_grid_of_blocks_is_cut_in_every_place(sheet):
+    def draw(space):
+        box(space.doc.blocks.new("hole"), 0, 0, 5)
+        grid = {"row_count": 2, "row_spacing": 10, "column_count": 3, "column_spacing": 20}
+        space.add_blockref("hole", (0, 0), dxfattribs=grid)
+
+    assert sorted(left_edges(sheet(draw))) == [0, 0, 20, 20, 40, 40]
+
+
+def test_a_circle_in_a_block_scaled_unevenly_is_an_ellipse(sheet):
+    def draw(space):
+        space.doc.blocks.new("hole").add_circle((0, 0), 10)
+        space.add_blockref("hole", (0, 0), dxfattribs={"xscale": 3, "yscale": 1})
+
+    assert sheet(draw).cut_length == pytest.approx(4 * 30 * ellipe(1 - 1 / 9), rel=1e-3)
+
+
+# The journey
+
+
+def test_the_journey_is_sampled_uniformly(sheet):
+    drawing = sheet(lambda space: space.add_circle((0, 0), 50))
+    path = journey(drawing)
+    steps = np.hypot(np.diff(path.x), np.diff(path.y))
+    assert steps == pytest.approx(SPACING, rel=1e-3)
+    assert path.length == pytest.approx(drawing.cut_length, abs=SPACING)
+    assert path.cutting.all()
+
+
+def test_the_beam_is_off_between_contours(sheet):
+    def draw(space):
+        box(space, 0, 0, 10)
+        box(space, 30, 0, 10)
+
+    path = journey(sheet(draw))
+    moving = path.cutting == 0
+    assert moving.sum() == pytest.approx(30 / SPACING, abs=2)
+    assert path.y[moving] == pytest.approx(0.0)
+    assert path.x[moving].min() > 0
+    assert path.x[moving].max() <= 30 + 1e-9
+    assert (~moving).sum() == pytest.approx(80 / SPACING, abs=2)
+    assert path.name == "part"
+
+
+# Errors
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(InvalidInput, match=r"none\.dxf: no such file"):
+        read_dxf(tmp_path / "none.dxf")
+
+
+@pytest.mark.parametrize("suffix", [".svg", ".ngc", ""])
+def test_other_formats_are_refused(tmp_path, suffix):
+    file = tmp_path / f"part{suffix}"
+    file.touch()
+    with pytest.raises(InvalidInput, match=f"'{suffix}' files cannot be read; only DXF is read so far"):
+        read_dxf(str(file))
+
+
+def test_the_suffix_may_be_in_capitals(tmp_path):
+    document = ezdxf.new("R12")
+    document.modelspace().add_line((0, 0), (5, 0))
+    document.saveas(tmp_path / "PART.DXF")
+    assert read_dxf(tmp_path / "PART.DXF").units == "mm"
+
+
+@pytest.mark.parametrize("content", [b"", b"solid\n", bytes(range(256)), b"0\nSECTION\n2\nENTITIES\n0\nLINE\n10\n"])
+def test_what_is_not_dxf_is_refused(tmp_path, content):
+    (tmp_path / "part.dxf").write_bytes(content)
+    with pytest.raises(InvalidInput, match=r"part\.dxf: cannot be read as DXF: "):
+        read_dxf(tmp_path / "part.dxf")
+
+
+def test_a_drawing_with_nothing_to_cut_says_what_is_in_it(sheet):
+    with pytest.raises(InvalidInput, match=r"nothing to cut in it; what is cut: LINE, .*; skipped: TEXT \(1\)"):
+        sheet(lambda space: space.add_text("empty"))
+    with pytest.raises(InvalidInput, match=r"nothing to cut in it; .* skipped: nothing"):
+        sheet(lambda space: None)
+
+
+def test_unknown_units_are_refused_with_the_known_ones(sheet):
+    with pytest.raises(InvalidInput, match=r"\$INSUNITS = 20 .* allowed: 0 \(unitless\), 1 \(inches\), 4 \(mm\), 5"):
+        sheet(lambda space: space.add_line((0, 0), (9, 9)), insunits=20)
+
+
+@pytest.mark.parametrize(("side", "insunits"), [(20.0, 6), (0.1, 4)])
+def test_absurd_lengths_are_refused_with_the_range_and_the_unit(sheet, side, insunits):
+    unit = {6: "m", 4: "mm"}[insunits]
+    with pytest.raises(InvalidInput, match=rf"out of range; allowed: 1 to 50000 mm; the drawing was read in {unit}$"):
+        sheet(lambda space: box(space, 0, 0, side), insunits)
+
+
+def test_moves_count_towards_the_length(sheet):
+    def draw(space):
+        box(space, 0, 0, 10)
+        box(space, 60e3, 0, 10)
+
+    with pytest.raises(InvalidInput, match=r"a journey of 60080 mm \(80 mm of it cut\)"):
+        sheet(draw)
+
+
+def test_an_entity_that_cannot_be_read_is_named(sheet):
+    with pytest.raises(InvalidInput, match=r"SPLINE\(#\w+\) cannot be read: .*control- or fit points"):
+        sheet(lambda space: space.add_spline())
+    with pytest.raises(InvalidInput, match=r"LINE\(#\w+\) has coordinates that are not numbers"):
+        sheet(lambda space: space.add_line((0, float("nan")), (1, 1)))
+    with pytest.raises(InvalidInput, match=r"INSERT\(#\w+\) cannot be read: .*absent"):
+        sheet(lambda space: space.add_blockref("absent", (0, 0)))
+
+
+def test_a_block_that_contains_itself_is_refused(sheet):
+    def draw(space):
+        block = space.doc.blocks.new("loop")
+        block.add_blockref("loop", (1, 1))
+        space.add_blockref("loop", (0, 0))
+
+    with pytest.raises(InvalidInput, match=f"nested more than {drawings.NESTING} deep"):
+        sheet(draw)
