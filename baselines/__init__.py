@@ -28,8 +28,14 @@ _CATALOGUE: dict[str, tuple[str, str, dict, bool]] = {
         "xi2023", "Xi2023 improved, with window, trim and gain tuned: the reference of every ratio",
         {"filter.kind": "improved"}, True,
     ),
-    "pid": ("pid", "PID with derivative filter and anti-windup, tuned", {}, True),
-    "observer": ("observer", "surface observer with feed-forward, tuned", {}, True),
+    "pid": (
+        "pid", "PID with derivative filter and anti-windup behind an anti-impulse filter, tuned",
+        {"filter.kind": "anti-impulse"}, True,
+    ),
+    "observer": (
+        "observer", "surface observer with feed-forward behind an anti-impulse filter, tuned",
+        {"filter.kind": "anti-impulse"}, True,
+    ),
     "preview-5ms": ("preview", "knows the sheet 5 ms ahead, tuned: score 1", {}, True),
 }  # fmt: skip
 

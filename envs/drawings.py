@@ -1,7 +1,7 @@
 """Drawings: from a DXF file to a journey of the nozzle.
 
 The entities become polylines, the polylines are joined into contours, the contours are put into cutting order. All
-lengths are mm; the third dimension is dropped. Arcs and splines are evaluated here and not by the DXF reader where
+lengths are mm; the third dimension is dropped. Bulges and splines are evaluated here and not by the DXF reader where
 its own way would leave the tolerance (bulges through Bézier curves) or the curve (splines whose ends are not clamped).
 """
 
@@ -210,13 +210,20 @@ def _flattened(file: Path, entity: Any, scale: float) -> Points:
                 points = _polyline(entity, entity.get_points("xyb"), entity.closed, chord)
             case "POLYLINE":
                 points = _polyline(entity, _vertices(entity), entity.is_closed, chord)
+            case "ELLIPSE":
+                points = _plane(entity.flattening(_bounded(chord, entity.dxf.major_axis.magnitude)))
             case _:
-                points = _plane(entity.flattening(chord))
+                points = _plane(entity.flattening(_bounded(chord, abs(entity.dxf.radius))))
     except Exception as error:
         raise InvalidInput(f"{file}: {entity} cannot be read: {error}") from None
     if not np.isfinite(points).all():
         raise InvalidInput(f"{file}: {entity} has coordinates that are not numbers")
     return _without_repeats(points * scale)
+
+
+def _bounded(chord: float, radius: float) -> float:
+    """A tolerance that the reader can work with: beyond the radius, or far below it, it makes points without end."""
+    return float(np.clip(chord, 1e-9 * radius, 0.5 * radius))
 
 
 def _plane(vertices: Iterable[Any]) -> Points:
@@ -245,7 +252,7 @@ def _arc(start: complex, end: complex, bulge: float, chord: float) -> npt.NDArra
         return np.array([end])
     centre = 0.5 * (start + end) + 0.5j * (end - start) / np.tan(0.5 * angle)
     step = 2.0 * np.arccos(max(1.0 - chord / abs(start - centre), 0.0))
-    turns = np.linspace(0.0, angle, int(np.ceil(abs(angle) / max(step, 1e-6))) + 1)[1:]
+    turns = np.linspace(0.0, angle, int(np.ceil(abs(angle) / max(step, 1e-4))) + 1)[1:]
     return np.append(centre + (start - centre) * np.exp(1j * turns[:-1]), end)
 
 
@@ -415,9 +422,9 @@ def _area(points: Points) -> float:
 
 
 def _probes(points: Points) -> Points:
-    """Up to 15 points on a polyline, in the middle of its segments: corners may touch what is around them."""
+    """Up to 9 points on a polyline, in the middle of its segments: corners may touch what is around them."""
     middles = 0.5 * (points[1:] + points[:-1])
-    return middles[:: -(-len(middles) // 15)]
+    return middles[:: -(-len(middles) // 9)]
 
 
 def _within(points: Points, outline: Points) -> npt.NDArray[np.bool_]:

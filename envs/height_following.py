@@ -1,12 +1,12 @@
 """Gymnasium environment of the height follower: the policy moves the cutting head, the machine does the rest."""
 
-from collections import deque
 from typing import Any, ClassVar, Literal, NamedTuple
 
 import gymnasium as gym
 import numpy as np
 
 from . import scenarios, stack as stacks
+from .film import Film, begin
 from .plant import filters, heads, lanes, machine, supervisor
 from .plant.controller import PERIOD, Privileged, stage_address
 from .plant.fleet import Fleet
@@ -330,7 +330,7 @@ class HeightFollowingEnv(gym.Env):
         ), np.uint64)  # fmt: skip
         self._fleet.hook(stage_address(act), stage_address(observe), self._io)
         self._episode, self._seed, self._left = 0, 0, 0
-        self._film: _Film | None = None
+        self._film: Film | None = None
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict]:
         """Starts an episode; see *Starting State*.
@@ -347,9 +347,9 @@ class HeightFollowingEnv(gym.Env):
         self.scenario, self.scenario_seed = self.scenarios[which], scenario_seed
         self._episode += 1
         self._left = min(self.scenario.steps, self.max_steps or self.scenario.steps)
-        _begin(self._fleet, self.scenario, self.base, scenario_seed)
+        begin(self._fleet, self.scenario, self.base, scenario_seed)
         if self.render_mode:
-            self._film = _Film(self.scenario, self.base.name, scenario_seed)
+            self._film = Film(self.scenario, self.base.name, scenario_seed)
             self._film.take(self._fleet)
         return self._observation.copy(), dict(zip(INFO, self._info.tolist(), strict=True))
 
@@ -428,54 +428,3 @@ def _observation_space(observation: str) -> gym.spaces.Box:
     low = np.array([0.0] * 2 * n + [-200.0] * n + [-2000.0] * (n + 1) + [0.0] * 5, np.float32)
     high = np.array([10.1] * 2 * n + [200.0] * n + [2000.0] * (n + 1) + [10.0, 2000.0, 1.0, 1.0, 6.0], np.float32)
     return gym.spaces.Box(low, high, dtype=np.float32)
-
-
-def _begin(fleet: Fleet, scenario: Scenario, base: stacks.Stack, seed: int) -> None:
-    scenarios.prepare(fleet, scenario, 0, seed)
-    base.install(fleet, 0)
-    fleet.begin(0, scenarios.noise_keys(seed))
-
-
-class _Film:
-    """Keeps what a frame shows: the past second, and the sheet ahead, which a scout machine travels first."""
-
-    AHEAD_MS = 75
-
-    def __init__(self, scenario: Scenario, name: str, seed: int) -> None:
-        from .rendering import Renderer
-
-        self.title = f"{scenario.name} · {name} · seed {seed}"
-        self._renderer = Renderer()
-        self._trace: deque = deque(maxlen=1000)
-        self._sheet: deque = deque(maxlen=2 * self.AHEAD_MS)
-        self._scout = Fleet(1, stacks.get("idle").law, heads.POOL)
-        _begin(self._scout, scenario, stacks.get("idle"), seed)
-        self._scout.set("job.request", 0, supervisor.STOP)
-        self._scout.set("start.gap", 0, 9.0)
-        for _ in range(self.AHEAD_MS):
-            self._look()
-
-    def _look(self) -> None:
-        self._scout.advance()
-        x, journey, course = self._scout.get("signals"), self._scout.get("journey"), self._scout.get("course")
-        self._sheet.append((journey.distance - x.feed * machine.AHEAD_S, x.surface_0, not course.scored))
-
-    def take(self, fleet: Fleet) -> None:
-        """Adds the present period."""
-        self._look()
-        self._now = (fleet.get("signals"), fleet.get("tally"), fleet.get("journey"))
-        x, tally, _ = self._now
-        self._trace.append((tally.ticks * PERIOD, x.gap - x.set_height, x.height - x.set_height))
-
-    def frame(self) -> np.ndarray:
-        """The picture, uint8 of shape (height, width, 3)."""
-        from .rendering import Scene
-
-        x, tally, journey = self._now
-        sheet = np.array([(d, z) for d, z, _ in self._sheet])
-        return self._renderer.frame(Scene(
-            time=tally.ticks * PERIOD, distance=journey.distance - x.feed * machine.AHEAD_S, ahead=sheet,
-            void=np.array([v for _, _, v in self._sheet]), head=x.head, gap=x.gap, set_height=x.set_height,
-            reported=x.height, mode=supervisor.MODES[int(x.mode)], override=x.override, trace=np.array(self._trace),
-            title=self.title,
-        ))  # fmt: skip

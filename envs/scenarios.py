@@ -22,6 +22,7 @@ from .plant.calibration import read_columns
 from .plant.controller import PERIOD
 from .plant.fleet import Fleet
 from .plant.lanes import mix
+from .plant.path import Contour
 from .plant.quantity import InvalidInput, Quantity, did_you_mean
 
 SPLITS = {"tune": range(0, 1000), "test": range(1000, 1200), "reserve": range(1200, 2000), "train": range(10_000, 2**40)}
@@ -177,6 +178,7 @@ class Scenario(_Section):
     start_above: Annotated[Number, _q("mm", 0, 30, "head above the set height at the start")] = 0.0
     guard: bool = False
     exempt: bool = False
+    path: str | None = None
     axis: Axis = Axis()
     head: Head = Head()
     sheet: Sheet = Sheet()
@@ -192,6 +194,18 @@ class Scenario(_Section):
     def settle_steps(self) -> int:
         """Control periods at the start that are not scored."""
         return round(self.settle / PERIOD)
+
+    def along(self, drawing: str | Path) -> "Scenario":
+        """The scenario along the contours of a DXF drawing, once through at the (slowest) feed.
+
+        Raises:
+            InvalidInput: the drawing cannot be read, or the feed may be 0.
+        """
+        slowest = bounds(self.feed)[0]
+        if slowest <= 0:
+            raise InvalidInput(f"scenario '{self.name}': a path needs a feed above 0 mm/s")
+        length = contour(str(drawing)).length
+        return self.varied(path=str(drawing), duration=round(length / slowest, 3), name=f"{self.name}@{Path(drawing).stem}")
 
     def to_toml(self) -> str:
         """The scenario as TOML that :func:`parse` reads back to an equal scenario."""
@@ -282,12 +296,24 @@ def read(path: str | Path) -> Scenario:
     except (OSError, UnicodeDecodeError) as error:
         raise InvalidInput(f"cannot read scenario file {path}: {error}") from None
     scenario = parse(text, str(path))
-    if scenario.sheet.profile and not Path(scenario.sheet.profile.file).is_absolute():
-        file = str(Path(path).resolve().parent / scenario.sheet.profile.file)
-        scenario = scenario.varied(sheet={"profile": {"file": file}})
+    folder = Path(path).resolve().parent
     if scenario.sheet.profile:
+        scenario = scenario.varied(sheet={"profile": {"file": str(folder / scenario.sheet.profile.file)}})
         profile(scenario.sheet.profile)  # a bad file is an error now, not in the middle of a run
+    if scenario.path:
+        drawing, named = folder / scenario.path, scenario.name
+        timed = "duration" in tomllib.loads(text)
+        scenario = scenario.varied(path=str(drawing)) if timed else scenario.along(drawing).varied(name=named)
     return scenario
+
+
+@functools.lru_cache(maxsize=8)
+def contour(drawing: str) -> Contour:
+    """The journey through a DXF drawing, moved so that it begins at x = y = 0 at its lower left corner."""
+    from . import drawings
+
+    journey = drawings.journey(drawings.read_dxf(drawing))
+    return Contour(journey.name, journey.x - journey.x.min(), journey.y - journey.y.min(), journey.cutting)
 
 
 @functools.lru_cache(maxsize=32)
@@ -324,6 +350,10 @@ def prepare(fleet: Fleet, scenario: Scenario, machines: Any, seeds: Any) -> None
     _prepare_axis(fleet, scenario.axis, m, functools.partial(value, scenario.axis, label="axis."))
     _prepare_head(fleet, scenario.head, m, seeds, functools.partial(value, scenario.head, label="head."))
     _prepare_sheet(fleet, scenario, m, seeds)
+    if scenario.path:
+        fleet.put_contours([contour(scenario.path)], np.zeros(len(m), int), m)
+    else:
+        fleet.set("path.contour", m, -1.0)
     set_height = value(scenario, "set_height", "")
     fleet.set("path.feed", m, value(scenario, "feed", ""))
     fleet.set("job.set_height", m, set_height)

@@ -1,7 +1,6 @@
 """Roll-outs: a controller on many seeds of a scenario, closed-loop at kernel speed, recorded."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,45 +11,12 @@ from ..envs.plant.controller import INFORMATION
 from ..envs.plant.fleet import Fleet
 from ..envs.plant.lanes import unflat
 from ..envs.plant.quantity import InvalidInput
+from ..envs.recording import Recording
 from ..envs.scenarios import Scenario
 from ..envs.stack import Stack
 
 CHUNK = 256
 """Machines that are rolled out and recorded at a time."""
-
-
-@dataclass(frozen=True)
-class Recording:
-    """What a roll-out recorded: ``data`` is float32 of shape (periods, channels, machines), see ``machine.CHANNELS``."""
-
-    scenario: Scenario
-    stack: Stack
-    seeds: np.ndarray
-    set_height: np.ndarray
-    data: np.ndarray
-    collided: np.ndarray
-    lowest: np.ndarray
-
-    def __getitem__(self, channel: str) -> np.ndarray:
-        """One channel, shape (periods, machines)."""
-        return self.data[:, machine.CHANNELS.index(channel)]
-
-    @property
-    def scored(self) -> np.ndarray:
-        """Which periods count: beam on, over sheet, after the settling time; shape (periods, machines)."""
-        mask = self["scored"] > 0.5
-        mask[: self.scenario.settle_steps] = False
-        return mask
-
-    @property
-    def error(self) -> np.ndarray:
-        """True gap error, actual − set, mm, shape (periods, machines)."""
-        return self["gap"] - self.set_height
-
-    @property
-    def reported_error(self) -> np.ndarray:
-        """Error of the reported (filtered, measured) height, mm, shape (periods, machines)."""
-        return self["height"] - self.set_height
 
 
 def fleet_for(scenario: Scenario, stack: Stack, seeds: Any, threads: int = 1) -> Fleet:
@@ -76,27 +42,28 @@ def run(fleet: Fleet, scenario: Scenario, stack: Stack, seeds: np.ndarray) -> Re
     if stack.python is None:
         fleet.advance(scenario.steps)
     else:
-        _run_python(fleet, stack, scenario.steps)
+        for _ in periods(fleet, stack, scenario.steps):
+            pass
     fleet.stop_recording()
     return Recording(
-        scenario, stack, seeds, fleet.column("job.set_height"), record, fleet.column("tally.collided") > 0.5,
+        scenario, seeds, fleet.column("job.set_height"), record, fleet.column("tally.collided") > 0.5,
         fleet.column("tally.lowest"),
     )  # fmt: skip
 
 
-def _run_python(fleet: Fleet, stack: Stack, steps: int) -> None:
-    """Plain-Python controllers, one per machine, period by period."""
-    assert stack.python is not None
-    minds = [stack.python() for _ in range(fleet.size)]
+def periods(fleet: Fleet, stack: Stack, steps: int) -> Iterator[int]:
+    """Advances a fleet that has begun period by period; a plain-Python controller gets one mind per machine."""
+    minds = [stack.python() for _ in range(fleet.size)] if stack.python else []
     signals = INFORMATION[stack.information]
-    views = [fleet.slots(machine.SIGNALS, len(signals._fields), i) for i in range(fleet.size)]
-    hands = [fleet.row("hand.residual", i) for i in range(fleet.size)]
+    views = [fleet.slots(machine.SIGNALS, len(signals._fields), i) for i in range(len(minds))]
+    hands = [fleet.row("hand.residual", i) for i in range(len(minds))]
     for mind in minds:
         mind.reset()
-    for _ in range(steps):
+    for step in range(steps):
         for mind, view, hand in zip(minds, views, hands, strict=True):
             hand[0] = command_of(mind.control(unflat(signals, view.tolist())), stack.name)
         fleet.advance()
+        yield step
 
 
 def command_of(answer: Any, name: str) -> float:

@@ -35,8 +35,10 @@ CAP = 2.0
 
 SPACES: dict[str, tuple[str, ...]] = {
     "xi2023-tuned": ("filter.window", "filter.trim", "law.kv"),
-    "pid": ("filter.window", "filter.trim", "law.kp", "law.ki", "law.kd", "law.lag"),
-    "observer": ("filter.window", "filter.trim", "law.kp", "law.bandwidth", "law.feed", "law.lead", "law.bend", "law.gate"),
+    "pid": ("filter.jump", "filter.hold", "law.kp", "law.ki", "law.kd", "law.lag"),
+    "observer": (
+        "filter.jump", "filter.hold", "law.kp", "law.bandwidth", "law.feed", "law.lead", "law.bend", "law.gate",
+    ),
     "preview-5ms": ("law.kp", "law.lead", "law.sharpen", "law.level"),
 }
 """What is searched for each shipped preset; ranges are the declared ones, windows up to 15."""
@@ -150,6 +152,8 @@ def _suggest(trial, base: Stack, space: tuple[str, ...]) -> dict[str, float]:
             low, high = 1, 15
         if key == "filter.trim":
             low, high = 0, 3
+        if key == "filter.hold":
+            low, high = 0, 6
         if q.whole:
             chosen[key] = float(trial.suggest_int(key, int(low), int(high)))
         else:

@@ -33,10 +33,11 @@ SETTLE, WINDOW = 0.6, 2.0
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """|S| of shape (corner plants, frequencies); ``peak`` is Ms, infinite if a run fails."""
+    """|S| of shape (corner plants, frequencies), Hz; ``steps`` were simulated to find it."""
 
     frequencies: np.ndarray
     magnitude: np.ndarray
+    steps: int = 0
 
     @property
     def peak(self) -> float:
@@ -93,7 +94,7 @@ class Injection:
         gap = record["gap"][self.scenario.settle_steps :].astype(np.float64)
         magnitude = _amplitude(gap, self.tone, self.scenario.settle_steps) / AMPLITUDE
         magnitude[record.collided | ~np.isfinite(gap).all(axis=0)] = np.inf
-        return Sensitivity(self.frequencies, magnitude.reshape(len(CORNERS), -1))
+        return Sensitivity(self.frequencies, magnitude.reshape(len(CORNERS), -1), self.fleet.size * self.scenario.steps)
 
 
 def _amplitude(x: np.ndarray, tones: np.ndarray, first: int) -> np.ndarray:

@@ -78,7 +78,7 @@ def test_gaps_in_every_corner_are_bridged(sheet):
 
     def draw(space):
         for a, b in pairwise(corners):
-            space.add_line(a, b + (0, 0.5 * GAP))
+            space.add_line(a, (b[0], b[1] + 0.5 * GAP))
 
     drawing = sheet(draw)
     assert drawing.closed == [True]
@@ -164,6 +164,32 @@ def test_a_circle_is_two_pi_r_long_and_leaves_its_chords_by_the_tolerance_at_mos
     assert np.hypot(*(piece - (3, 4)).T) == pytest.approx(radius)
     middles = 0.5 * (piece[1:] + piece[:-1]) - (3, 4)
     assert radius - np.hypot(*middles.T).min() <= CHORD * 1.001
+
+
+@pytest.mark.parametrize("size", [0.4, 0.5, 1.0, 1.5])
+def test_a_circle_as_small_as_the_tolerance_is_still_round(sheet, size):
+    def draw(space):
+        space.add_circle((0, 0), size * CHORD)
+        box(space, -5, -5, 10)
+
+    sizes = [length(p) for p in sheet(draw).pieces]
+    assert sizes[-1] == pytest.approx(40.0)
+    assert len(sizes) == 1 or sizes[0] == pytest.approx(2 * np.pi * size * CHORD, rel=0.2)
+
+
+@pytest.mark.timeout(20)
+@pytest.mark.parametrize("kind", ["circle", "ellipse", "bulge"])
+def test_a_curve_of_astronomic_size_is_refused_in_no_time(sheet, kind):
+    def draw(space):
+        if kind == "circle":
+            space.add_circle((0, 0), 1e15)
+        elif kind == "ellipse":
+            space.add_ellipse((0, 0), (1e15, 0), 0.5)
+        else:
+            space.add_lwpolyline([(0, 0, 1), (1e15, 0, 0)], format="xyb")
+
+    with pytest.raises(InvalidInput, match="out of range"):
+        sheet(draw)
 
 
 def test_an_arc_with_its_axis_down_is_mirrored(sheet):

@@ -1,0 +1,33 @@
+# Every target sets up what it needs. TORCH_INDEX: an extra package index, such as PyTorch's own for CPU-only builds.
+PYTHON ?= python3
+BIN := .venv/bin
+READY := .venv/.ready
+
+.PHONY: benchmark test lint clean
+
+benchmark: $(READY)  ## the standard comparison: table here, report in runs/standard/report.html
+	$(BIN)/kerfgym benchmark --name standard --overwrite
+
+test: $(READY)  ## all tests
+	$(BIN)/python -m pytest
+
+lint: $(READY) build/types/kerfgym/envs  ## style and types
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+clean:  ## everything that can be made again, except runs
+	rm -rf .venv build .pytest_cache .mypy_cache .ruff_cache *.egg-info
+	find . -name __pycache__ -prune -exec rm -rf {} +
+
+$(READY): pyproject.toml constraints.txt
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps \
+	  $(if $(TORCH_INDEX),--extra-index-url $(TORCH_INDEX)) torch==2.13.0
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	touch $@
+
+# mypy needs the package's name for folders that stand at the top.
+build/types/kerfgym/envs:
+	mkdir -p build/types/kerfgym
+	for part in envs baselines agents experiments __init__.py; do ln -sfn ../../../$$part build/types/kerfgym/$$part; done

@@ -1,0 +1,46 @@
+"""A recorded run: what a roll-out of one scenario kept of every control period."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from .plant import machine
+from .scenarios import Scenario
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One episode per seed.
+
+    ``data`` is float32 of shape (periods, channels, machines), see ``machine.CHANNELS``; ``set_height`` (mm),
+    ``collided`` and ``lowest`` (mm, smallest true gap over sheet) have the shape (machines,).
+    """
+
+    scenario: Scenario
+    seeds: np.ndarray
+    set_height: np.ndarray
+    data: np.ndarray
+    collided: np.ndarray
+    lowest: np.ndarray
+
+    def __getitem__(self, channel: str) -> np.ndarray:
+        """One channel, shape (periods, machines)."""
+        return self.data[:, machine.CHANNELS.index(channel)]
+
+    @cached_property
+    def scored(self) -> np.ndarray:
+        """Which periods count: beam on, over sheet, after the settling time; shape (periods, machines)."""
+        mask = self["scored"] > 0.5
+        mask[: self.scenario.settle_steps] = False
+        return mask
+
+    @cached_property
+    def error(self) -> np.ndarray:
+        """True gap error, actual − set, mm, shape (periods, machines)."""
+        return self["gap"].astype(np.float64) - self.set_height
+
+    @cached_property
+    def reported_error(self) -> np.ndarray:
+        """Error of the reported (filtered, measured) height, mm, shape (periods, machines)."""
+        return self["height"].astype(np.float64) - self.set_height

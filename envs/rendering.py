@@ -1,0 +1,564 @@
+"""Pictures of the height-following machine: one frame from one :class:`Scene`.
+
+Above, the sheet's cross-section around the nozzle, x to scale and z exaggerated, which the picture states; below, the
+last second of the error. Blue is what is true, orange is what the controller is told. Curves and edges are
+anti-aliased column by column in numpy, which costs a tenth of drawing the frame at twice its size; Pillow gives the
+letters, and is imported by the :class:`Renderer` only.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from .plant import sensor
+from .plant.quantity import InvalidInput
+
+Pixels = npt.NDArray[np.uint8]
+Floats = npt.NDArray[np.floating]
+
+
+def _rgb(code: str) -> Floats:
+    return np.array(list(bytes.fromhex(code[1:])), np.float32)
+
+
+# Okabe and Ito's palette, which the colour-blind can tell apart, and greys.
+TRUE, REPORTED, SET, OVERRIDE, BEAM = (_rgb(c) for c in ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7"))
+WHITE, INK, QUIET, GRID, STRIP = (_rgb(c) for c in ("#FFFFFF", "#202428", "#5F666D", "#DDE1E5", "#EFF1F3"))
+STEEL, UNKNOWN, EDGE, NOZZLE = (_rgb(c) for c in ("#C3CFDB", "#E7ECF1", "#55687A", "#474D54"))
+
+WIDTH, HEIGHT = 960, 540
+"""px, the size for which lengths below are given; others are scaled."""
+
+SMALLEST = (480, 270)
+"""px, width and height below which nothing could be read."""
+
+HALF = 15.0
+"""mm of path shown on each side of the nozzle."""
+
+EXAGGERATIONS = (16.0, 8.0, 4.0, 2.0, 1.0, 0.5, 0.25, 0.125, 0.0625)
+"""z scale over x scale."""
+
+TALLEST = 0.42
+"""Share of the panel's height that the gap may take."""
+
+GROUND = 2 / 3
+"""Share of the panel's height above the surface under the nozzle."""
+
+DRIFT, DRIFT_S = 0.1, 0.3
+"""Share of the panel by which the surface may leave its place, and time constant (s) with which it comes back."""
+
+RELEASE = 0.8
+"""A finer scale is taken once it would be filled to this share, so that a value at a limit does not flicker."""
+
+RANGES = tuple(digit * 10.0**power for power in range(1, 6) for digit in (1, 2, 5))[1:]
+"""µm, half ranges of the error's axis."""
+
+WINDOW = 1.0
+"""s of error shown."""
+
+MODES = {
+    "stop": "stopped", "home": "homing", "move": "moving", "calibrate": "calibrating", "follow": "following",
+    "hold": "holding", "alarm": "alarm",
+}  # fmt: skip
+"""Modes of the supervisor in words; any other stands for itself."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What a frame shows; lengths in mm, times in s."""
+
+    time: float
+    """s since the start of the episode"""
+    distance: float
+    """mm along the path, of the nozzle"""
+    ahead: np.ndarray
+    """(k, 2): distance along the path, ascending, and surface height around the nozzle, mm"""
+    void: np.ndarray
+    """(k,) bool: no sheet there (hole, edge)"""
+    head: float
+    """mm, true height of the nozzle tip"""
+    gap: float
+    """mm, true gap"""
+    set_height: float
+    """mm"""
+    reported: float
+    """mm, measured filtered height"""
+    mode: str
+    """of the supervisor, one of ``supervisor.MODES``"""
+    override: bool
+    """the supervisor's command, not the law's, went to the drive"""
+    trace: np.ndarray
+    """(n, 3), the last second: time, s, true and reported error, mm; NaN where there is none"""
+    title: str
+    """scenario · controller"""
+
+
+class Renderer:
+    """Draws frames. It remembers the scales of the last frame, so that they change seldom.
+
+    Args:
+        width: of the frames, px.
+        height: of the frames, px.
+
+    Raises:
+        InvalidInput: the frame is smaller than 480×270 px.
+    """
+
+    def __init__(self, width: int = WIDTH, height: int = HEIGHT) -> None:
+        if width < SMALLEST[0] or height < SMALLEST[1]:
+            raise InvalidInput(f"a frame of {width}×{height} px is too small; allowed: {SMALLEST[0]}×{SMALLEST[1]} and up")
+        self._k = k = min(width / WIDTH, height / HEIGHT)
+        self._title, self._text, self._small = (_Letters(max(8, round(size * k))) for size in (17, 14, 12))
+        self._left, self._right = round(66 * k), width - round(146 * k)
+        self._top, self._bottom = round(54 * k), round(0.61 * height)
+        self._low, self._lowest = self._bottom + round(44 * k), height - round(54 * k)
+        self._strip = height - round(30 * k)
+        self._x_scale = (self._right - self._left) / (2 * HALF)  # px/mm
+        spans = [(self._bottom - self._top) / (self._x_scale * e) for e in EXAGGERATIONS]
+        self._spans = dict(zip(spans, EXAGGERATIONS, strict=True))  # mm of height that the panel shows
+        self._page = np.full((height, width, 3), 255, np.uint8)
+        self._furnish(self._page)
+        self._forget()
+
+    def frame(self, scene: Scene) -> Pixels:
+        """The picture of ``scene``, uint8 of shape (height, width, 3)."""
+        if scene.time < self._time:
+            self._forget()
+        page = self._page.copy()
+        self._draw_title(page, scene)
+        self._draw_machine(page, scene)
+        rms = self._draw_errors(page, scene)
+        self._draw_status(page, scene, rms)
+        self._time = scene.time
+        return page
+
+    def _forget(self) -> None:
+        self._time = -math.inf
+        self._ground = math.nan  # mm, height that stands at GROUND
+        self._span = self._range = 0.0  # mm of height and µm of error shown
+
+    def _furnish(self, page: Pixels) -> None:
+        """What all frames share."""
+        k, left, right = self._k, self._left, self._right
+        page[self._strip :] = STRIP
+        for top, bottom in ((self._top, self._bottom), (self._low, self._lowest)):
+            page[top : bottom + 1, left - 1] = page[bottom, left - 1 : right] = QUIET
+        self._small.write(page, "error, µm", left, self._low - 14 * k, QUIET)
+        self._small.write(page, "distance, mm", right + 24 * k, self._bottom + 13 * k, QUIET)
+        self._small.write(page, "time, s", right + 24 * k, self._lowest + 12 * k, QUIET)
+        x, swatch = right + round(16 * k), round(22 * k)
+        for y, name, colour, thickness, dash in (
+            (self._top + 14 * k, "set height", SET, 2.0, True),
+            (self._top + 62 * k, "reported height", REPORTED, 2.0, False),
+            (self._low + 6 * k, "true", TRUE, 2.6, False),
+            (self._low + 50 * k, "reported", REPORTED, 1.6, False),
+        ):
+            marks = np.ones(swatch) if not dash else np.where(np.arange(swatch) % (9 * k) < 5 * k, 1.0, np.nan)
+            _stroke(page[:, x : x + swatch], y * marks, y * marks, max(1.0, thickness * k), colour)
+            self._small.write(page, name, x + swatch + 6 * k, y, QUIET)
+        self._small.write(page, "nozzle at", x + swatch + 6 * k, self._top + 110 * k, QUIET)
+
+    def _draw_title(self, page: Pixels, scene: Scene) -> None:
+        room, title = page.shape[1] - 2 * self._x(14), scene.title
+        while title and self._title.width(title) > room:
+            title = title.removesuffix("…")[:-1] + "…" if len(title) > 1 else ""
+        self._title.write(page, title, self._x(14), 18 * self._k, INK)
+
+    def _x(self, at: float) -> int:
+        return round(at * self._k)
+
+    def _draw_machine(self, page: Pixels, scene: Scene) -> None:
+        """The upper panel."""
+        k, x_scale = self._k, self._x_scale
+        panel = page[self._top : self._bottom, self._left : self._right]
+        rows, columns = panel.shape[:2]
+        gap, set_height = _finite(scene.gap, 0.0), _finite(scene.set_height, 0.0)
+        head = _finite(scene.head, gap)
+        self._span = _step(tuple(self._spans), self._span, max(gap, set_height) / TALLEST)
+        z_scale = rows / self._span
+
+        edges = scene.distance + (np.arange(columns + 1) - columns / 2) / x_scale
+        surface, solid, known = _profile(scene, edges)
+        under = surface[columns // 2] if solid.any() else head - gap
+        self._follow(under, scene.time)
+
+        def y(z):  # px from the panel's top
+            return GROUND * rows - (z - self._ground) * z_scale
+
+        self._draw_sheet(panel, y(surface), solid, known)
+        self._draw_heights(page, y, z_scale)
+        self._draw_distances(page, scene.distance)
+        dashed = np.where(solid & known & (edges[:-1] % 0.7 < 0.42), 0.0, np.nan)
+        wanted = y(surface + set_height)
+        _stroke(panel, wanted[:-1] + dashed, wanted[1:] + dashed, max(1.0, 2 * k), SET)
+
+        tip = float(np.clip(y(head), 12 * k, rows))
+        self._draw_nozzle(panel, tip, cutting=scene.mode in ("follow", "hold"))
+        face, axis = round(FACE * x_scale), columns // 2
+        if math.isfinite(scene.reported):
+            told = np.full(2 * face, y(head - scene.reported))
+            _stroke(panel[:, axis - face : axis + face], told, told, max(1.0, 2 * k), REPORTED)
+        if math.isfinite(scene.gap):
+            self._draw_gap(panel, tip, float(np.clip(y(head - gap), 0, rows)), axis - face, f"gap {gap:.3f} mm")
+
+        x = self._right + self._x(44)
+        for at, value in ((34, set_height), (82, scene.reported), (130, scene.head)):
+            self._text.write(page, _number(value, 3, "mm"), x, self._top + at * k, INK)
+        exaggeration = f"{self._spans[self._span]:.4f}".rstrip("0").rstrip(".")
+        self._small.write(page, f"height z, mm (drawn z × {exaggeration})", self._left, self._top - 12 * k, QUIET)
+
+    def _follow(self, under: float, time: float) -> None:
+        """Lets the view follow the surface under the nozzle as a camera would: late, but never far off."""
+        if math.isnan(self._ground):
+            self._ground = under
+        passed = max(0.0, time - self._time)
+        self._ground += (under - self._ground) * (1 - math.exp(-passed / DRIFT_S))
+        far = DRIFT * self._span
+        self._ground = min(max(self._ground, under - far), under + far)
+
+    def _draw_sheet(self, panel: Pixels, y: Floats, solid: np.ndarray, known: np.ndarray) -> None:
+        """Sheet from its surface to the panel's bottom; paler where nothing is known of it.
+
+        ``y``: surface at the columns' edges, px; ``solid`` and ``known``: bool, one for each column.
+        """
+        middle = np.clip((y[1:] + y[:-1]) / 2, 0, len(panel))
+        if solid.any():
+            deep = math.ceil(middle[solid].max())
+            for here, colour in ((solid & known, STEEL), (solid & ~known, UNKNOWN)):
+                if not here.any():
+                    continue
+                _fill(panel[:deep], np.where(here, middle, np.nan), np.full(len(middle), deep), colour)
+                panel[deep:, here] = colour
+        wall = np.zeros(len(solid), bool)
+        wall[1:] = solid[1:] != solid[:-1]
+        _fill(panel, np.where(wall, middle, np.nan), np.full(len(middle), len(panel)), EDGE)
+        line = np.where(solid & known, 0.0, np.nan)
+        _stroke(panel, y[:-1] + line, y[1:] + line, max(1.0, 1.6 * self._k), EDGE)
+
+    def _draw_heights(self, page: Pixels, y, z_scale: float) -> None:
+        """Ticks of z."""
+        k, rows = self._k, self._bottom - self._top
+        step = _nice(38 * k / z_scale)
+        decimals = max(0, -math.floor(math.log10(step) + 1e-9))
+        first, last = self._ground - (1 - GROUND) * self._span, self._ground + GROUND * self._span
+        for i in range(math.ceil(first / step), math.floor(last / step) + 1):
+            at = y(i * step)
+            if 7 * k < at < rows - 4 * k:
+                _mark(page, self._left - self._x(6), self._left - 1, self._top + at, QUIET)
+                _mark(page, self._left, self._right, self._top + at, QUIET, 0.13)
+                self._small.write(page, f"{i * step:.{decimals}f}", self._left - 10 * k, self._top + at, INK, 1.0)
+
+    def _draw_distances(self, page: Pixels, distance: float) -> None:
+        """Ticks of the distance along the path, which move with the sheet."""
+        k, bottom = self._k, self._bottom
+        for i in range(math.ceil((distance - HALF) / 5), math.floor((distance + HALF) / 5) + 1):
+            at = self._left + (5 * i - distance + HALF) * self._x_scale
+            page[bottom : bottom + self._x(5), min(int(at), self._right - 1)] = QUIET
+            self._small.write(page, f"{5 * i}", at, bottom + 13 * k, INK, 0.5)
+
+    def _draw_nozzle(self, panel: Pixels, tip: float, cutting: bool) -> None:
+        """Cone with its bore, as wide as it is, tip at ``tip`` px; its slope is that of z × 1."""
+        axis = panel.shape[1] // 2
+        bore, face, body = (round(r * self._x_scale) for r in (BORE, FACE, BODY))
+        low = int(tip)
+        if cutting:
+            # The beam narrows to its focus at the tip; the sheet below is the front of the cut.
+            across = np.abs(np.arange(-bore, bore) + 0.5) / bore
+            reach = np.where(across < 0.2, len(panel), low * (1 - across) / 0.8)
+            _fill(panel[:, axis - bore : axis + bore], np.zeros(2 * bore), reach, BEAM, 0.45)
+        for inner, outer in ((axis - face, axis - bore), (axis + bore, axis + face)):
+            panel[:low, inner:outer] = NOZZLE
+            _mark(panel, inner, outer, low + (tip - low) / 2, NOZZLE, 1.0, tip - low)
+        slope = tip - (np.arange(face, body) + 0.5 - face) * SLOPE
+        _fill(panel[:, axis + face : axis + body], np.zeros(len(slope)), slope, NOZZLE)
+        _fill(panel[:, axis - body : axis - face], np.zeros(len(slope)), slope[::-1], NOZZLE)
+
+    def _draw_gap(self, panel: Pixels, tip: float, surface: float, face: int, text: str) -> None:
+        """Dimension left of column ``face``, between rows ``tip`` and ``surface``, px."""
+        k, rows = self._k, len(panel)
+        at, wing, length = face - self._x(26), max(2, self._x(4)), 10 * k
+        for row in (tip, surface):
+            _mark(panel, at - self._x(8), face, row, TRUE, 0.8, max(1.0, k))
+        inside = surface - tip > 3 * length
+        across = np.abs(np.arange(-wing, wing + 1)) / wing * length
+        narrow = panel[:, at - wing : at + wing + 1]
+        above, below = (tip, surface) if inside else (tip - 2 * length, surface + 2 * length)
+        for row, down in ((tip, not inside), (surface, inside)):  # arrowheads point inwards from outside a small gap
+            ends = (np.full(len(across), row - length), row - across) if down else (row + across, np.full(len(across), row + length))
+            _fill(narrow, *ends, TRUE)
+        shaft = panel[:, at : at + 1]
+        for a, b in ((above, surface), (surface, below)) if inside else ((above, tip), (surface, below)):
+            _fill(shaft, np.array([a]), np.array([b]), TRUE)
+        width = self._text.width(text)
+        middle = float(np.clip((tip + surface) / 2, 12 * k, rows - 12 * k))
+        x, half = at - self._x(18) - width, 11 * k
+        label = panel[max(0, round(middle - half)) : round(middle + half), max(0, round(x - 5 * k)) : round(x + width + 5 * k)]
+        label[:] = label * 0.12 + 0.88 * 255  # legible over lines that pass
+        self._text.write(panel, text, x, middle, TRUE)
+
+    def _draw_errors(self, page: Pixels, scene: Scene) -> float:
+        """The lower panel.
+
+        Returns:
+            RMS of the true error over the window, µm; NaN without data.
+        """
+        k = self._k
+        panel = page[self._low : self._lowest, self._left : self._right]
+        rows, columns = panel.shape[:2]
+        end = max(scene.time, WINDOW)
+        trace = np.asarray(scene.trace, float).reshape(-1, 3)
+        trace = trace[(trace[:, 0] >= end - WINDOW) & (trace[:, 0] <= end)]
+        errors = np.where(np.isfinite(trace[:, 1:]), trace[:, 1:], np.nan) * 1e3  # µm
+        self._range = _step(RANGES, self._range, np.nanmax(np.abs(errors), initial=0.0))
+
+        for share in (-1.0, -0.5, 0.0, 0.5, 1.0):
+            y = rows * (1 - share) / 2
+            _mark(page, self._left, self._right, self._low + y, QUIET if share == 0 else GRID)
+            label = f"{share * self._range:,.0f}".replace(",", " ").replace("-", "−")
+            self._small.write(page, label, self._left - 10 * k, self._low + y, INK, 1.0)
+        for i in range(math.ceil(5 * (end - WINDOW) - 1e-9), math.floor(5 * end + 1e-9) + 1):
+            x = self._left + (i / 5 - end + WINDOW) / WINDOW * columns
+            at = min(max(int(x), self._left), self._right - 1)
+            page[self._low : self._lowest, at] = GRID
+            page[self._lowest : self._lowest + self._x(5), at] = QUIET
+            self._small.write(page, f"{i / 5:.1f}", x, self._lowest + 12 * k, INK, 0.5)
+
+        x = (trace[:, 0] - end + WINDOW) / WINDOW * columns
+        for column, colour, thickness, at in ((0, TRUE, 2.6, 24), (1, REPORTED, 1.6, 68)):
+            y = rows / 2 * (1 - np.clip(errors[:, column], -2e6, 2e6) / self._range)
+            thickness = max(1.0, thickness * k)
+            _stroke(panel, *_envelope(x, y, columns, thickness), thickness, colour)
+            last = errors[-1, column] if len(errors) else math.nan
+            self._text.write(page, _number(last, 0, "µm", "+"), self._right + self._x(44), self._low + at * k, INK)
+        true = errors[np.isfinite(errors[:, 0]), 0]
+        return float(np.sqrt(np.mean(true * true))) if len(true) else math.nan
+
+    def _draw_status(self, page: Pixels, scene: Scene, rms: float) -> None:
+        k, y = self._k, (self._strip + page.shape[0]) / 2
+        x = self._text.write(page, "time ", self._x(14), y, QUIET)
+        self._text.write(page, f"{scene.time:.3f} s", x, y, INK)
+        x = self._text.write(page, "distance ", self._x(140), y, QUIET)
+        self._text.write(page, f"{scene.distance:.1f} mm", x, y, INK)
+        mode = MODES.get(scene.mode, scene.mode)
+        if scene.mode == "alarm":
+            self._badge(page, mode, self._x(318), y, INK)
+        else:
+            self._text.write(page, mode, self._x(318), y, INK)
+        if scene.override:
+            self._badge(page, "! supervisor acts", self._x(424), y, OVERRIDE)
+        value = _number(rms, 1 if rms < 1000 else 0, "µm")
+        x = page.shape[1] - self._x(14)
+        self._text.write(page, value, x, y, INK, 1.0)
+        self._text.write(page, "true error, RMS of 1 s: ", x - 92 * k, y, QUIET, 1.0)
+
+    def _badge(self, page: Pixels, text: str, x: int, y: float, colour: Floats) -> None:
+        width, half = self._text.width(text), 11 * self._k
+        page[round(y - half) : round(y + half), x - self._x(8) : round(x + width) + self._x(8)] = colour
+        self._text.write(page, text, x, y, WHITE)
+
+
+class _Letters:
+    """Writes in one size of Pillow's own font.
+
+    Letters are kept as coverages at quarters of a pixel, because Pillow takes 0.5 ms for a line. The font lacks
+    −, × and µ; they are drawn here.
+    """
+
+    FINE = 4
+    """Enlargement at which the three are drawn."""
+
+    KEPT = 500
+    """Lines kept: most are the same in the next frame."""
+
+    def __init__(self, size: int) -> None:
+        from PIL import ImageFont
+
+        self._size = size
+        self._font, self._large = ImageFont.load_default(size), ImageFont.load_default(size * self.FINE)
+        self._middle = 0.36 * size  # of digits and capitals, above the baseline
+        self._above, self._below = size, math.ceil(0.4 * size)
+        self._letters: dict[tuple[str, int], Floats] = {}
+        self._lines: dict[tuple[str, int], Floats] = {}
+        self._widths: dict[str, float] = {}
+
+    def width(self, text: str) -> float:
+        """px."""
+        return sum(map(self._advance, text))
+
+    def write(self, page: Pixels, text: str, x: float, y: float, colour: Floats, align: float = 0.0) -> float:
+        """Writes on the middle line ``y``, to the right of ``x`` (align 0), about it (0.5) or to its left (1), px.
+
+        Returns:
+            x of the end, px.
+        """
+        width = self.width(text)
+        quarters = round((x - align * width) * 4)
+        line, left, top = self._line(text, quarters % 4), quarters // 4, round(y + self._middle) - self._above
+        a, b = max(0, -top), min(len(line), len(page) - top)
+        c, d = max(0, -left), min(line.shape[1], page.shape[1] - left)
+        if a < b and c < d:
+            area = page[top + a : top + b, left + c : left + d]
+            area[:] = area + line[a:b, c:d] * (colour - area) + 0.5
+        return x + (1 - align) * width
+
+    def _line(self, text: str, quarter: int) -> Floats:
+        """Coverage of a line that begins ``quarter`` / 4 px from the left, shape (rows, columns, 1)."""
+        key = text, quarter
+        if key not in self._lines:
+            if len(self._lines) >= self.KEPT:
+                self._lines.clear()
+            letters, pen = [], quarter / 4
+            for letter in text:
+                quarters = round(pen * 4)
+                letters.append((quarters // 4, self._letter(letter, quarters % 4)))
+                pen += self._advance(letter)
+            line = np.zeros((self._above + self._below, math.ceil(pen) + 3, 1), np.float32)
+            for at, mask in letters:
+                line[:, at : at + mask.shape[1]] += mask
+            self._lines[key] = line
+        return self._lines[key]
+
+    def _advance(self, letter: str) -> float:
+        if letter not in self._widths:
+            self._widths[letter] = self._font.getlength({"µ": "u", "×": "+", "−": "+"}.get(letter, letter))
+        return self._widths[letter]
+
+    def _letter(self, letter: str, quarter: int) -> Floats:
+        """Coverage of a letter whose origin is ``quarter`` / 4 px from the left."""
+        key = letter, quarter
+        if key not in self._letters:
+            self._letters[key] = self._drawn(letter, quarter)
+        return self._letters[key]
+
+    def _drawn(self, letter: str, quarter: int) -> Floats:
+        from PIL import Image, ImageDraw
+
+        width, height = math.ceil(self._advance(letter)) + 2, self._above + self._below
+        if letter not in ("µ", "×", "−"):
+            image = Image.new("L", (width, height))
+            ImageDraw.Draw(image).text((quarter / 4, self._above), letter, fill=255, font=self._font, anchor="ls")
+            return np.asarray(image, np.float32)[:, :, None] / 255
+        fine, size = self.FINE, self.FINE * self._size
+        image = Image.new("L", (width * fine, height * fine))
+        draw = ImageDraw.Draw(image)
+        x, base, pen = quarter * fine / 4, self._above * fine, max(fine, round(0.085 * size))
+        if letter == "µ":
+            draw.text((x, base), "u", fill=255, font=self._large, anchor="ls")
+            stem = x + self._large.getbbox("u", anchor="ls")[0]
+            draw.rectangle((stem, base - 0.3 * size, stem + pen - 1, base + 0.2 * size), fill=255)
+        else:
+            x, y, arm = x + self._advance(letter) * fine / 2, base - self._middle * fine, 0.2 * size
+            if letter == "×":
+                draw.line((x - arm, y - arm, x + arm, y + arm), fill=255, width=pen)
+                draw.line((x - arm, y + arm, x + arm, y - arm), fill=255, width=pen)
+            else:
+                draw.rectangle((x - 1.2 * arm, y - pen / 2, x + 1.2 * arm, y + pen / 2 - 1), fill=255)
+        return np.asarray(image.reduce(fine), np.float32)[:, :, None] / 255
+
+
+FACE, BORE = (getattr(sensor.Params(), name) for name in ("radius", "bore"))
+"""mm, radii of the nozzle's face and bore."""
+
+BODY, SLOPE = FACE + 2.5, 1.2
+"""mm, radius of the nozzle's body, and rise of its cone over its run."""
+
+
+def _finite(value: float, otherwise: float) -> float:
+    return float(value) if math.isfinite(value) else otherwise
+
+
+def _number(value: float, decimals: int, unit: str, sign: str = "") -> str:
+    if not math.isfinite(value):
+        return f"no value, {unit}"
+    return f"{value:{sign}.{decimals}f} {unit}".replace("-", "−")
+
+
+def _nice(least: float) -> float:
+    """Smallest of 1, 2, 5 · 10ⁿ that is not below ``least``."""
+    power = 10.0 ** math.floor(math.log10(least))
+    return next(digit * power for digit in (1.0, 2.0, 5.0, 10.0) if digit * power >= least * (1 - 1e-9))
+
+
+def _step(steps: Sequence[float], now: float, need: float) -> float:
+    """The smallest of ascending ``steps`` that holds ``need``; ``now`` stays until the need is well below a smaller."""
+    if now and need <= now:
+        need = min(need / RELEASE, now)
+    return next((step for step in steps if step >= need), steps[-1])
+
+
+def _profile(scene: Scene, edges: Floats) -> tuple[Floats, np.ndarray, np.ndarray]:
+    """The sheet under each column of the picture.
+
+    Args:
+        scene: what is known.
+        edges: distances along the path at the columns' edges, mm, shape (columns + 1,).
+
+    Returns:
+        Surface at the edges, mm; whether there is sheet in each column; whether it is known there.
+    """
+    ahead, void = np.asarray(scene.ahead, float).reshape(-1, 2), np.asarray(scene.void, bool).reshape(-1)
+    fine = np.isfinite(ahead).all(axis=1)
+    ahead, void = ahead[fine], void[fine]
+    middle = (edges[1:] + edges[:-1]) / 2
+    if void.all():
+        return np.zeros(len(edges)), np.zeros(len(middle), bool), np.zeros(len(middle), bool)
+    x, z = ahead[:, 0], ahead[:, 1]
+    nearest = np.searchsorted((x[1:] + x[:-1]) / 2, middle)
+    # Heights in a hole mean nothing; without them its rims stay square.
+    surface = np.interp(edges, x[~void], z[~void])
+    return surface, ~void[nearest], (middle >= x[0]) & (middle <= x[-1])
+
+
+def _envelope(x: Floats, y: Floats, columns: int, thickness: float) -> tuple[Floats, Floats]:
+    """Lowest and highest y that a curve takes in each column, as wide as the pen; NaN where there is none, px."""
+    if not len(x):
+        return np.full(columns, np.nan), np.full(columns, np.nan)
+    wide = (thickness - 1) / 2
+    starts = np.interp(np.arange(columns) - wide, x, y, left=np.nan, right=np.nan)
+    ends = np.interp(np.arange(columns) + 1 + wide, x, y, left=np.nan, right=np.nan)
+    low, high = np.fmin(starts, ends), np.fmax(starts, ends)
+    at = np.clip(x.astype(int), 0, columns - 1)
+    np.fmin.at(low, at, y)
+    np.fmax.at(high, at, y)
+    return low, high
+
+
+def _stroke(area: Pixels, y0: Floats, y1: Floats, thickness: float, colour: Floats) -> None:
+    """A curve that runs from ``y0`` to ``y1`` in each column, px; NaN: not there."""
+    _fill(area, np.minimum(y0, y1) - thickness / 2, np.maximum(y0, y1) + thickness / 2, colour)
+
+
+def _mark(
+    area: Pixels, left: int, right: int, y: float, colour: Floats, opacity: float = 1.0, thickness: float = 1.0
+) -> None:
+    """A level line, px."""
+    low, high = max(0.0, y - thickness / 2), min(float(len(area)), y + thickness / 2)
+    for row in range(int(low), math.ceil(high)):
+        part = area[row, max(0, left) : right]
+        part[:] = part + opacity * (min(row + 1, high) - max(row, low)) * (colour - part) + 0.5
+
+
+def _fill(area: Pixels, low: Floats, high: Floats, colour: Floats, opacity: float = 1.0) -> None:
+    """Paints each column from ``low`` to ``high``, px from the top, with the ends' share of a pixel; NaN: nothing."""
+    low, high = np.clip(low, 0, len(area)), np.clip(high, 0, len(area))
+    columns = np.flatnonzero(high > low)
+    low, high = low[columns], high[columns]
+    first, last = low.astype(int), high.astype(int)
+    _blend(area, first, columns, opacity * (np.minimum(first + 1, high) - low), colour)
+    ends = (last > first) & (last < high)
+    _blend(area, last[ends], columns[ends], opacity * (high - last)[ends], colour)
+    count = np.maximum(last - first - 1, 0)
+    of = np.repeat(np.arange(len(columns)), count)
+    row = np.arange(len(of)) + (first + 1 - np.cumsum(count) + count)[of]
+    if opacity == 1.0:
+        area[row, columns[of]] = colour
+    else:
+        _blend(area, row, columns[of], np.full(len(of), opacity), colour)
+
+
+def _blend(area: Pixels, row: np.ndarray, column: np.ndarray, cover: Floats, colour: Floats) -> None:
+    under = area[row, column]
+    area[row, column] = under + cover.astype(np.float32)[:, None] * (colour - under) + 0.5

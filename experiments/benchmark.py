@@ -1,0 +1,227 @@
+"""Benchmark: controllers × scenarios × seeds in compiled roll-outs over the cores, then tables, plots and a report."""
+
+import hashlib
+import json
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ..envs import metrics, scenarios, stack as stacks
+from ..envs.plant import machine
+from ..envs.plant.controller import PERIOD
+from ..envs.plant.path import SPACING
+from ..envs.plant.quantity import InvalidInput, did_you_mean
+from ..envs.scenarios import Scenario
+from . import rollout, runs, stability
+from .results import Results
+
+DEFAULT = ("xi2023-ma", "xi2023-improved", "xi2023-tuned", "pid", "observer", "preview-5ms")
+"""Controllers of the standard benchmark."""
+
+SEEDS_PER_TASK = 100
+PATH_SEEDS = 20
+"""Seeds along a drawing, unless told otherwise: its journeys are long."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One task: a controller on some seeds of a scenario; without a scenario, its |S|."""
+
+    controller: str
+    scenario: Scenario | None
+    seeds: tuple[int, ...]
+    trace: int | None
+
+    @property
+    def key(self) -> str:
+        """Name of the task's file; it changes with anything the result depends on."""
+        text = json.dumps([self.controller, self.scenario.to_toml() if self.scenario else None, self.seeds, self.trace])
+        return hashlib.sha256(text.encode()).hexdigest()[:20]
+
+
+def split_seeds(count: int, split: str = "test") -> range:
+    """The first ``count`` seeds of a split.
+
+    Raises:
+        InvalidInput: unknown split, or more seeds than it has.
+    """
+    if split not in scenarios.SPLITS:
+        raise InvalidInput(f"unknown split '{split}'; {did_you_mean(split, scenarios.SPLITS)}")
+    seeds = scenarios.SPLITS[split]
+    if not 1 <= count <= len(seeds):
+        raise InvalidInput(f"--seeds {count} is out of range; split '{split}' has {len(seeds)}")
+    return seeds[:count]
+
+
+def compute(case: Case, stack: stacks.Stack | None = None) -> dict[str, pd.DataFrame]:
+    """Tables ``runs``, ``traces`` and ``sensitivity`` of one task, with its cost in ``ledger``."""
+    stack = stack or stacks.resolve(case.controller)
+    start, steps = time.process_time(), 0
+    tables: dict[str, pd.DataFrame] = {}
+    if case.scenario is None:
+        found = stability.sensitivity(stack)
+        steps = found.steps
+        tables["sensitivity"] = pd.DataFrame(
+            {"controller": case.controller, "frequency": found.frequencies, "magnitude": found.worst}
+        )
+    else:
+        record = rollout.roll(case.scenario, stack, case.seeds)
+        steps = case.scenario.steps * len(case.seeds)
+        frame = pd.DataFrame(metrics.evaluate(record))
+        frame.insert(0, "controller", case.controller)
+        frame.insert(1, "information", stack.information)
+        frame.insert(2, "scenario", case.scenario.name)
+        frame.insert(3, "seed", case.seeds)
+        frame.insert(4, "failed", metrics.failed(record))
+        tables["runs"] = frame
+        if case.trace is not None and case.trace in case.seeds:
+            tables["traces"] = _trace(case, record, case.seeds.index(case.trace))
+    cost = {"controller": case.controller, "steps": steps, "cpu_seconds": time.process_time() - start}
+    tables["ledger"] = pd.DataFrame([cost])
+    return tables
+
+
+def _trace(case: Case, record: Any, index: int) -> pd.DataFrame:
+    """Every period of one run, with its place in the drawing if there is one."""
+    assert case.scenario is not None
+    frame = pd.DataFrame(record.data[:, :, index], columns=list(machine.CHANNELS))
+    frame.insert(0, "controller", case.controller)
+    frame.insert(1, "scenario", case.scenario.name)
+    frame.insert(2, "seed", case.seeds[index])
+    frame.insert(3, "time", (np.arange(len(frame)) + 1) * PERIOD)
+    frame["set_height"] = record.set_height[index]
+    if case.scenario.path:
+        contour = scenarios.contour(case.scenario.path)
+        along = np.arange(len(contour.x)) * SPACING
+        frame["x"] = np.interp(frame["distance"], along, contour.x)
+        frame["y"] = np.interp(frame["distance"], along, contour.y)
+    return frame
+
+
+def cases(controllers: list[str], chosen: list[Scenario], seeds: range | tuple[int, ...], with_ms: bool) -> list[Case]:
+    """All tasks; the longest first, so that the cores finish together."""
+    out = [Case(c, None, (), None) for c in controllers] if with_ms else []
+    for scenario in chosen:
+        for controller in controllers:
+            for part in rollout.chunks(seeds, SEEDS_PER_TASK):
+                out.append(Case(controller, scenario, tuple(int(s) for s in part), int(seeds[0])))
+    return out
+
+
+def run(
+    controllers: list[str],
+    chosen: list[Scenario],
+    folder: Path,
+    seeds: range | tuple[int, ...],
+    *,
+    core: tuple[str, ...] = (),
+    with_ms: bool = True,
+    jobs: int = 2,
+    command: list[str] | None = None,
+    overwrite: bool = False,
+    resume: bool = False,
+    quiet: bool = False,
+) -> Results:
+    """Runs the grid, writes the folder, returns the results.
+
+    Raises:
+        InvalidInput: unknown controller or scenario, or the folder exists.
+    """
+    if jobs < 1:
+        raise InvalidInput(f"--jobs {jobs} is out of range; at least 1")
+    known = {name: stacks.resolve(name) for name in controllers}  # errors before anything is written
+    runs.open_folder(folder, overwrite, resume)
+    started = time.time()
+    parts = folder / "parts"
+    todo = cases(controllers, chosen, seeds, with_ms)
+    missing = [case for case in todo if not (parts / f"{case.key}.json").is_file()]
+    _warm(known, missing)
+    _run_all(missing, parts, jobs, quiet)
+
+    tables: dict[str, list[pd.DataFrame]] = {}
+    for case in todo:
+        for name in json.loads((parts / f"{case.key}.json").read_text(encoding="utf-8")):
+            tables.setdefault(name, []).append(pd.read_parquet(parts / f"{case.key}.{name}.parquet"))
+    joined = {name: pd.concat(frames, ignore_index=True) for name, frames in tables.items()}
+    order = {name: i for i, name in enumerate(controllers)}
+    frame = joined["runs"]
+    frame = frame.sort_values(["controller", "scenario", "seed"], key=lambda c: c.map(order) if c.name == "controller" else c)
+    names = [s.name for s in chosen]
+    frame = frame.sort_values("scenario", key=lambda c: c.map(names.index), kind="stable").sort_values(
+        "controller", key=lambda c: c.map(order), kind="stable"
+    )
+    meta = runs.record(command)
+    ledger = joined.pop("ledger").groupby("controller", sort=False).sum()
+    meta |= {
+        "seeds": f"{min(seeds)}-{max(seeds)}", "seed_count": len(seeds), "scenarios": names, "controllers": controllers,
+        "core": list(core), "wall_seconds": round(time.time() - started, 1),
+        "ledger": {
+            name: {"simulated_steps": int(row["steps"]), "cpu_seconds": round(float(row["cpu_seconds"]), 2)}
+            for name, row in ledger.iterrows()
+        },
+        "tuning": {name: stack.provenance for name, stack in known.items() if stack.provenance},
+        "parameters": {name: {k: p.value for k, p in stack.parameters().items()} for name, stack in known.items()},
+    }  # fmt: skip
+    empty = pd.DataFrame({"controller": [], "frequency": [], "magnitude": []})
+    results = Results(
+        frame.reset_index(drop=True), joined.get("traces", pd.DataFrame()), joined.get("sensitivity", empty), meta,
+        tuple(c for c in core if c in names), tuple(s.name for s in chosen if s.exempt),
+        {s.name: s.summary for s in chosen},
+    )  # fmt: skip
+    _write(folder, results, chosen)
+    for file in parts.iterdir():
+        file.unlink()
+    parts.rmdir()
+    return results
+
+
+def _warm(known: dict[str, stacks.Stack], missing: list[Case]) -> None:
+    """Compiles what is not in the cache yet, here and once, before the workers need it."""
+    needed = {case.controller for case in missing}
+    flat = Scenario(name="warm", duration=0.05, settle=0.0)
+    for name in needed:
+        rollout.roll(flat, known[name], [0])
+
+
+def _work(case: Case, parts: Path) -> None:
+    tables = compute(case)
+    for name, frame in tables.items():
+        runs.write_table(parts, f"{case.key}.{name}", frame, csv=False)
+    runs.write_json(parts / f"{case.key}.json", list(tables))
+
+
+def _run_all(missing: list[Case], parts: Path, jobs: int, quiet: bool) -> None:
+    from joblib import Parallel, delayed
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, disable=quiet) as progress:
+        bar = progress.add_task("simulating", total=len(missing))
+        if jobs == 1 or len(missing) <= 2:
+            for case in missing:
+                _work(case, parts)
+                progress.advance(bar)
+        elif missing:
+            pool = Parallel(n_jobs=jobs, return_as="generator_unordered", inner_max_num_threads=1)
+            for _ in pool(delayed(_work)(case, parts) for case in missing):
+                progress.advance(bar)
+
+
+def _write(folder: Path, results: Results, chosen: list[Scenario]) -> None:
+    from .report.page import write_report
+
+    runs.write_table(folder, "runs", results.runs)
+    runs.write_table(folder, "summary", results.summary().reset_index())
+    if len(results.traces):
+        runs.write_table(folder, "traces", results.traces, csv=False)
+    if len(results.sensitivity):
+        runs.write_table(folder, "sensitivity", results.sensitivity)
+    for scenario in chosen:
+        with runs.atomic(folder / "scenarios" / f"{scenario.name}.toml") as part:
+            part.write_text(scenario.to_toml(), encoding="utf-8")
+    write_report(folder, results)
+    runs.write_json(folder / "run.json", results.meta)

@@ -1,0 +1,148 @@
+"""The ``kerfgym`` command."""
+
+import datetime
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from tyro.conf import Positional, UseAppendAction, arg
+
+from .. import __version__
+from ..envs.plant.quantity import InvalidInput, did_you_mean
+
+KINDS = ("environments", "scenarios", "controllers", "metrics")
+
+
+def list_(kind: Annotated[Positional[str], arg(metavar="KIND")] = "all") -> None:
+    """Show environments, scenarios, controllers and metrics, a line each.
+
+    Args:
+        kind: one of environments, scenarios, controllers, metrics, or all.
+    """
+    if kind not in (*KINDS, "all"):
+        raise InvalidInput(f"unknown kind '{kind}'; {did_you_mean(kind, (*KINDS, 'all'))}")
+    wanted = KINDS if kind == "all" else (kind,)
+    for each in wanted:
+        print(f"{each}:")
+        for name, line in _entries(each):
+            print(f"  {name:28s} {line}")
+
+
+def _entries(kind: str) -> list[tuple[str, str]]:
+    if kind == "environments":
+        return [("kerfgym/HeightFollowing-v0", "move the head so that the nozzle keeps its height over the sheet, 1 kHz")]
+    if kind == "scenarios":
+        from ..envs import scenarios
+
+        return [
+            (name, f"{s.summary} [{group} {s.version}{', core' if name in scenarios.core(group) else ''}]")
+            for group in scenarios.suites()
+            for name, s in scenarios.suite(group).items()
+        ]
+    if kind == "controllers":
+        from ..envs import stack
+
+        found = [stack.get(name) for name in stack.names()]
+        return [(s.name, f"{s.summary} [{s.slot}, {s.information}]") for s in found]
+    from ..envs import metrics
+
+    return [(m.name, f"{m.summary} [{m.unit}, {m.better} is better]") for m in metrics.METRICS.values()]
+
+
+def benchmark(
+    controller: Annotated[UseAppendAction[list[str]], arg(aliases=["-c"], metavar="NAME")] = [],  # noqa: B006
+    scenario: Annotated[UseAppendAction[list[str]], arg(aliases=["-s"], metavar="NAME|FILE")] = [],  # noqa: B006
+    suite: str = "following",
+    path: Annotated[Path | None, arg(metavar="FILE.dxf")] = None,
+    seeds: int | None = None,
+    split: str = "test",
+    name: str | None = None,
+    jobs: int = 2,
+    ms: bool = True,
+    overwrite: bool = False,
+    resume: bool = False,
+) -> None:
+    """Compare controllers on scenarios; writes runs/<name>/ and prints the table.
+
+    Args:
+        controller: built-in name with overrides (pid:law.kp=80,filter.window=9), or module:attr or file.py:attr of your
+            own; may be given several times. Default: the standard six.
+        scenario: name or TOML file; may be given several times. Default: the whole suite.
+        suite: whose scenarios are run.
+        path: drawing whose contours the nozzle travels, on a wavy, tilted sheet unless --scenario says otherwise.
+        seeds: how many seeds of the split. Default: 200, along a drawing 20.
+        split: test, tune or reserve.
+        name: of the run folder. Default: date and time.
+        jobs: worker processes.
+        ms: measure the sensitivity peak Ms by injection.
+        overwrite: replace an existing run folder.
+        resume: finish an interrupted run.
+    """
+    from ..envs import scenarios
+    from . import benchmark as bench
+
+    if path is not None:
+        chosen = [scenarios.load(s).along(path) for s in scenario or ["drawing"]]
+        core: tuple[str, ...] = tuple(s.name for s in chosen)
+    elif scenario:
+        chosen, core = [scenarios.load(s) for s in scenario], scenarios.core(suite) if suite in scenarios.suites() else ()
+    else:
+        chosen, core = list(scenarios.suite(suite).values()), scenarios.core(suite)
+    wanted = bench.split_seeds(seeds if seeds is not None else (bench.PATH_SEEDS if path else 200), split)
+    folder = Path("runs") / (name or datetime.datetime.now().strftime("%Y-%m-%d-%H%M%S"))
+    results = bench.run(
+        list(dict.fromkeys(controller)) or list(bench.DEFAULT), chosen, folder, wanted, core=core, with_ms=ms, jobs=jobs,
+        overwrite=overwrite, resume=resume,
+    )  # fmt: skip
+    from .table import print_summary
+
+    print_summary(results)
+    print(f"\n{folder / 'report.html'}")
+
+
+def render(
+    out: Annotated[Positional[Path], arg(metavar="OUT")],
+    controller: Annotated[str, arg(aliases=["-c"])] = "pid",
+    scenario: Annotated[str, arg(aliases=["-s"])] = "wavy",
+    seed: int = 1000,
+    seconds: float | None = None,
+    slow: float = 10.0,
+) -> None:
+    """Write one episode as MP4 or GIF, or its last moment as PNG.
+
+    Args:
+        out: file to write; .mp4, .gif or .png.
+        controller: as for benchmark.
+        scenario: name or TOML file.
+        seed: scenario seed.
+        seconds: of the episode to show. Default: all of it.
+        slow: how many times slower than real.
+    """
+    from .film import film
+
+    film(out, controller, scenario, seed, seconds, slow)
+    print(out)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Entry point of the command."""
+    words = sys.argv[1:] if arguments is None else arguments
+    if words == ["--version"]:
+        print(f"kerfgym {__version__}")
+        return
+    commands = {"list": list_, "benchmark": benchmark, "render": render}
+    try:
+        tyro.extras.subcommand_cli_from_dict(
+            commands, prog="kerfgym", description="Testbed for laser-cutting machine control.", args=words
+        )
+    except InvalidInput as error:
+        print(f"kerfgym: error: {error}", file=sys.stderr)
+        raise SystemExit(2) from None
+    except KeyboardInterrupt:
+        print("\nkerfgym: interrupted; the same command with --resume and the folder's --name goes on", file=sys.stderr)
+        raise SystemExit(130) from None
+
+
+if __name__ == "__main__":
+    main()

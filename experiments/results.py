@@ -1,0 +1,85 @@
+"""Results of a benchmark and what is concluded from them.
+
+Per scenario a controller's error is the RMS over all its scored periods of all its seeds (so a run that collides, and
+sits retracted afterwards, weighs as heavily as it deserves). The score is the geometric mean over the suite's core; the
+ratio is that of the reference over it. On the scale of DESIGN §4, 0 is ``xi2023-tuned`` and 1 is ``preview-5ms``, in the
+logarithm. Rankings never mix information classes.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+REFERENCE, CEILING = "xi2023-tuned", "preview-5ms"
+
+
+@dataclass
+class Results:
+    """A benchmark's tables.
+
+    Attributes:
+        runs: one row per run: ``controller, information, scenario, seed, failed`` and every metric.
+        traces: one row per period of the shown seed of each scenario: ``controller, scenario, seed, time`` (s) and the
+            recorder's channels, with ``x, y`` (mm) where the path is a drawing.
+        sensitivity: ``controller, frequency`` (Hz) and ``magnitude``, the worst |S| over the corner plants.
+        meta: the run's record (``run.json``).
+        core: names of the scenarios that make the score.
+        exempt: names of the scenarios in which collisions are expected.
+    """
+
+    runs: pd.DataFrame
+    traces: pd.DataFrame
+    sensitivity: pd.DataFrame
+    meta: dict[str, Any]
+    core: tuple[str, ...] = ()
+    exempt: tuple[str, ...] = ()
+    summaries: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def controllers(self) -> list[str]:
+        """In the order in which they were asked for."""
+        return list(dict.fromkeys(self.runs["controller"]))
+
+    @property
+    def scenarios(self) -> list[str]:
+        """In the order in which they were run."""
+        return list(dict.fromkeys(self.runs["scenario"]))
+
+    def pooled(self, metric: str = "rms_true") -> pd.DataFrame:
+        """RMS over seeds of an RMS metric, controllers × scenarios; NaN where a run failed."""
+
+        def root(values: pd.Series) -> float:
+            return float(np.sqrt(np.mean(np.square(values.to_numpy(float)))))
+
+        table = self.runs.groupby(["controller", "scenario"], sort=False)[metric].apply(root).unstack()
+        return table.reindex(index=self.controllers, columns=self.scenarios)
+
+    def summary(self) -> pd.DataFrame:
+        """One row per controller: score (µm), ratio, scale, Ms, collision and failure counts, jitter."""
+        pooled, reported = self.pooled(), self.pooled("rms_reported")
+        scored = [s for s in self.core if s in pooled.columns] or list(pooled.columns)
+        score = np.exp(np.log(pooled[scored]).mean(axis=1, skipna=False))
+        frame = pd.DataFrame({"score": score, "reported": np.exp(np.log(reported[scored]).mean(axis=1, skipna=False))})
+        reference = score.get(REFERENCE, np.nan)
+        frame["ratio"] = reference / score
+        frame["scale"] = np.log(reference / score) / np.log(reference / score.get(CEILING, np.nan))
+        peaks = self.sensitivity.groupby("controller")["magnitude"].max() if len(self.sensitivity) else pd.Series(dtype=float)
+        frame["ms"] = peaks.reindex(frame.index)
+        groups = self.runs.groupby("controller", sort=False)
+        frame["information"] = groups["information"].first()
+        ordinary = self.runs[~self.runs["scenario"].isin(self.exempt)].groupby("controller", sort=False)
+        frame["collisions"] = ordinary["collision"].sum().astype(int)
+        frame["collision_runs"] = ordinary.size()
+        frame["exempt_collisions"] = (groups["collision"].sum() - ordinary["collision"].sum()).astype(int)
+        frame["failed"] = groups["failed"].sum().astype(int)
+        core = self.runs[self.runs["scenario"].isin(scored)].groupby("controller", sort=False)
+        frame["p99"] = np.exp(np.log(core["p99_true"].mean()))
+        frame["jitter"] = core["jitter"].mean()
+        return frame
+
+    def collision_rates(self) -> pd.DataFrame:
+        """Share of runs with a collision, controllers × scenarios."""
+        rates = self.runs.groupby(["controller", "scenario"], sort=False)["collision"].mean().unstack()
+        return rates.reindex(index=self.controllers, columns=self.scenarios)
