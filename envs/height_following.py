@@ -1,6 +1,6 @@
 """Gymnasium environment of the height follower: the policy moves the cutting head, the machine does the rest."""
 
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import gymnasium as gym
 import numpy as np
@@ -80,10 +80,10 @@ class _Io(NamedTuple):
     control: int
     raw: int
     size: int  # of an observation
-    count: int  # of actions
+    width: int  # of an action
 
 
-(_ACTIONS, _OBSERVATIONS, _REWARDS, _INFOS, _WEIGHTS, _CONTROL, _RAW, _SIZE, _COUNT) = (
+(_ACTIONS, _OBSERVATIONS, _REWARDS, _INFOS, _WEIGHTS, _CONTROL, _RAW, _SIZE, _WIDTH) = (
     range(len(_Io._fields))
 )  # fmt: skip
 _ANY = U(2**40)
@@ -100,7 +100,7 @@ def _symlog(x):
 def act(block_address, at, n, io_address, first):
     """Stage before a period: the action becomes a change of the stack or of its command."""
     block, io = doubles(block_address, _ANY), words(io_address, U(9))
-    actions, count = singles(io[_ACTIONS], _ANY), io[_COUNT]
+    actions, count = singles(io[_ACTIONS], _ANY), io[_WIDTH]
     for lane in range(n):
         a, i = at + lane, (first + lane) * count
         x = clip(np.float64(actions[i]), -1.0, 1.0)
@@ -286,7 +286,7 @@ class HeightFollowingEnv(gym.Env):
     * v0: first version.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 50}
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 50}
 
     def __init__(
         self,

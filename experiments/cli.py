@@ -3,7 +3,7 @@
 import datetime
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 from tyro.conf import Positional, UseAppendAction, arg
@@ -131,7 +131,7 @@ def main(arguments: list[str] | None = None) -> None:
     if words == ["--version"]:
         print(f"kerfgym {__version__}")
         return
-    commands = {"list": list_, "benchmark": benchmark, "render": render}
+    commands: dict[str, Any] = {"list": list_, "benchmark": benchmark, "render": render}
     try:
         tyro.extras.subcommand_cli_from_dict(
             commands, prog="kerfgym", description="Testbed for laser-cutting machine control.", args=words

@@ -15,6 +15,11 @@ import pandas as pd
 REFERENCE, CEILING = "xi2023-tuned", "preview-5ms"
 
 
+def _geometric(table: pd.DataFrame) -> pd.Series:
+    """Geometric mean of each row; NaN if one of its values is."""
+    return pd.Series(np.exp(np.log(table.to_numpy(float)).mean(axis=1)), index=table.index)
+
+
 @dataclass
 class Results:
     """A benchmark's tables.
@@ -60,13 +65,15 @@ class Results:
         """One row per controller: score (µm), ratio, scale, Ms, collision and failure counts, jitter."""
         pooled, reported = self.pooled(), self.pooled("rms_reported")
         scored = [s for s in self.core if s in pooled.columns] or list(pooled.columns)
-        score = np.exp(np.log(pooled[scored]).mean(axis=1, skipna=False))
-        frame = pd.DataFrame({"score": score, "reported": np.exp(np.log(reported[scored]).mean(axis=1, skipna=False))})
+        score = _geometric(pooled[scored])
+        frame = pd.DataFrame({"score": score, "reported": _geometric(reported[scored])})
         reference = score.get(REFERENCE, np.nan)
         frame["ratio"] = reference / score
         frame["scale"] = np.log(reference / score) / np.log(reference / score.get(CEILING, np.nan))
-        peaks = self.sensitivity.groupby("controller")["magnitude"].max() if len(self.sensitivity) else pd.Series(dtype=float)
-        frame["ms"] = peaks.reindex(frame.index)
+        if len(self.sensitivity):
+            frame["ms"] = self.sensitivity.groupby("controller")["magnitude"].max().reindex(frame.index)
+        else:
+            frame["ms"] = np.nan
         groups = self.runs.groupby("controller", sort=False)
         frame["information"] = groups["information"].first()
         ordinary = self.runs[~self.runs["scenario"].isin(self.exempt)].groupby("controller", sort=False)
@@ -75,7 +82,7 @@ class Results:
         frame["exempt_collisions"] = (groups["collision"].sum() - ordinary["collision"].sum()).astype(int)
         frame["failed"] = groups["failed"].sum().astype(int)
         core = self.runs[self.runs["scenario"].isin(scored)].groupby("controller", sort=False)
-        frame["p99"] = np.exp(np.log(core["p99_true"].mean()))
+        frame["p99"] = core["p99_true"].mean()
         frame["jitter"] = core["jitter"].mean()
         return frame
 

@@ -54,7 +54,7 @@ def run(fleet: Fleet, scenario: Scenario, stack: Stack, seeds: np.ndarray) -> Re
 def periods(fleet: Fleet, stack: Stack, steps: int) -> Iterator[int]:
     """Advances a fleet that has begun period by period; a plain-Python controller gets one mind per machine."""
     minds = [stack.python() for _ in range(fleet.size)] if stack.python else []
-    signals = INFORMATION[stack.information]
+    signals: Any = INFORMATION[stack.information]
     views = [fleet.slots(machine.SIGNALS, len(signals._fields), i) for i in range(len(minds))]
     hands = [fleet.row("hand.residual", i) for i in range(len(minds))]
     for mind in minds:

@@ -126,7 +126,7 @@ def search(name: str, trials: int = TRIALS, cap: float = CAP, seed: int = 0) -> 
     study.sampler = optuna.samplers.CmaEsSampler(x0=best, sigma0=0.15, seed=seed)
     study.optimize(objective, n_trials=max(0, trials - EXPLORE))
 
-    ranked = sorted((t for t in study.trials if t.value is not None), key=lambda t: t.value)
+    ranked = sorted(study.trials, key=lambda t: math.inf if t.value is None else t.value)
     for trial in ranked[:20]:
         found = base.varied({k: _number(v) for k, v in trial.params.items()})
         peak = stability.sensitivity(found, threads=2).peak

@@ -14,7 +14,7 @@ import numpy as np
 from ..envs import scenarios
 from ..envs.plant import heads
 from ..envs.plant.fleet import Fleet
-from ..envs.scenarios import Scenario
+from ..envs.scenarios import Head, Scenario
 from ..envs.stack import Stack
 from . import rollout
 
@@ -51,7 +51,7 @@ class Sensitivity:
 
 
 def _scenario(settle: float, window: float) -> Scenario:
-    quiet = {"noise": 0.0, "jitter": 0.0, "impulses": 0.0, "nominal": True}
+    quiet = Head(noise=0.0, jitter=0.0, impulses=0.0, nominal=True)
     return Scenario(name="injection", duration=settle + window, settle=settle, feed=0.0, set_height=0.8, head=quiet)
 
 

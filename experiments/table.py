@@ -1,6 +1,7 @@
 """The benchmark's table in the terminal."""
 
 import math
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table
@@ -10,6 +11,10 @@ from .results import REFERENCE, Results
 
 def _number(value: float, form: str = "{:.2f}") -> str:
     return "–" if value is None or math.isnan(value) else form.format(value)
+
+
+def _cell(table: Any, row: Any, column: str) -> float:
+    return float(table.at[row, column])
 
 
 def print_summary(results: Results) -> None:
@@ -29,7 +34,7 @@ def print_summary(results: Results) -> None:
         last = row["information"]
         table.add_row(
             str(name), _number(row["score"]), _number(row["ratio"]), _number(row["reported"]), _number(row["ms"]),
-            *(_number(pooled.loc[name, s], "{:.1f}") for s in core), _number(row["jitter"]),
+            *(_number(_cell(pooled, name, s), "{:.1f}") for s in core), _number(row["jitter"]),
             f"{row['collisions']}/{row['collision_runs']}", str(row["failed"]), str(row["information"]),
         )  # fmt: skip
     console = Console(width=max(Console().width, 150))

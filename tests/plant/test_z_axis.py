@@ -1,0 +1,297 @@
+"""Z axis: its linear behaviour against python-control and scipy, its limits, friction, backlash and quantisation."""
+
+from pathlib import Path
+
+import control
+import numpy as np
+import pytest
+from scipy import integrate, signal
+
+from kerfgym.envs.plant import z_axis
+from kerfgym.envs.plant.lanes import kernel
+from kerfgym.envs.plant.machine import DT, SUBSTEPS
+from kerfgym.envs.plant.z_axis import GRAVITY, Drive, Params
+
+TEXT = Path(__file__).read_text(encoding="utf-8")
+
+LINEAR = Params(
+    speed=1e9, acceleration=1e12, jerk=1e18, dac=0.0, encoder=0.0, friction=0.0, backlash=0.0, low=-1e12, high=1e12
+)
+"""Nothing but the velocity loop, the dead time and the structural mode."""
+
+POSITION, VELOCITY, ACCELERATION, PLAY, HEAD = range(5)
+
+
+def _driven(p, commands, start, trace):
+    s, d, i = z_axis.at_rest(start), Drive(0.0, 0.0, 0.0, 0.0, 0.0), 0
+    for n in range(commands.size):
+        d = z_axis.accept(p, d, commands[n])
+        r = z_axis.pace(p, d, DT)
+        for k in range(SUBSTEPS):
+            s, head = z_axis.step(p, r, s, (k + 1.0) / SUBSTEPS, DT)
+            trace[0, i], trace[1, i], trace[2, i], trace[3, i], trace[4, i] = (
+                s.position, s.velocity, s.acceleration, s.play, head,
+            )  # fmt: skip
+            i += 1
+
+
+def _extremes(p, commands, start, most):
+    s, d = z_axis.at_rest(start), Drive(0.0, 0.0, 0.0, 0.0, 0.0)
+    for n in range(commands.size):
+        d = z_axis.accept(p, d, commands[n])
+        r = z_axis.pace(p, d, DT)
+        for k in range(SUBSTEPS):
+            before = s.acceleration
+            s, _ = z_axis.step(p, r, s, (k + 1.0) / SUBSTEPS, DT)
+            most[0] = max(most[0], abs(s.velocity))
+            most[1] = max(most[1], abs(s.acceleration))
+            most[2] = max(most[2], abs(s.acceleration - before) / DT)
+            most[3] = max(most[3], p.low - s.position, s.position - p.high)
+            most[4] = max(most[4], s.play)
+            most[5] = min(most[5], s.play)
+
+
+driven, extremes = kernel(_driven, TEXT), kernel(_extremes, TEXT)
+
+
+def response(p: Params, commands, start: float = 0.0) -> np.ndarray:
+    """Position, velocity, acceleration, play and head at the end of each substep, shape (5, substeps)."""
+    trace = np.empty((5, len(commands) * SUBSTEPS))
+    driven(p, np.asarray(commands, float), start, trace)
+    return trace
+
+
+def head_over_command(p: Params) -> control.TransferFunction:
+    """The module's docstring as a transfer function, without the dead time."""
+    s = control.tf("s")
+    loop = p.omega**2 / (s**2 + 2 * p.zeta * p.omega * s + p.omega**2)
+    mode = p.omega_r**2 / (s**2 + 2 * p.zeta_r * p.omega_r * s + p.omega_r**2)
+    return loop * ((1 - p.compliance) + p.compliance * mode) / s
+
+
+def linear(hertz: float, zeta: float, resonance: float = 100.0, compliance: float = 0.1, dead_time: float = 1.0):
+    omega, omega_r = 2 * np.pi * hertz, 2 * np.pi * resonance
+    return LINEAR._replace(omega=omega, zeta=zeta, omega_r=omega_r, compliance=compliance, dead_time=dead_time)
+
+
+AXES = {
+    "50 Hz": linear(50.0, 0.6, 60.0),
+    "80 Hz": linear(80.0, 0.8),
+    "80 Hz, stiff": linear(80.0, 0.8, compliance=0.0),
+    "120 Hz": linear(120.0, 1.0, 150.0),
+    "200 Hz": linear(200.0, 0.7, 150.0),
+    "dead time 2": linear(80.0, 0.8, dead_time=2.0),
+    "dead time 1.5": linear(80.0, 0.8, dead_time=1.5),
+    "dead time 2.3": linear(120.0, 0.8, dead_time=2.3),
+    "dead time 0": linear(80.0, 0.8, dead_time=0.0),
+    "dead time 4": linear(80.0, 0.8, dead_time=4.0),
+    "all of the compliance": linear(80.0, 0.8, 90.0, compliance=1.0)._replace(zeta_r=0.2),
+}
+
+
+# -------------------------------------------------------------------------------------------------- linear behaviour
+
+
+@pytest.mark.parametrize("axis", AXES)
+def test_the_head_follows_a_step_as_the_continuous_axis_does(axis):
+    p = AXES[axis]
+    head = response(p, np.full(150, 10.0))[HEAD]
+    at = DT * np.arange(1, head.size + 1) - 1e-3 * p.dead_time
+    ahead = at > 0.0
+    exact = np.zeros(head.size)
+    grid = np.linspace(0.0, 0.16, 6401)
+    exact[ahead] = np.interp(at[ahead], grid, 10.0 * control.step_response(head_over_command(p), grid).outputs)
+    lag = 10.0 * 2.0 * p.zeta / p.omega  # mm that the head stays behind in the long run
+    assert np.abs(head - exact).max() < 0.01 * lag
+
+
+@pytest.mark.parametrize("axis", AXES)
+def test_the_frequency_response_is_that_of_the_continuous_axis_within_a_percent(axis):
+    p, periods = AXES[axis], 1000
+    hertz = np.arange(1, 201)
+    phases = np.random.default_rng(1).uniform(0.0, 2 * np.pi, hertz.size)
+    t = np.arange(periods) / 1000.0
+    commands = np.cos(2 * np.pi * hertz[:, None] * t + phases[:, None]).sum(axis=0)
+    head = response(p, np.tile(commands, 4))[HEAD, -periods * SUBSTEPS :]
+    measured = np.fft.fft(head)[hertz] / np.fft.fft(np.repeat(commands, SUBSTEPS))[hertz]
+    # The command is held over each substep, so python-control's zero-order hold is exact; a sample is a substep's end.
+    z = np.exp(2j * np.pi * hertz * DT)
+    exact = control.sample_system(head_over_command(p), DT, "zoh")(z) * z ** -(p.dead_time * 1e-3 / DT) * z
+    assert np.abs(measured / exact - 1.0).max() < 0.01
+
+
+def test_in_the_long_run_the_head_lags_a_speed_by_the_loop_and_the_dead_time():
+    for p in AXES.values():
+        position = response(p, np.full(2000, 20.0))[POSITION]
+        lag = 20.0 * 2000e-3 - position[-1]
+        assert lag == pytest.approx(20.0 * (1e-3 * p.dead_time + 2.0 * p.zeta / p.omega), rel=0.01, abs=1e-6)
+
+
+@pytest.mark.parametrize("dead_time", [0.0, 0.25, 0.5, 1.0, 1.3, 1.5, 2.0, 2.3, 2.7, 3.0, 3.6, 4.0])
+def test_a_command_takes_effect_after_the_dead_time_to_the_substep(dead_time):
+    velocity = response(LINEAR._replace(dead_time=dead_time), np.full(6, 1.0))[VELOCITY]
+    assert np.flatnonzero(velocity)[0] == round(dead_time * SUBSTEPS)
+
+
+def test_the_structural_mode_rings_at_its_frequency_and_damping():
+    p = linear(200.0, 1.0, 90.0, compliance=1.0)
+    trace = response(p, np.concatenate([np.full(30, 50.0), np.zeros(150)]))
+    ringing = (trace[HEAD] - trace[POSITION])[60 * SUBSTEPS :]
+    peaks = signal.find_peaks(ringing)[0]
+    damped = p.omega_r * np.sqrt(1.0 - p.zeta_r**2)
+    assert 2 * np.pi / (np.diff(peaks).mean() * DT) == pytest.approx(damped, rel=0.005)
+    assert np.log(ringing[peaks[0]] / ringing[peaks[4]]) == pytest.approx(
+        4 * 2 * np.pi * p.zeta_r / np.sqrt(1.0 - p.zeta_r**2), rel=0.02
+    )
+
+
+# ----------------------------------------------------------------------------------------------------------- limits
+
+
+LIMITED = {
+    "default": Params(),
+    "slow drive": Params(jerk=1e6),
+    "one g": Params(acceleration=9810.0, jerk=5e6),
+    "stiff loop": Params(omega=2 * np.pi * 200.0, zeta=0.6, acceleration=19620.0),
+    "soft loop": Params(omega=2 * np.pi * 50.0, zeta=1.0, acceleration=18000.0, dead_time=2.0),
+    "200 mm/s": Params(speed=200.0, dead_time=2.0),
+}
+
+
+def random_commands(p: Params, periods: int, seed: int) -> np.ndarray:
+    """Commands held for 1 to 50 ms, half of them full speed, and runs into both ends of the travel."""
+    rng = np.random.default_rng(seed)
+    count = periods // 20
+    level = rng.uniform(-1.0, 1.0, count)
+    level = np.where(rng.random(count) < 0.5, np.sign(level), level)
+    jumps = np.repeat(level, rng.integers(1, 51, count))
+    across = int(1.5e3 * (p.high - p.low) / p.speed)
+    ends = np.repeat([-1.0, 1.0, -1.0, 1.0], across)
+    return p.speed * np.concatenate([jumps, ends])[: periods + ends.size]
+
+
+@pytest.fixture(scope="module")
+def driven_hard() -> dict[str, np.ndarray]:
+    """Largest speed, acceleration, jerk, overrun of the travel and play of each axis in a million random periods."""
+    found = {}
+    for i, (name, p) in enumerate(LIMITED.items()):
+        found[name] = np.array([0.0, 0.0, 0.0, -1e9, 0.0, 0.0])
+        for start in (0.0, 100.0):
+            extremes(p, random_commands(p, 90_000, i), start, found[name])
+    return found
+
+
+@pytest.mark.parametrize("axis", LIMITED)
+def test_speed_acceleration_and_jerk_never_exceed_their_limits(driven_hard, axis):
+    p, (speed, acceleration, jerk, *_) = LIMITED[axis], driven_hard[axis]
+    assert 0.99 * p.speed < speed <= p.speed
+    assert acceleration <= p.acceleration
+    assert jerk <= p.jerk * (1.0 + 1e-9)
+    # The limits are reached: it is they that hold, not the commands.
+    assert jerk > 0.99 * p.jerk
+    assert acceleration > 0.6 * p.acceleration
+
+
+@pytest.mark.parametrize("axis", LIMITED)
+def test_the_axis_stays_inside_its_travel_to_a_count(driven_hard, axis):
+    overrun = driven_hard[axis][3]
+    assert overrun <= 1e-3
+    assert overrun > -5.0  # it does come near the ends
+
+
+@pytest.mark.parametrize("axis", LIMITED)
+def test_the_head_never_leaves_the_backlash(driven_hard, axis):
+    p, (*_, most, least) = LIMITED[axis], driven_hard[axis]
+    assert least == 0.0
+    assert most <= p.backlash
+
+
+def test_a_command_beyond_the_top_speed_is_the_top_speed():
+    p = Params(friction=0.0)
+    assert np.array_equal(response(p, np.full(200, 5000.0), -30.0), response(p, np.full(200, 500.0), -30.0))
+    assert response(p, np.full(180, 5000.0), -30.0)[VELOCITY, -1] > 0.97 * p.speed
+
+
+# --------------------------------------------------------------------------------------------- backlash and friction
+
+
+def test_gravity_keeps_the_backlash_closed_below_a_downward_g():
+    p = Params(acceleration=9800.0, backlash=0.01)
+    most = np.array([0.0, 0.0, 0.0, -1e9, 0.0, 0.0])
+    extremes(p, random_commands(p, 50_000, 3), 30.0, most)
+    assert most[1] > 9700.0
+    assert most[4] == 0.0
+
+
+def test_beyond_a_g_the_head_falls_freely_until_the_backlash_is_used_up():
+    p = Params(acceleration=18000.0, jerk=1e9, backlash=0.05, compliance=0.0, friction=0.0)
+    position, _, acceleration, play, head = response(p, np.concatenate([np.zeros(5), np.full(30, -400.0)]), 60.0)
+    assert np.abs(head - position - play).max() < 1e-12
+    open_ = np.argmax(play >= p.backlash)
+    free = np.flatnonzero((play[:open_] > 1e-3) & (play[:open_] < 0.049))
+    assert free.size > 20
+    assert acceleration[free].max() < -GRAVITY
+    t = DT * (free - free[0])
+    assert 2.0 * np.polyfit(t, head[free], 2)[0] == pytest.approx(-GRAVITY, rel=1e-3)
+    assert play.max() == pytest.approx(p.backlash)
+    assert play[-1] == 0.0  # at constant speed gravity has closed it again
+
+
+@pytest.mark.parametrize("command", [0.05, 2.0, 50.0, -300.0])
+def test_against_friction_the_loop_still_reaches_the_commanded_speed(command):
+    p = Params(dac=0.0, jerk=1e9)
+    velocity = response(p, np.full(250, command), 20.0 if command > 0 else 100.0)[VELOCITY]
+    assert velocity[-1] == pytest.approx(command, rel=1e-3)
+
+
+def test_friction_acts_as_a_disturbance_that_the_loop_works_against():
+    # The axis reverses; scipy integrates b' = ω²(u − v) − 2ζω(b − F), v' = b − F, F = friction within `creep` of rest.
+    p = Params(dac=0.0, jerk=1e9, acceleration=1e6, friction=2000.0, dead_time=0.0)
+    commands = np.repeat([20.0, -20.0], 60)
+    velocity = response(p, commands, 30.0)[VELOCITY]
+
+    def force(v):
+        return np.clip(v * p.friction / p.creep, -p.friction, p.friction)
+
+    def rates(t, y):
+        u = 20.0 if t < 0.06 else -20.0
+        v, b = y
+        return [b - force(v), p.omega**2 * (u - v) - 2 * p.zeta * p.omega * (b - force(v))]
+
+    at = DT * np.arange(1, velocity.size + 1)
+    exact = integrate.solve_ivp(rates, (0.0, at[-1]), [0.0, 0.0], t_eval=at, max_step=2e-5, rtol=1e-9).y[0]
+    assert np.abs(velocity - exact).max() < 0.01 * 20.0
+    free = response(p._replace(friction=0.0), commands, 30.0)[VELOCITY]
+    assert np.abs(free - exact).max() > 0.1 * 20.0
+
+
+# ------------------------------------------------------------------------------------------------------ quantisation
+
+
+def test_the_drive_gets_whole_steps_of_a_16_bit_converter():
+    p = Params()
+    step = 500.0 / 2**15
+    for command in np.random.default_rng(5).uniform(-500.0, 500.0, 200):
+        sent = z_axis.accept(p, Drive(0.0, 0.0, 0.0, 0.0, 0.0), command).c0
+        assert abs(sent - command) <= 0.5 * step + 1e-12
+        assert sent / step == pytest.approx(round(sent / step), abs=1e-9)
+    assert z_axis.accept(p, Drive(1.0, 2.0, 3.0, 4.0, 5.0), 0.4 * step) == Drive(0.0, 1.0, 2.0, 3.0, 4.0)
+    assert z_axis.accept(p, Drive(0.0, 0.0, 0.0, 0.0, 0.0), 9e9).c0 == 500.0
+    assert z_axis.accept(p, Drive(0.0, 0.0, 0.0, 0.0, 0.0), -9e9).c0 == -500.0
+    assert z_axis.accept(p._replace(dac=0.0), Drive(0.0, 0.0, 0.0, 0.0, 0.0), 0.123456).c0 == 0.123456
+
+
+def test_the_encoder_reads_whole_micrometres():
+    p = Params()
+    for position in np.random.default_rng(6).uniform(-40.0, 110.0, 200):
+        read = z_axis.encoded(p, position)
+        assert abs(read - position) <= 0.5e-3 + 1e-12
+        assert read * 1e3 == pytest.approx(round(read * 1e3), abs=1e-6)
+        assert z_axis.encoded(p._replace(encoder=0.0), position) == position
+
+
+def test_an_axis_at_rest_stays_at_rest():
+    trace = response(Params(), np.zeros(200), 12.345)
+    assert np.all(trace[POSITION] == 12.345)
+    assert np.all(trace[HEAD] == 12.345)
+    assert not trace[1:4].any()
