@@ -1,8 +1,8 @@
 """Surface observer: estimates level, slope and bend of the sheet from encoder − reading and feeds its motion forward.
 
 The sheet under the nozzle is ``head position − height``. A Kalman-like observer with three states (level, speed,
-acceleration of the surface) follows it; steps of the innovation beyond ``gate`` are cut, so impulses hardly move it. The
-command is the predicted speed of the surface, ``lead`` ahead to make up for dead time and servo lag, and a proportional
+acceleration of the surface) follows it; what an innovation exceeds ``gate`` by is cut off, so impulses hardly move it.
+The command is the predicted speed of the surface, ``lead`` ahead to make up for dead time and servo lag, and a proportional
 term that brings the head to the set height above the predicted level.
 """
 
@@ -17,10 +17,10 @@ from kerfgym.envs.plant.supervisor import HOLD
 class Params(NamedTuple):
     """Gains of observer and loop."""
 
-    kp: Annotated[float, Quantity("1/s", 1.0, 400.0, "proportional gain", log=True)] = 80.0
+    kp: Annotated[float, Quantity("1/s", 1.0, 400.0, "proportional gain", log=True)] = 30.0
     bandwidth: Annotated[float, Quantity("Hz", 1.0, 200.0, "of the observer (three equal poles)", log=True)] = 25.0
-    feed: Annotated[float, Quantity("1", 0.0, 1.5, "share of the surface's speed fed forward")] = 0.8
-    lead: Annotated[float, Quantity("ms", 0.0, 20.0, "prediction of the speed")] = 3.0
+    feed: Annotated[float, Quantity("1", 0.0, 1.5, "share of the surface's speed fed forward")] = 1.0
+    lead: Annotated[float, Quantity("ms", 0.0, 20.0, "prediction of the speed")] = 8.0
     bend: Annotated[float, Quantity("1", 0.0, 1.0, "share of the estimated acceleration used in the prediction")] = 0.5
     gate: Annotated[float, Quantity("mm", 0.002, 5.0, "largest innovation that counts", log=True)] = 0.05
 

@@ -1,8 +1,8 @@
 """PID with filtered derivative and anti-windup.
 
 ``u = −(kp·e + I + kd·de/dt)``, ``e = height − set height``. The derivative is taken of the error behind a first-order
-lag; the integral follows the command that really went to the drive (back-calculation), so that nothing winds up while
-the supervisor overrides the law or a limit holds, and following is switched on without a bump.
+lag. The integral stands still while the supervisor overrides the law and is empty until the approach is over, so that
+nothing winds up; the supervisor's own slew limit makes the handover bumpless.
 """
 
 from typing import Annotated, NamedTuple
@@ -28,13 +28,12 @@ class State(NamedTuple):
     integral: float = 0.0  # mm/s
     error: float = 0.0  # mm, of the period before
     slope: float = 0.0  # mm/s
-    free: float = 0.0  # mm/s, command without integral of the period before
 
 
 @part
 def init(params):
     """The initial state."""
-    return State(0.0, 0.0, 0.0, 0.0)
+    return State(0.0, 0.0, 0.0)
 
 
 @part
@@ -44,9 +43,8 @@ def control(params, state, signals, tables):
     last = error if signals.fresh else state.error
     share = 1.0 / (params.lag + 1.0)  # of the newest difference, lag in ms, T = 1 ms
     slope = state.slope + share * ((error - last) / PERIOD - state.slope)
-    # While another command is in force, the integral becomes what would have given it.
-    tracked = -signals.command + state.free
-    integral = tracked if signals.override else state.integral + params.ki * PERIOD * error
-    integral = clip(integral, -params.limit, params.limit)
-    free = -(params.kp * error + params.kd * slope)
-    return State(integral, error, slope, free), free - integral
+    grown = state.integral + params.ki * PERIOD * error
+    integral = clip(state.integral if signals.override else grown, -params.limit, params.limit)
+    integral = integral if signals.captured else 0.0
+    command = -(params.kp * error + integral + params.kd * slope)
+    return State(integral, error, slope), command

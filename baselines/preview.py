@@ -20,7 +20,9 @@ class Params(NamedTuple):
     kp: Annotated[float, Quantity("1/s", 1.0, 400.0, "proportional gain", log=True)] = 60.0
     lead: Annotated[float, Quantity("ms", 0.0, 4.5, "how far ahead the speed is taken")] = 3.5
     sharpen: Annotated[float, Quantity("ms", -5.0, 10.0, "share of the coming acceleration, as a time")] = 1.0
-    level: Annotated[float, Quantity("1/s", 0.0, 100.0, "rate at which the reading corrects the level", log=False)] = 5.0
+    level: Annotated[float, Quantity("1/s", 0.0, 100.0, "rate at which the reading corrects the level", log=False)] = (
+        5.0
+    )
 
 
 class State(NamedTuple):
@@ -52,7 +54,10 @@ def control(params, state, signals, tables):
     """Head velocity, mm/s."""
     x = signals
     coming = _at(x, params.lead + 0.5) - _at(x, params.lead - 0.5)  # mm in 1 ms
-    before, after = _at(x, params.lead - 0.5) - _at(x, params.lead - 1.5), _at(x, params.lead + 1.0) - _at(x, params.lead)
+    before, after = (
+        _at(x, params.lead - 0.5) - _at(x, params.lead - 1.5),
+        _at(x, params.lead + 1.0) - _at(x, params.lead),
+    )
     bend = (after - before) / 1.25
     measured = x.head_position - x.height - x.surface_0
     bias = 0.0 if x.fresh else state.bias + params.level * PERIOD * clip(measured - state.bias, -0.02, 0.02)

@@ -3,8 +3,8 @@
 In TOML: ``feed = 200``, ``amplitude = { uniform = [0.3, 0.7] }``, ``tilt = { uniform = [0.003, 0.012], sign = "±" }``,
 ``noise = { log_uniform = [5e-4, 5e-3] }``, ``set_height = { choice = [0.5, 0.8, 1.0] }``.
 
-A draw depends on the seed and on the number's own name alone, so it is the same in whatever order or company it is made,
-and a new number in a scenario leaves the others as they were.
+A draw depends on the seed and on the number's own name alone, so it is the same in whatever order or company it is
+made, and a new number in a scenario leaves the others as they were.
 """
 
 import hashlib

@@ -4,7 +4,8 @@ from collections import deque
 
 import numpy as np
 
-from . import scenarios, stack as stacks
+from . import scenarios
+from . import stack as stacks
 from .plant import heads, machine, supervisor
 from .plant.controller import PERIOD
 from .plant.fleet import Fleet

@@ -5,12 +5,13 @@ from typing import Any, Literal, NamedTuple
 import gymnasium as gym
 import numpy as np
 
-from . import scenarios, stack as stacks
+from . import scenarios
+from . import stack as stacks
 from .film import Film, begin
 from .plant import filters, heads, lanes, machine, supervisor
 from .plant.controller import PERIOD, Privileged, stage_address
 from .plant.fleet import Fleet
-from .plant.lanes import UW, U, U1, clip, doubles, load, logarithm, part, singles, words
+from .plant.lanes import U1, UW, U, clip, doubles, load, logarithm, part, singles, words
 from .plant.quantity import InvalidInput, did_you_mean
 from .scenarios import Scenario
 
@@ -392,7 +393,9 @@ class HeightFollowingEnv(gym.Env):
         if "scenario_seed" in options:
             asked = int(options["scenario_seed"])
             if asked not in seeds:
-                raise InvalidInput(f"scenario_seed = {asked} is not in split '{self.split}': {seeds.start} to {seeds.stop - 1}")
+                raise InvalidInput(
+                    f"scenario_seed = {asked} is not in split '{self.split}': {seeds.start} to {seeds.stop - 1}"
+                )
             return asked
         if self.split == "train":
             return seeds.start + int(lanes.mix(self._seed, self._episode) % np.uint64(len(seeds)))

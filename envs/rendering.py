@@ -10,6 +10,7 @@ import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -33,14 +34,14 @@ WIDTH, HEIGHT = 960, 540
 SMALLEST = (480, 270)
 """px, width and height below which nothing could be read."""
 
-HALF = 15.0
+HALF = 14.0
 """mm of path shown on each side of the nozzle."""
 
 EXAGGERATIONS = (16.0, 8.0, 4.0, 2.0, 1.0, 0.5, 0.25, 0.125, 0.0625)
 """z scale over x scale."""
 
-TALLEST = 0.42
-"""Share of the panel's height that the gap may take."""
+TALLEST, RECENT = 0.48, 0.4
+"""Share of the panel's height that the gap, and the largest of the last so many s, may take."""
 
 GROUND = 2 / 3
 """Share of the panel's height above the surface under the nozzle."""
@@ -179,7 +180,10 @@ class Renderer:
         rows, columns = panel.shape[:2]
         gap, set_height = _finite(scene.gap, 0.0), _finite(scene.set_height, 0.0)
         head = _finite(scene.head, gap)
-        self._span = _step(tuple(self._spans), self._span, max(gap, set_height) / TALLEST)
+        trace = np.asarray(scene.trace, float).reshape(-1, 3)
+        recent = trace[(trace[:, 0] > scene.time - RECENT) & np.isfinite(trace[:, 1]), 1]
+        largest = max(gap, set_height, set_height + recent.max(initial=0.0))
+        self._span = _step(tuple(self._spans), self._span, largest / TALLEST)
         z_scale = rows / self._span
 
         edges = scene.distance + (np.arange(columns + 1) - columns / 2) / x_scale
@@ -248,34 +252,33 @@ class Renderer:
         for i in range(math.ceil(first / step), math.floor(last / step) + 1):
             at = y(i * step)
             if 7 * k < at < rows - 4 * k:
-                _mark(page, self._left - self._x(6), self._left - 1, self._top + at, QUIET)
-                _mark(page, self._left, self._right, self._top + at, QUIET, 0.13)
-                self._small.write(page, f"{i * step:.{decimals}f}".replace("-", "−"), self._left - 10 * k, self._top + at, INK, 1.0)
+                row = self._top + int(at)
+                page[row, self._left - self._x(6) : self._left] = _code(QUIET)[0]
+                line = page[row, self._left : self._right]
+                line[:] = _mix(line, np.float32(0.13), QUIET)
+                label = f"{i * step:.{decimals}f}".replace("-", "−")
+                self._small.write(page, label, self._left - 10 * k, self._top + at, INK, 1.0)
 
     def _draw_distances(self, page: Pixels, distance: float) -> None:
         """Ticks of the distance along the path, which move with the sheet."""
         k, bottom = self._k, self._bottom
         for i in range(math.ceil((distance - HALF) / 5), math.floor((distance + HALF) / 5) + 1):
-            at = self._left + (5 * i - distance + HALF) * self._x_scale
-            page[bottom : bottom + self._x(5), min(int(at), self._right - 1)] = _code(QUIET)[0]
-            self._small.write(page, f"{5 * i}", at, bottom + 13 * k, INK, 0.5)
+            at = min(self._left + int((5 * i - distance + HALF) * self._x_scale), self._right - 1)
+            page[bottom : bottom + self._x(5), at] = _code(QUIET)[0]
+            self._small.write(page, f"{5 * i}".replace("-", "−"), at, bottom + 13 * k, INK, 0.5)
 
     def _draw_nozzle(self, panel: Pixels, tip: float, cutting: bool) -> None:
         """Cone with its bore, as wide as it is, tip at ``tip`` px; its slope is that of z × 1."""
         axis = panel.shape[1] // 2
         bore, face, body = (round(r * self._x_scale) for r in (BORE, FACE, BODY))
-        low = int(tip)
         if cutting:
             # The beam narrows to its focus at the tip; the sheet below is the front of the cut.
             across = np.abs(np.arange(-bore, bore) + 0.5) / bore
-            reach = np.where(across < 0.2, len(panel), low * (1 - across) / 0.8)
+            reach = np.where(across < 0.2, len(panel), tip * (1 - across) / 0.8)
             _fill(panel[:, axis - bore : axis + bore], np.zeros(2 * bore), reach, BEAM, 0.45)
-        for inner, outer in ((axis - face, axis - bore), (axis + bore, axis + face)):
-            panel[:low, inner:outer] = _code(NOZZLE)[0]
-            _mark(panel, inner, outer, low + (tip - low) / 2, NOZZLE, 1.0, tip - low)
-        slope = tip - (np.arange(face, body) + 0.5 - face) * SLOPE
-        _fill(panel[:, axis + face : axis + body], np.zeros(len(slope)), slope, NOZZLE)
-        _fill(panel[:, axis - body : axis - face], np.zeros(len(slope)), slope[::-1], NOZZLE)
+        radius = np.abs(np.arange(-body, body) + 0.5)
+        lowest = np.where(radius > bore, tip - np.maximum(radius - face, 0.0) * SLOPE, np.nan)
+        _fill(panel[:, axis - body : axis + body], np.zeros(2 * body), lowest, NOZZLE)
 
     def _draw_gap(self, panel: Pixels, tip: float, surface: float, face: int, text: str) -> None:
         """Dimension left of column ``face``, between rows ``tip`` and ``surface``, px."""
@@ -286,20 +289,18 @@ class Renderer:
         inside = surface - tip > 3 * length
         across = np.abs(np.arange(-wing, wing + 1)) / wing * length
         narrow = panel[:, at - wing : at + wing + 1]
-        above, below = (tip, surface) if inside else (tip - 2 * length, surface + 2 * length)
         for row, down in ((tip, not inside), (surface, inside)):  # arrowheads point inwards from outside a small gap
             if down:
                 _fill(narrow, np.full(len(across), row - length), row - across, TRUE)
             else:
                 _fill(narrow, row + across, np.full(len(across), row + length), TRUE)
-        shaft = panel[:, at : at + 1]
-        for a, b in ((above, surface), (surface, below)) if inside else ((above, tip), (surface, below)):
-            _fill(shaft, np.array([a]), np.array([b]), TRUE)
+        for a, b in ((tip, surface),) if inside else ((tip - 2 * length, tip), (surface, surface + 2 * length)):
+            panel[max(0, round(a)) : max(0, round(b)), at : at + max(1, self._x(1))] = _code(TRUE)[0]
         width = self._text.width(text)
         middle = float(np.clip((tip + surface) / 2, 12 * k, rows - 12 * k))
         x, half = at - self._x(18) - width, 11 * k
         label = panel[round(middle - half) : round(middle + half), round(x - 5 * k) : round(x + width + 5 * k)]
-        label[:] = _mix(label, np.float32(0.88), WHITE)  # legible over lines that pass
+        label[:] = _code(WHITE)[0]  # legible over lines that pass
         self._text.write(panel, text, x, middle, TRUE)
 
     def _draw_errors(self, page: Pixels, scene: Scene) -> float:
@@ -323,11 +324,10 @@ class Renderer:
             label = f"{share * self._range:,.0f}".replace(",", " ").replace("-", "−")
             self._small.write(page, label, self._left - 10 * k, self._low + y, INK, 1.0)
         for i in range(math.ceil(5 * (end - WINDOW) - 1e-9), math.floor(5 * end + 1e-9) + 1):
-            x = self._left + (i / 5 - end + WINDOW) / WINDOW * columns
-            at = min(max(int(x), self._left), self._right - 1)
+            at = min(self._left + int((i / 5 - end + WINDOW) / WINDOW * columns), self._right - 1)
             page[self._low : self._lowest, at] = _code(GRID)[0]
             page[self._lowest : self._lowest + self._x(5), at] = _code(QUIET)[0]
-            self._small.write(page, f"{i / 5:.1f}", x, self._lowest + 12 * k, INK, 0.5)
+            self._small.write(page, f"{i / 5:.1f}", at, self._lowest + 12 * k, INK, 0.5)
 
         x = (trace[:, 0] - end + WINDOW) / WINDOW * columns
         for column, colour, thickness, at in ((0, TRUE, 2.6, 24), (1, REPORTED, 1.6, 68)):
@@ -340,126 +340,135 @@ class Renderer:
         return float(np.sqrt(np.mean(true * true))) if len(true) else math.nan
 
     def _draw_status(self, page: Pixels, scene: Scene, rms: float) -> None:
-        k, y = self._k, (self._strip + page.shape[0]) / 2
-        x = self._text.write(page, "time ", self._x(14), y, QUIET)
-        self._text.write(page, f"{scene.time:.3f} s", x, y, INK)
-        x = self._text.write(page, "distance ", self._x(140), y, QUIET)
-        self._text.write(page, f"{scene.distance:.1f} mm", x, y, INK)
+        rms_decimals = 1 if rms < 1000 else 0
+        for x, name, value in (
+            (14, "time", f"{scene.time:.3f} s"),
+            (140, "distance", f"{scene.distance:.1f} mm"),
+            (708, "true error, RMS of 1 s", _number(rms, rms_decimals, "µm")),
+        ):
+            end = self._state(page, name + " ", self._x(x), QUIET)
+            self._state(page, value, end, INK)
         mode = MODES.get(scene.mode, scene.mode)
-        if scene.mode == "alarm":
-            self._badge(page, mode, self._x(318), y, INK)
-        else:
-            self._text.write(page, mode, self._x(318), y, INK)
+        self._state(page, mode, self._x(318), INK, badge=scene.mode == "alarm")
         if scene.override:
-            self._badge(page, "! supervisor acts", self._x(424), y, OVERRIDE)
-        value = _number(rms, 1 if rms < 1000 else 0, "µm")
-        x = page.shape[1] - self._x(14)
-        self._text.write(page, value, x, y, INK, 1.0)
-        self._text.write(page, "true error, RMS of 1 s: ", x - 92 * k, y, QUIET, 1.0)
+            self._state(page, "! supervisor acts", self._x(424), OVERRIDE, badge=True)
 
-    def _badge(self, page: Pixels, text: str, x: int, y: float, colour: str) -> None:
-        width, half = self._text.width(text), 11 * self._k
-        page[round(y - half) : round(y + half), x - self._x(8) : round(x + width) + self._x(8)] = _code(colour)[0]
-        self._text.write(page, text, x, y, WHITE)
+    def _state(self, page: Pixels, text: str, x: float, colour: str, badge: bool = False) -> float:
+        """Writes in the status line; a badge is white on ``colour``."""
+        y, half, margin = (self._strip + len(page)) / 2, 11 * self._k, 8 * self._k
+        if not badge:
+            return self._text.write(page, text, x, y, colour, ground=STRIP)
+        end = x + self._text.width(text)
+        page[round(y - half) : round(y + half), round(x - margin) : round(end + margin)] = _code(colour)[0]
+        return self._text.write(page, text, x, y, WHITE, ground=colour)
 
 
 class _Letters:
     """Writes in one size of Pillow's own font.
 
-    Letters are kept as coverages at quarters of a pixel, because Pillow takes 0.5 ms for a line. The font lacks
-    −, × and µ; they are drawn here.
+    Letters are drawn enlarged and kept as coverages at quarters of a pixel: Pillow takes 0.5 ms for a line, and places
+    small letters at whole pixels. The font lacks −, × and µ; they are made here.
     """
 
     FINE = 4
-    """Enlargement at which the three are drawn."""
+    """Enlargement, and steps of a pixel at which a letter may stand."""
+
+    PAD = 1
+    """px left of a letter's origin."""
 
     KEPT = 500
     """Lines kept: most are the same in the next frame."""
 
+    MADE: ClassVar[dict[str, str]] = {"µ": "u", "×": "+", "−": "+"}
+    """Letters not in the font, and those as wide as they."""
+
     def __init__(self, size: int) -> None:
         from PIL import ImageFont
 
-        self._size = size
-        self._font, self._large = ImageFont.load_default(size), ImageFont.load_default(size * self.FINE)
+        self._size, self._font = size, ImageFont.load_default(size * self.FINE)
         self._middle = 0.36 * size  # of digits and capitals, above the baseline
         self._above, self._below = size, math.ceil(0.4 * size)
         self._letters: dict[tuple[str, int], Floats] = {}
-        self._lines: dict[tuple[str, int], Floats] = {}
+        self._lines: dict[tuple[str, int, str, str], tuple[Pixels, int, int]] = {}
         self._widths: dict[str, float] = {}
 
     def width(self, text: str) -> float:
         """px."""
         return sum(map(self._advance, text))
 
-    def write(self, page: Pixels, text: str, x: float, y: float, colour: str, align: float = 0.0) -> float:
+    def write(
+        self, page: Pixels, text: str, x: float, y: float, colour: str, align: float = 0.0, ground: str = WHITE
+    ) -> float:
         """Writes on the middle line ``y``, to the right of ``x`` (align 0), about it (0.5) or to its left (1), px.
+
+        ``ground`` is the colour there already; blending with whatever is there would take ten times longer.
 
         Returns:
             x of the end, px.
         """
         width = self.width(text)
-        quarters = round((x - align * width) * 4)
-        line, left, top = self._line(text, quarters % 4), quarters // 4, round(y + self._middle) - self._above
-        a, b = max(0, -top), min(len(line), len(page) - top)
-        c, d = max(0, -left), min(line.shape[1], page.shape[1] - left)
-        if a < b and c < d:
-            area = page[top + a : top + b, left + c : left + d]
-            area[:] = _mix(area, line[a:b, c:d], colour)
-        return x + (1 - align) * width
-
-    def _line(self, text: str, quarter: int) -> Floats:
-        """Coverage of a line that begins ``quarter`` / 4 px from the left, shape (rows, columns)."""
-        key = text, quarter
+        left, start = divmod(round((x - align * width) * self.FINE), self.FINE)
+        key = text, start, colour, ground
         if key not in self._lines:
             if len(self._lines) >= self.KEPT:
                 self._lines.clear()
-            letters, pen = [], quarter / 4
-            for letter in text:
-                quarters = round(pen * 4)
-                letters.append((quarters // 4, self._letter(letter, quarters % 4)))
-                pen += self._advance(letter)
-            line = np.zeros((self._above + self._below, math.ceil(pen) + 3), np.float32)
-            for at, mask in letters:
-                line[:, at : at + mask.shape[1]] += mask
-            self._lines[key] = np.minimum(line, 1.0, out=line)
-        return self._lines[key]
+            self._lines[key] = self._line(*key)
+        line, right, down = self._lines[key]
+        left, top = left + right, round(y + self._middle) + down
+        a, b = max(0, -top), min(len(line), len(page) - top)
+        c, d = max(0, -left), min(line.shape[1], page.shape[1] - left)
+        if a < b and c < d:
+            page[top + a : top + b, left + c : left + d] = line[a:b, c:d]
+        return x + (1 - align) * width
+
+    def _line(self, text: str, start: int, colour: str, ground: str) -> tuple[Pixels, int, int]:
+        """A line without the blank around it, and where that begins from origin − ``start`` / ``FINE``, px."""
+        letters, pen = [], start / self.FINE
+        for letter in text:
+            left, rest = divmod(round(pen * self.FINE), self.FINE)
+            letters.append((left, self._letter(letter, rest)))
+            pen += self._advance(letter)
+        cover = np.zeros((self._above + self._below, math.ceil(pen) + 2 * self.PAD + 2), np.float32)
+        for left, mask in letters:
+            cover[:, left : left + mask.shape[1]] += mask
+        rows, columns = np.flatnonzero(cover.any(axis=1)), np.flatnonzero(cover.any(axis=0))
+        if not len(rows):
+            return np.zeros((0, 0), np.uint32), 0, 0
+        cover = np.minimum(cover[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1], np.float32(1))
+        line = _mix(np.full(cover.shape, _code(ground)[0]), cover, colour)
+        return line, int(columns[0]) - self.PAD, int(rows[0]) - self._above
 
     def _advance(self, letter: str) -> float:
         if letter not in self._widths:
-            self._widths[letter] = self._font.getlength({"µ": "u", "×": "+", "−": "+"}.get(letter, letter))
+            self._widths[letter] = self._font.getlength(self.MADE.get(letter, letter)) / self.FINE
         return self._widths[letter]
 
-    def _letter(self, letter: str, quarter: int) -> Floats:
-        """Coverage of a letter whose origin is ``quarter`` / 4 px from the left."""
-        key = letter, quarter
-        if key not in self._letters:
-            self._letters[key] = self._drawn(letter, quarter)
-        return self._letters[key]
+    def _letter(self, letter: str, start: int) -> Floats:
+        """Coverage of a letter whose origin is ``PAD`` + ``start`` / ``FINE`` px from the left."""
+        if (letter, start) not in self._letters:
+            self._letters[letter, start] = self._draw(letter, start)
+        return self._letters[letter, start]
 
-    def _drawn(self, letter: str, quarter: int) -> Floats:
+    def _draw(self, letter: str, start: int) -> Floats:
         from PIL import Image, ImageDraw
 
-        width, height = math.ceil(self._advance(letter)) + 2, self._above + self._below
-        if letter not in ("µ", "×", "−"):
-            image = Image.new("L", (width, height))
-            ImageDraw.Draw(image).text((quarter / 4, self._above), letter, fill=255, font=self._font, anchor="ls")
-            return np.asarray(image, np.float32) / 255
-        fine, size = self.FINE, self.FINE * self._size
-        image = Image.new("L", (width * fine, height * fine))
-        draw = ImageDraw.Draw(image)
-        x, base, pen = quarter * fine / 4, self._above * fine, max(fine, round(0.085 * size))
-        if letter == "µ":
-            draw.text((x, base), "u", fill=255, font=self._large, anchor="ls")
-            stem = x + self._large.getbbox("u", anchor="ls")[0]
-            draw.rectangle((stem, base - 0.3 * size, stem + pen - 1, base + 0.2 * size), fill=255)
+        width, height = math.ceil(self._advance(letter)) + 2 * self.PAD, self._above + self._below
+        image = Image.new("L", (width * self.FINE, height * self.FINE))
+        draw, size = ImageDraw.Draw(image), self._size * self.FINE
+        x, base, pen = self.PAD * self.FINE + start, self._above * self.FINE, round(0.09 * size)
+        wide, y, arm = self._advance(letter) * self.FINE, base - round(self._middle * self.FINE), 0.2 * size
+        middle = x + wide / 2
+        if letter == "×":
+            draw.line((middle - arm, y - arm, middle + arm, y + arm), fill=255, width=pen)
+            draw.line((middle - arm, y + arm, middle + arm, y - arm), fill=255, width=pen)
+        elif letter == "−":
+            draw.rectangle((middle - 1.3 * arm, y - pen // 2, middle + 1.3 * arm, y - pen // 2 + pen - 1), fill=255)
         else:
-            x, y, arm = x + self._advance(letter) * fine / 2, base - self._middle * fine, 0.2 * size
-            if letter == "×":
-                draw.line((x - arm, y - arm, x + arm, y + arm), fill=255, width=pen)
-                draw.line((x - arm, y + arm, x + arm, y - arm), fill=255, width=pen)
-            else:
-                draw.rectangle((x - 1.2 * arm, y - pen / 2, x + 1.2 * arm, y + pen / 2 - 1), fill=255)
-        return np.asarray(image.reduce(fine), np.float32) / 255
+            draw.text((x, base), self.MADE.get(letter, letter), fill=255, font=self._font, anchor="ls")
+        if letter == "µ":
+            stem = image.crop((x, y, int(middle), y + 1)).resize((int(middle) - x, base + round(0.2 * size) - y))
+            image.paste(255, (x, y), mask=stem)
+        return np.asarray(image.reduce(self.FINE), np.float32) / 255
 
 
 FACE, BORE = (getattr(sensor.Params(), name) for name in ("radius", "bore"))
@@ -476,7 +485,8 @@ def _finite(value: float, otherwise: float) -> float:
 def _number(value: float, decimals: int, unit: str, sign: str = "") -> str:
     if not math.isfinite(value):
         return f"no value, {unit}"
-    return f"{value:{sign}.{decimals}f} {unit}".replace("-", "−")
+    rounded = round(value, decimals) or 0.0  # no −0
+    return f"{rounded:{sign if rounded else ''}.{decimals}f} {unit}".replace("-", "−")
 
 
 def _nice(least: float) -> float:
@@ -546,7 +556,7 @@ def _mark(
 
 def _fill(area: Pixels, low: Floats, high: Floats, colour: str, opacity: float = 1.0) -> None:
     """Paints each column from ``low`` to ``high``, px from the top, with the ends' share of a pixel; NaN: nothing."""
-    low, high = np.clip(low, 0, len(area)), np.clip(high, 0, len(area))
+    low, high = np.maximum(low, 0.0), np.minimum(high, float(len(area)))
     columns = np.flatnonzero(high > low)
     if not len(columns):
         return
@@ -558,9 +568,9 @@ def _fill(area: Pixels, low: Floats, high: Floats, colour: str, opacity: float =
     top, left = first.min(), columns[0]
     inner = area[top : last.max(), left : columns[-1] + 1]
     # Boundaries for all columns between the outermost; where there is nothing to paint the first is below the last.
-    above, below = np.full((2, inner.shape[1]), len(area))
+    above, below = np.full((2, inner.shape[1]), len(area), np.int16)
     above[columns - left], below[columns - left] = first, last
-    rows = np.arange(top, top + len(inner))[:, None]
+    rows = np.arange(top, top + len(inner), dtype=np.int16)[:, None]
     full = (rows > above) & (rows < below)
     if opacity == 1.0:
         np.copyto(inner, _code(colour)[0], where=full)

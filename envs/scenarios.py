@@ -25,7 +25,12 @@ from .plant.lanes import mix
 from .plant.path import Contour
 from .plant.quantity import InvalidInput, Quantity, did_you_mean
 
-SPLITS = {"tune": range(0, 1000), "test": range(1000, 1200), "reserve": range(1200, 2000), "train": range(10_000, 2**40)}
+SPLITS = {
+    "tune": range(0, 1000),
+    "test": range(1000, 1200),
+    "reserve": range(1200, 2000),
+    "train": range(10_000, 2**40),
+}
 """Seeds of each split."""
 
 
@@ -77,7 +82,9 @@ class Head(_Section):
     warming: Annotated[Number, _q("s", 1, 1e5, "time constant of the drift")] = 600.0
     impulses: Annotated[Number, _q("1/s", 0, 500, "rate of impulses")] = 2.0
     impulse_samples: Annotated[Number, _q("samples", 1, 50, "longest impulse, lengths uniform from 1")] = 1.0
-    impulse_height: Annotated[Number, _q("mm", 0, 5, "apparent height at zero gap, A(h) = this/(1 + h/falloff)")] = 0.137
+    impulse_height: Annotated[Number, _q("mm", 0, 5, "apparent height at zero gap, A(h) = this/(1 + h/falloff)")] = (
+        0.137
+    )
     impulse_falloff: Annotated[Number, _q("mm", 0.01, 100, "see impulse_height")] = 0.894
     impulse_spread: Annotated[Number, _q("1", 0, 1, "relative spread of the height")] = 0.3
     bursts: Annotated[Number, _q("1/s", 0, 100, "rate of plasma bursts")] = 0.0
@@ -205,7 +212,9 @@ class Scenario(_Section):
         if slowest <= 0:
             raise InvalidInput(f"scenario '{self.name}': a path needs a feed above 0 mm/s")
         length = contour(str(drawing)).length
-        return self.varied(path=str(drawing), duration=round(length / slowest, 3), name=f"{self.name}@{Path(drawing).stem}")
+        return self.varied(
+            path=str(drawing), duration=round(length / slowest, 3), name=f"{self.name}@{Path(drawing).stem}"
+        )
 
     def to_toml(self) -> str:
         """The scenario as TOML that :func:`parse` reads back to an equal scenario."""
@@ -267,7 +276,7 @@ def _validated(data: dict, where: str, text: str = "") -> Scenario:
 
 def _line_of(text: str, key: str) -> str:
     for number, line in enumerate(text.splitlines(), start=1):
-        if line.split("=")[0].strip(" []") .split(".")[-1] == key:
+        if line.split("=")[0].strip(" []").split(".")[-1] == key:
             return f", line {number}"
     return ""
 
@@ -326,7 +335,9 @@ def profile(source: Profile) -> np.ndarray:
     columns = read_columns(source.file, ("position_mm", "height_mm"))
     falls = np.flatnonzero(np.diff(columns[:, 0]) <= 0)
     if len(falls):
-        raise InvalidInput(f"{source.file}, row {falls[0] + 3}, column position_mm: positions must rise from row to row")
+        raise InvalidInput(
+            f"{source.file}, row {falls[0] + 3}, column position_mm: positions must rise from row to row"
+        )
     grid = np.arange(columns[0, 0], columns[-1, 0], source.spacing)
     return np.interp(grid, columns[:, 0], columns[:, 1])
 
@@ -417,7 +428,9 @@ def _prepare_sheet(fleet: Fleet, scenario: Scenario, m: np.ndarray, seeds: np.nd
         if i < len(shape.waves):
             w, label = shape.waves[i], f"sheet.waves.{i}."
             length = draw(w.wavelength, seeds, label + "wavelength")
-            relative = (length / draw(w.reference, seeds, label + "reference")) ** draw(w.exponent, seeds, label + "exponent")
+            relative = (length / draw(w.reference, seeds, label + "reference")) ** draw(
+                w.exponent, seeds, label + "exponent"
+            )
             angle = np.deg2rad(draw(w.direction, seeds, label + "direction"))
             k, phase = 2 * np.pi / length, 2 * np.pi * fraction(seeds, label + "phase")
             amplitude = draw(w.amplitude, seeds, label + "amplitude") * relative

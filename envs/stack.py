@@ -69,7 +69,9 @@ class Stack:
     def __post_init__(self) -> None:
         for group in {name.split(".")[0] for name in self.values}:
             if group not in self._groups:
-                raise InvalidInput(f"controller '{self.name}': unknown group '{group}'; {did_you_mean(group, self._groups)}")
+                raise InvalidInput(
+                    f"controller '{self.name}': unknown group '{group}'; {did_you_mean(group, self._groups)}"
+                )
         for group in self._groups:
             self.part(group)
         filters.validated(self.part("filter"))

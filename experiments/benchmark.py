@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ..envs import metrics, scenarios, stack as stacks
+from ..envs import metrics, scenarios
+from ..envs import stack as stacks
 from ..envs.plant import machine
 from ..envs.plant.controller import PERIOD
 from ..envs.plant.path import SPACING
@@ -149,7 +150,9 @@ def run(
     joined = {name: pd.concat(frames, ignore_index=True) for name, frames in tables.items()}
     order = {name: i for i, name in enumerate(controllers)}
     frame = joined["runs"]
-    frame = frame.sort_values(["controller", "scenario", "seed"], key=lambda c: c.map(order) if c.name == "controller" else c)
+    frame = frame.sort_values(
+        ["controller", "scenario", "seed"], key=lambda c: c.map(order) if c.name == "controller" else c
+    )
     names = [s.name for s in chosen]
     frame = frame.sort_values("scenario", key=lambda c: c.map(names.index), kind="stable").sort_values(
         "controller", key=lambda c: c.map(order), kind="stable"

@@ -31,7 +31,9 @@ def list_(kind: Annotated[Positional[str], arg(metavar="KIND")] = "all") -> None
 
 def _entries(kind: str) -> list[tuple[str, str]]:
     if kind == "environments":
-        return [("kerfgym/HeightFollowing-v0", "move the head so that the nozzle keeps its height over the sheet, 1 kHz")]
+        return [
+            ("kerfgym/HeightFollowing-v0", "move the head so that the nozzle keeps its height over the sheet, 1 kHz")
+        ]
     if kind == "scenarios":
         from ..envs import scenarios
 
@@ -86,14 +88,17 @@ def benchmark(
         chosen = [scenarios.load(s).along(path) for s in scenario or ["drawing"]]
         core: tuple[str, ...] = tuple(s.name for s in chosen)
     elif scenario:
-        chosen, core = [scenarios.load(s) for s in scenario], scenarios.core(suite) if suite in scenarios.suites() else ()
+        chosen, core = (
+            [scenarios.load(s) for s in scenario],
+            scenarios.core(suite) if suite in scenarios.suites() else (),
+        )
     else:
         chosen, core = list(scenarios.suite(suite).values()), scenarios.core(suite)
     wanted = bench.split_seeds(seeds if seeds is not None else (bench.PATH_SEEDS if path else 200), split)
     folder = Path("runs") / (name or datetime.datetime.now().strftime("%Y-%m-%d-%H%M%S"))
     results = bench.run(
-        list(dict.fromkeys(controller)) or list(bench.DEFAULT), chosen, folder, wanted, core=core, with_ms=ms, jobs=jobs,
-        overwrite=overwrite, resume=resume,
+        list(dict.fromkeys(controller)) or list(bench.DEFAULT), chosen, folder, wanted, core=core, with_ms=ms,
+        jobs=jobs, overwrite=overwrite, resume=resume,
     )  # fmt: skip
     from .table import print_summary
 

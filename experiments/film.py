@@ -4,7 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..envs import scenarios, stack as stacks
+from ..envs import scenarios
+from ..envs import stack as stacks
 from ..envs.film import Film
 from ..envs.plant.quantity import InvalidInput
 from . import rollout
@@ -13,7 +14,9 @@ from .runs import atomic
 FRAMES_PER_SECOND = 25
 
 
-def film(out: Path, controller: str, scenario: str, seed: int, seconds: float | None = None, slow: float = 10.0) -> None:
+def film(
+    out: Path, controller: str, scenario: str, seed: int, seconds: float | None = None, slow: float = 10.0
+) -> None:
     """Writes an episode as MP4 or GIF, or its last frame as PNG.
 
     Raises:

@@ -2,8 +2,8 @@
 
 Per scenario a controller's error is the RMS over all its scored periods of all its seeds (so a run that collides, and
 sits retracted afterwards, weighs as heavily as it deserves). The score is the geometric mean over the suite's core; the
-ratio is that of the reference over it. On the scale of DESIGN §4, 0 is ``xi2023-tuned`` and 1 is ``preview-5ms``, in the
-logarithm. Rankings never mix information classes.
+ratio is that of the reference over it. On the scale, 0 is ``xi2023-tuned`` and 1 is ``preview-5ms``, in the logarithm.
+Rankings never mix information classes.
 """
 
 from dataclasses import dataclass, field

@@ -17,7 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from .. import __version__, baselines
-from ..envs import scenarios, stack as stacks
+from ..envs import scenarios
+from ..envs import stack as stacks
 from ..envs.plant import heads
 from ..envs.plant.fleet import Fleet
 from ..envs.plant.quantity import InvalidInput
@@ -37,7 +38,14 @@ SPACES: dict[str, tuple[str, ...]] = {
     "xi2023-tuned": ("filter.window", "filter.trim", "law.kv"),
     "pid": ("filter.jump", "filter.hold", "law.kp", "law.ki", "law.kd", "law.lag"),
     "observer": (
-        "filter.jump", "filter.hold", "law.kp", "law.bandwidth", "law.feed", "law.lead", "law.bend", "law.gate",
+        "filter.jump",
+        "filter.hold",
+        "law.kp",
+        "law.bandwidth",
+        "law.feed",
+        "law.lead",
+        "law.bend",
+        "law.gate",
     ),
     "preview-5ms": ("law.kp", "law.lead", "law.sharpen", "law.level"),
 }
@@ -55,7 +63,10 @@ class Evaluator:
 
     def __post_init__(self) -> None:
         cases = scenarios.suite(self.suite)
-        self.scenarios = [cases[name] for name in scenarios.core(self.suite)]
+        self.core = len(scenarios.core(self.suite))
+        # Those that are ranked by, and those in which nobody may collide.
+        guarded = [name for name, case in cases.items() if case.guard and not case.exempt]
+        self.scenarios = [cases[name] for name in (*scenarios.core(self.suite), *guarded)]
         self.which = np.repeat(np.arange(len(self.scenarios)), self.seeds)
         self.used = np.tile(np.arange(self.seeds), len(self.scenarios))
         assert self.used.max() in scenarios.SPLITS["tune"]
@@ -68,8 +79,8 @@ class Evaluator:
         )
         self.steps = 0
 
-    def score(self, stack: Stack) -> float:
-        """Geometric mean over the core scenarios of the RMS true error, µm; infinite if a run fails."""
+    def score(self, stack: Stack) -> tuple[float, int]:
+        """Geometric mean over the core scenarios of the RMS true error, µm (infinite if a run fails), collisions."""
         every = np.arange(self.fleet.size)
         self.fleet.forget_filters()
         stack.install(self.fleet, every)
@@ -79,10 +90,10 @@ class Evaluator:
         square = np.where(record.scored, record.error.astype(np.float64), 0.0) ** 2
         logs = [
             0.5 * math.log(square[:, self.which == i].sum() / record.scored[:, self.which == i].sum())
-            for i in range(len(self.scenarios))
+            for i in range(self.core)
         ]
         score = 1e3 * math.exp(np.mean(logs))
-        return score if math.isfinite(score) and not record.collided.any() else math.inf
+        return (score if math.isfinite(score) else math.inf), int(record.collided.sum())
 
     def peak(self, stack: Stack) -> float:
         """Ms on a coarser set of frequencies than the suite's, quick enough for a search."""
@@ -111,12 +122,13 @@ def search(name: str, trials: int = TRIALS, cap: float = CAP, seed: int = 0) -> 
             candidate = base.varied(_suggest(trial, base, space))
         except InvalidInput:  # the trim eats the window
             return 20.0
-        score, peak = evaluator.score(candidate), evaluator.peak(candidate)
+        (score, collisions), peak = evaluator.score(candidate), evaluator.peak(candidate)
         trial.set_user_attr("score", score)
         trial.set_user_attr("peak", peak)
+        trial.set_user_attr("collisions", collisions)
         if not (math.isfinite(score) and math.isfinite(peak)):
             return 15.0
-        return math.log(score) + 8.0 * max(0.0, peak - 0.985 * cap)
+        return math.log(score) + 8.0 * max(0.0, peak - 0.985 * cap) + (0.2 + 0.01 * collisions) * bool(collisions)
 
     study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=seed, multivariate=True, n_startup_trials=30))
     # The stack as it stands is the first point, so a search never ends worse than it began.
@@ -136,6 +148,7 @@ def search(name: str, trials: int = TRIALS, cap: float = CAP, seed: int = 0) -> 
         raise RuntimeError(f"no trial of {name} has Ms ≤ {cap}")
     return found, {
         "suite": f"{evaluator.suite}-1", "score_tune_um": round(trial.user_attrs["score"], 4), "ms": round(peak, 4),
+        "collisions_tune": trial.user_attrs["collisions"],
         "cap": cap, "trials": trials, "sampler": f"TPE {EXPLORE}, then CMA-ES", "sampler_seed": seed,
         "tune_seeds": f"0-{evaluator.seeds - 1}", "simulated_steps": evaluator.steps,
         "cpu_seconds": round(time.process_time() - start, 1), "kerfgym": __version__, "git": _git(),
@@ -153,7 +166,7 @@ def _suggest(trial, base: Stack, space: tuple[str, ...]) -> dict[str, float]:
         if key == "filter.trim":
             low, high = 0, 3
         if key == "filter.hold":
-            low, high = 0, 6
+            low, high = 2, 8
         if q.whole:
             chosen[key] = float(trial.suggest_int(key, int(low), int(high)))
         else:
@@ -167,7 +180,9 @@ def _number(value: float) -> float:
 
 def _git() -> str:
     try:
-        out = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, cwd=Path(__file__).parent)
+        out = subprocess.run(
+            ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, cwd=Path(__file__).parent
+        )
     except OSError:
         return "unknown"
     return out.stdout.strip() or "unknown"
@@ -193,7 +208,10 @@ def main() -> None:
             raise SystemExit(f"unknown preset '{name}'; known: {', '.join(SPACES)}")
         stack, record = search(name)
         path = write_preset(stack, SPACES[name], record)
-        print(f"{name}: {record['score_tune_um']} µm at Ms {record['ms']} in {record['cpu_seconds']} CPU-s → {path.name}", flush=True)
+        print(
+            f"{name}: {record['score_tune_um']} µm at Ms {record['ms']} in {record['cpu_seconds']} CPU-s → {path.name}",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Calibration: a run of the machine → monotone frequency–height table → look-up (Xi2023 Fig. 7, PHYSICS §1 and §6).
 
-The run itself is the supervisor's ``calibrate`` mode on the real machine: touch the sheet, rise to 10 mm at 10 mm/s, one
-count per 1 ms, each tagged with the encoder at the centre of its gate. :func:`build` makes the table from those samples:
+The run itself is the supervisor's ``calibrate`` mode on the machine: touch the sheet, rise to 10 mm at 10 mm/s, one
+count per 1 ms, each tagged with the encoder at the centre of its gate. :func:`build` makes the table from the samples:
 
 1. samples far from the local trend (impulses) are set aside;
 2. the oscillator's equations are fitted to the rest, and what they leave over is averaged over neighbours, so that
@@ -105,13 +105,17 @@ _LAST, _HALF = np.uint64(POINTS - 1), np.uint64(512)
 
 @part
 def height(p, frequencies, heights, first, frequency):
-    """Height in mm for a frequency in Hz; readings outside the table give its ends."""
+    """Height in mm for a frequency in Hz, and the table's slope there in Hz/mm; readings outside give the table's ends.
+
+    Returns:
+        ``(height, slope)``.
+    """
     at = bracket(frequencies, first, frequency)
     f0, f1, h0, h1 = frequencies[at], frequencies[at + U1], heights[at], heights[at + U1]
     share = min(1.0, max(0.0, (frequency - f0) / (f1 - f0)))
     if p.look_up > 0.5:
         share = np.rint(share)
-    return h0 + share * (h1 - h0)
+    return h0 + share * (h1 - h0), (f1 - f0) / (h1 - h0)
 
 
 # ---------------------------------------------------------------------------------------------------- the table

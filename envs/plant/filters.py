@@ -11,7 +11,7 @@ improved       trimmed mean: without the extremes, divided by N − 2·trim    X
 weighted       weights fall by the factor ``ratio`` from sample to sample   Xi2023 (named)
 median         all but the middle one (or two) trimmed
 lag            first order, y += (x − y)·T/(tau + T)                        Xi2023 (named)
-anti-impulse   a jump is held back until it has lasted ``hold`` samples     Xi2023 (named)
+anti-impulse   a jump off the trend is bridged, for ``hold`` samples        Xi2023 (named)
 kalman         scalar Kalman filter of a random walk
 =============  ===========================================================  ==================
 
@@ -33,6 +33,10 @@ KINDS = ("none", "mean", "improved", "weighted", "median", "lag", "anti-impulse"
 NONE, MEAN, IMPROVED, WEIGHTED, MEDIAN, LAG, ANTI_IMPULSE, KALMAN = (float(i) for i in range(len(KINDS)))
 
 
+TREND = 0.3
+"""Share of the newest difference in the trend of the anti-impulse filter [A]."""
+
+
 class Params(NamedTuple):
     """Choice and settings of the filter; each kind reads only its own."""
 
@@ -43,8 +47,8 @@ class Params(NamedTuple):
     ] = 1.0
     ratio: Annotated[float, Quantity("1", 0.1, 1.0, "weight of a sample over that of the next newer (weighted)")] = 0.8
     tau: Annotated[float, Quantity("ms", 0.0, 100.0, "time constant (lag)")] = 2.0
-    jump: Annotated[float, Quantity("1", 1e-5, 0.1, "relative jump that is held back (anti-impulse)", log=True)] = 3e-3
-    hold: Annotated[float, Quantity("samples", 0, 50, "samples a jump is held back (anti-impulse)", whole=True)] = 2.0
+    jump: Annotated[float, Quantity("mm", 1e-3, 1.0, "apparent jump that is bridged (anti-impulse)", log=True)] = 0.04
+    hold: Annotated[float, Quantity("samples", 0, 50, "most samples bridged in a row (anti-impulse)", whole=True)] = 2.0
     trust: Annotated[
         float, Quantity("1", 1e-6, 1e3, "process over measurement variance per sample (kalman)", log=True)
     ] = 0.3
@@ -55,7 +59,8 @@ class State(NamedTuple):
 
     value: float = 0.0  # Hz, last output
     variance: float = 1e6  # of the estimate over that of a measurement
-    held: float = 0.0  # samples the current jump has been held back
+    held: float = 0.0  # samples the current jump has been bridged
+    trend: float = 0.0  # Hz per sample
 
 
 class Fold(NamedTuple):
@@ -126,16 +131,24 @@ def mean(p, fold):
 
 
 @part
-def finish(p, s, windowed, sample):
-    """The filter's output, given the window's mean and the newest sample.
+def finish(p, s, windowed, sample, slope):
+    """The filter's output.
+
+    Args:
+        p, s: :class:`Params`, :class:`State`.
+        windowed: mean of the window, Hz.
+        sample: newest sample, Hz.
+        slope: of the calibration table at the last reading, Hz/mm; turns ``jump`` into a frequency.
 
     Returns:
         ``(state, frequency)``, Hz.
     """
     lag = s.value + (sample - s.value) / (p.tau + 1.0)  # T = 1 ms
 
-    jumps = abs(sample - s.value) > p.jump * s.value and s.held < p.hold
-    anti = s.value if jumps else sample
+    expected = s.value + s.trend
+    jumps = abs(sample - expected) > p.jump * slope and s.held < p.hold
+    anti = expected if jumps else sample
+    trend = s.trend if jumps else s.trend + TREND * (sample - s.value - s.trend)
 
     variance = s.variance + p.trust
     gain = variance / (variance + 1.0)
@@ -143,4 +156,4 @@ def finish(p, s, windowed, sample):
 
     recursive = lag if p.kind == LAG else (anti if p.kind == ANTI_IMPULSE else kalman)
     value = recursive if p.kind >= LAG else windowed
-    return State(value=value, variance=(1.0 - gain) * variance, held=s.held + 1.0 if jumps else 0.0), value
+    return State(value, (1.0 - gain) * variance, s.held + 1.0 if jumps else 0.0, trend), value

@@ -240,7 +240,7 @@ class Fleet:
         machine.advance(self._deck)
 
     def start_recording(self, steps: int) -> np.ndarray:
-        """Keeps the next ``steps`` periods: float32 array of shape (steps, channels, size), see ``machine.CHANNELS``."""
+        """Keeps the next ``steps`` periods: float32 of shape (steps, channels, size), see ``machine.CHANNELS``."""
         self.record = np.zeros((steps, len(machine.CHANNELS), self.size), np.float32)
         self._point(machine.D_RECORD, self.record)
         self._deck[machine.D_RECORD_TICK] = self._deck[machine.D_TICK]
@@ -255,4 +255,3 @@ class Fleet:
     def tick(self) -> int:
         """Control periods that the fleet has lived through."""
         return int(self._deck[machine.D_TICK])
-

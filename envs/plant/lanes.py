@@ -217,6 +217,7 @@ def call(typingctx, function, block, at, n, tables, size):
 
 # -------------------------------------------------------------------------------------------- kernels and their cache
 
+
 def _stamp() -> str:
     digest = hashlib.sha256(str(W).encode())
     for path in sorted(pathlib.Path(__file__).parent.glob("*.py")):

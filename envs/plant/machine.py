@@ -14,7 +14,7 @@ import numpy as np
 
 from . import calibration, filters, path, sensor, sheet, supervisor, z_axis
 from .controller import AHEAD, LAW_PARAMS, LAW_STATE, PERIOD, Privileged
-from .lanes import GOLD, UW, U, U0, U1, U2, W, Layout, call, doubles, kernel, load, part, rows, singles, store, words
+from .lanes import GOLD, U0, U1, U2, UW, Layout, U, W, call, doubles, kernel, load, part, rows, singles, store, words
 
 SUBSTEPS = 20
 _AT_ONCE = 5
@@ -81,13 +81,15 @@ JOB, START, HAND = _layout.place(rows(supervisor.Job)), _layout.place(rows(Start
 P_LAW, S_LAW = _layout.place(LAW_PARAMS), _layout.place(LAW_STATE)
 S_PATH, S_SHEET = _layout.place(rows(path.State)), _layout.place(rows(sheet.State))
 S_SENSOR, S_FILTER = _layout.place(rows(sensor.State)), _layout.place(rows(filters.State))
-S_Z, DRIVE, S_GUARD = _layout.place(rows(z_axis.State)), _layout.place(rows(z_axis.Drive)), _layout.place(
-    rows(supervisor.State)
+S_Z, DRIVE, S_GUARD = (
+    _layout.place(rows(z_axis.State)),
+    _layout.place(rows(z_axis.Drive)),
+    _layout.place(rows(supervisor.State)),
 )
 SIGNALS, TALLY = _layout.place(rows(Privileged)), _layout.place(rows(Tally))
 COURSE, PACE, MOMENT = _layout.place(rows(Course)), _layout.place(rows(z_axis.Pace)), _layout.place(rows(Moment))
 FOLD, KEPT = _layout.place(rows(filters.Fold)), _layout.place(2)
-WISH, BEAM, PASSED, REFUGE, CLOCK, ORIGIN = (_layout.place(1) for _ in range(6))
+WISH, BEAM, PASSED, REFUGE, SLOPE, CLOCK, ORIGIN = (_layout.place(1) for _ in range(7))
 SURFACES, SURFACES_LAST = _layout.place(16), U(15)  # ring: two points a period, from the past period to the preview
 SAMPLES, SAMPLES_LAST = _layout.place(filters.LONGEST), U(filters.LONGEST - 1)  # ring of frequencies
 HISTORY, HISTORY_LAST = 16, U(15)
@@ -101,8 +103,8 @@ PLACES = {
     "path": (P_PATH, path.Params), "sheet": (P_SHEET, sheet.Params), "sensor": (P_SENSOR, sensor.Params),
     "gate": (P_GATE, sensor.Gate), "filter": (P_FILTER, filters.Params), "table": (P_TABLE, calibration.Params),
     "z": (P_Z, z_axis.Params), "guard": (P_GUARD, supervisor.Params), "job": (JOB, supervisor.Job),
-    "start": (START, Start), "hand": (HAND, Hand), "signals": (SIGNALS, Privileged), "course": (COURSE, Course), "moment": (MOMENT, Moment),
-    "tally": (TALLY, Tally), "supervisor": (S_GUARD, supervisor.State), "motion": (S_Z, z_axis.State),
+    "start": (START, Start), "hand": (HAND, Hand), "signals": (SIGNALS, Privileged), "course": (COURSE, Course),
+    "moment": (MOMENT, Moment), "tally": (TALLY, Tally), "supervisor": (S_GUARD, supervisor.State), "motion": (S_Z, z_axis.State),
     "drive": (DRIVE, z_axis.Drive), "journey": (S_PATH, path.State),
 }  # fmt: skip
 """Offset and class of each part that Python reads or writes."""
@@ -199,7 +201,11 @@ def travel_all(block, at, n, tick, deck):
     end = at + SURFACES + ((tick + tick + _AHEAD2 + U1) & SURFACES_LAST) * UW
     for lane in range(n):
         a = at + lane
-        store(block, a + S_PATH, path.advance(load(path.Params, block, a + P_PATH), load(path.State, block, a + S_PATH), PERIOD))
+        store(
+            block,
+            a + S_PATH,
+            path.advance(load(path.Params, block, a + P_PATH), load(path.State, block, a + S_PATH), PERIOD),
+        )
     if flags & F_CONTOURS:
         xs, ys = doubles(deck[D_CONTOUR_X], deck[D_CONTOURS]), doubles(deck[D_CONTOUR_Y], deck[D_CONTOURS])
         on = doubles(deck[D_CONTOUR_ON], deck[D_CONTOURS])
@@ -217,13 +223,21 @@ def travel_all(block, at, n, tick, deck):
                 block[a + BEAM] = 1.0 if path.sample(on, p.contour, p.samples, path.SPACING, here) > 0.5 else 0.0
     for lane in range(n):
         a = at + lane
-        p, s, where = load(sheet.Params, block, a + P_SHEET), load(sheet.State, block, a + S_SHEET), load(path.State, block, a + S_PATH)
+        p, s, where = (
+            load(sheet.Params, block, a + P_SHEET),
+            load(sheet.State, block, a + S_SHEET),
+            load(path.State, block, a + S_PATH),
+        )
         block[middle + lane] = p.tilt_x * where.middle_x + p.tilt_y * where.middle_y
         block[end + lane] = p.tilt_x * where.x + p.tilt_y * where.y
     if flags & F_BULGES:
         for lane in range(n):
             a = at + lane
-            p, s, where = load(sheet.Params, block, a + P_SHEET), load(sheet.State, block, a + S_SHEET), load(path.State, block, a + S_PATH)
+            p, s, where = (
+                load(sheet.Params, block, a + P_SHEET),
+                load(sheet.State, block, a + S_SHEET),
+                load(path.State, block, a + S_PATH),
+            )
             block[middle + lane] += sheet.bulge(p, s, where.middle_x, where.middle_y)
             s = sheet.grow(p, s)
             block[end + lane] += sheet.bulge(p, s, where.x, where.y)
@@ -251,7 +265,11 @@ def travel_all(block, at, n, tick, deck):
                 store(block, a + S_SHEET, sheet.leave(s, load(sheet.Feature, block, a + FEATURES + i * _FEATURE)))
         for lane in range(n):
             a = at + lane
-            s, where, p = load(sheet.State, block, a + S_SHEET), load(path.State, block, a + S_PATH), load(path.Params, block, a + P_PATH)
+            s, where, p = (
+                load(sheet.State, block, a + S_SHEET),
+                load(path.State, block, a + S_PATH),
+                load(path.Params, block, a + P_PATH),
+            )
             block[middle + lane] += sheet.features(s, where.distance - 0.5 * p.feed * PERIOD)
             block[end + lane] += sheet.features(s, where.distance)
     if flags & F_PROFILES:
@@ -281,7 +299,11 @@ def prepare_all(block, at, n, tick):
         a = at + lane
         feature, along = load(sheet.State, block, a + S_SHEET).current, load(path.State, block, a + S_PATH).distance
         here = along - load(path.Params, block, a + P_PATH).feed * AHEAD_S
-        c, m, gate = load(Course, block, a + COURSE), load(Moment, block, a + MOMENT), load(sensor.Gate, block, a + P_GATE)
+        c, m, gate = (
+            load(Course, block, a + COURSE),
+            load(Moment, block, a + MOMENT),
+            load(sensor.Gate, block, a + P_GATE),
+        )
         radius = sensor.sensing_radius(load(sensor.Params, block, a + P_SENSOR), max(m.gap, 0.0))
         share = gate.length * (1e-3 / PERIOD)
         store(block, a + COURSE, Course(
@@ -289,7 +311,9 @@ def prepare_all(block, at, n, tick):
             cover=sheet.coverage(feature, here, radius), open=sheet.over_void(feature, here, sheet.FOOTPRINT),
             scored=block[a + BEAM] > 0.5 and not sheet.over_void(feature, here, 0.0),
         ))  # fmt: skip
-        store(block, a + PACE, z_axis.pace(load(z_axis.Params, block, a + P_Z), load(z_axis.Drive, block, a + DRIVE), DT))
+        store(
+            block, a + PACE, z_axis.pace(load(z_axis.Params, block, a + P_Z), load(z_axis.Drive, block, a + DRIVE), DT)
+        )
         store(block, a + MOMENT, Moment(m.gap, m.head, 0.0, 0.0, 1e9))
 
 
@@ -299,18 +323,20 @@ def substep(p, pace, course, z, m, share):
     z, head = z_axis.step(p, pace, z, share, DT)
     gap = head - (course.surface + share * (course.slope + share * course.bend))
     weight = course.weight if share > course.opens else 0.0
-    return z, Moment(
-        gap, head, m.gate_gap + weight * gap, m.gate_motor + weight * z.position, min(m.lowest, gap)
-    )
+    return z, Moment(gap, head, m.gate_gap + weight * gap, m.gate_motor + weight * z.position, min(m.lowest, gap))
 
 
 @part
 def move_all(block, at, n, k):
-    """Substeps ``k`` … ``k + 4`` of the period; five at once, so that a machine's state stays in registers for a while."""
+    """Substeps ``k`` … ``k + 4`` of the period; five at once, so that a state stays in registers for a while."""
     first = np.float64(np.int64(k))
     for lane in range(n):
         a = at + lane
-        p, pace, course = load(z_axis.Params, block, a + P_Z), load(z_axis.Pace, block, a + PACE), load(Course, block, a + COURSE)
+        p, pace, course = (
+            load(z_axis.Params, block, a + P_Z),
+            load(z_axis.Pace, block, a + PACE),
+            load(Course, block, a + COURSE),
+        )
         z, m = load(z_axis.State, block, a + S_Z), load(Moment, block, a + MOMENT)
         z, m = substep(p, pace, course, z, m, (first + 1.0) / SUBSTEPS)
         z, m = substep(p, pace, course, z, m, (first + 2.0) / SUBSTEPS)
@@ -366,8 +392,9 @@ def filter_all(block, at, n, tick, window, ranks):
     for lane in range(n):
         a = at + lane
         s, f = filters.finish(
-            load(filters.Params, block, a + P_FILTER), load(filters.State, block, a + S_FILTER), block[a + FOLD], block[now + lane]
-        )
+            load(filters.Params, block, a + P_FILTER), load(filters.State, block, a + S_FILTER), block[a + FOLD],
+            block[now + lane], block[a + SLOPE],
+        )  # fmt: skip
         store(block, a + S_FILTER, s)
         block[a + FOLD] = f
 
@@ -411,8 +438,9 @@ def look_up_all(block, at, n, tick, deck):
         a = at + lane
         first = U(np.int64(block[a + START + UW] * _POINTS))
         p = load(calibration.Params, block, a + P_TABLE)
-        block[a + SIGNALS] = calibration.height(p, frequencies, heights, first, block[a + FOLD])
-        block[a + SIGNALS + UW] = calibration.height(p, frequencies, heights, first, block[now + lane])
+        height, slope = calibration.height(p, frequencies, heights, first, block[a + FOLD])
+        block[a + SIGNALS], block[a + SLOPE] = height, slope
+        block[a + SIGNALS + UW] = calibration.height(p, frequencies, heights, first, block[now + lane])[0]
 
 
 @part
@@ -456,7 +484,11 @@ def record_all(block, at, n, tick, record, where, machines):
     """The channels of this period into the recorder, lanes side by side."""
     for lane in range(n):
         a = at + lane
-        x, c, s = load(Privileged, block, a + SIGNALS), load(Course, block, a + COURSE), load(path.State, block, a + S_PATH)
+        x, c, s = (
+            load(Privileged, block, a + SIGNALS),
+            load(Course, block, a + COURSE),
+            load(path.State, block, a + S_PATH),
+        )
         o = where + lane
         record[o] = x.gap
         record[o + machines] = x.height
@@ -501,7 +533,7 @@ def advance(deck):
         at = b * STRIDE
         n = min(UW, machines - b * UW)
         tick = deck[D_TICK]
-        for step in range(deck[D_STEPS]):
+        for _ in range(deck[D_STEPS]):
             if deck[D_ACT] > U0:
                 call(deck[D_ACT], deck[D_BLOCK], at, n, deck[D_IO], b * UW)
             supervise_all(block, at, n, tick)
@@ -539,7 +571,8 @@ def begin(deck, machine, key):
     store(block, at + S_SENSOR, sensor.State(0.0, 0.0, 0.0, 0.0))
     follows = load(supervisor.Job, block, at + JOB).request == supervisor.FOLLOW
     store(block, at + S_GUARD, supervisor.State(
-        supervisor.FOLLOW if follows else supervisor.STOP, 0.0, 0.0, False, False, supervisor.NO_ALARM, 0.0, 0.0, start.coast, 0.0
+        supervisor.FOLLOW if follows else supervisor.STOP, 0.0, 0.0, False, False, supervisor.NO_ALARM,
+        0.0, 0.0, start.coast, 0.0,
     ))  # fmt: skip
     store(block, at + DRIVE, z_axis.Drive(0.0, 0.0, 0.0, 0.0, 0.0))
     block[at + BEAM] = 1.0
@@ -558,7 +591,8 @@ def begin(deck, machine, key):
     reading = block[at + SAMPLES + (tick & SAMPLES_LAST) * UW]
     for i in range(SAMPLES_LAST + U1):
         block[at + SAMPLES + i * UW] = reading
-    store(block, at + S_FILTER, filters.State(reading, 1e6, 0.0))
+    store(block, at + S_FILTER, filters.State(reading, 1e6, 0.0, 0.0))
+    block[at + SLOPE] = 1e9  # nothing is a jump before the first reading
     filter_all(block, at, U1, tick, deck[D_WINDOW], deck[D_FLAGS] & F_RANKS)
     look_up_all(block, at, U1, tick, deck)
     report_all(block, at, U1, tick)

@@ -56,7 +56,9 @@ class Params(NamedTuple):
     fastest: Annotated[float, Quantity("mm/s", 1.0, 500.0, "fastest planned move")] = 150.0
     delay: Annotated[float, Quantity("ms", 0.0, 50.0, "delay of the whole loop that planned moves count on")] = 12.0
     capture: Annotated[float, Quantity("mm", 0.01, 2.0, "error at which an approach is over")] = 0.1
-    rise: Annotated[float, Quantity("mm", 0.02, 5.0, "apparent fall of the sheet in 5 ms that trips the hole guard")] = 0.1
+    rise: Annotated[
+        float, Quantity("mm", 0.02, 5.0, "apparent fall of the sheet in 5 ms that trips the hole guard")
+    ] = 0.07
     error: Annotated[float, Quantity("mm", 0.0, 5.0, "least error at which the hole guard trips")] = 0.02
     release: Annotated[float, Quantity("mm", 0.01, 5.0, "error below which a hold ends")] = 0.1
     timeout: Annotated[float, Quantity("ms", 1.0, 5000.0, "longest hold")] = 400.0

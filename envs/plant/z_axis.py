@@ -100,7 +100,9 @@ def pace(p, d, dt):
     """The coming period's :class:`Pace` under the commands ``d``, for substeps of ``dt`` seconds."""
     whole = np.floor(p.dead_time)
     older = d.c1 if whole < 1.0 else (d.c2 if whole < 2.0 else (d.c3 if whole < 3.0 else d.c4))
-    newer = d.c0 if whole < 1.0 else (d.c1 if whole < 2.0 else (d.c2 if whole < 3.0 else (d.c3 if whole < 4.0 else d.c4)))
+    newer = (
+        d.c0 if whole < 1.0 else (d.c1 if whole < 2.0 else (d.c2 if whole < 3.0 else (d.c3 if whole < 4.0 else d.c4)))
+    )
     return Pace(
         before=older,
         after=newer,
@@ -148,9 +150,7 @@ def step(p, r, s, share, dt):
     mode = s.mode + dt * mode_velocity
     head = carried + p.compliance * (mode - carried)
     free = play > 0.0 and play < p.backlash
-    return State(
-        position, velocity, acceleration, resist, play, falling if free else 0.0, mode, mode_velocity
-    ), head
+    return State(position, velocity, acceleration, resist, play, falling if free else 0.0, mode, mode_velocity), head
 
 
 @part

@@ -161,9 +161,7 @@ def test_over_a_hole_the_reading_rises_and_the_beam_has_nothing_to_cut():
     fleet.begin(0, 1)
     record = fleet.start_recording(900)
     fleet.advance(900)
-    along, height, scored = (
-        record[:, machine.CHANNELS.index(name), 0] for name in ("distance", "height", "scored")
-    )
+    along, height, scored = (record[:, machine.CHANNELS.index(name), 0] for name in ("distance", "height", "scored"))
     assert along == pytest.approx(positions(100.0, 900), rel=1e-6)
     clear = (np.abs(along - 30.0) > 0.01) & (np.abs(along - 60.0) > 0.01)
     assert np.array_equal(scored[clear] == 1.0, ((along < 30.0) | (along > 60.0))[clear])
