@@ -7,10 +7,11 @@ letters, and is imported by the :class:`Renderer` only.
 """
 
 import functools
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -37,11 +38,17 @@ SMALLEST = (480, 270)
 HALF = 14.0
 """mm of path shown on each side of the nozzle."""
 
+FACE, BORE = (getattr(sensor.Params(), name) for name in ("radius", "bore"))
+"""mm, radii of the nozzle's face and bore."""
+
+BODY, SLOPE = FACE + 2.5, 1.2
+"""mm, radius of the nozzle's body, and rise of its cone over its run."""
+
 EXAGGERATIONS = (16.0, 8.0, 4.0, 2.0, 1.0, 0.5, 0.25, 0.125, 0.0625)
 """z scale over x scale."""
 
-TALLEST, RECENT = 0.48, 0.4
-"""Share of the panel's height that the gap, and the largest of the last so many s, may take."""
+TALLEST, DEEPEST, RECENT = 0.48, 0.28, 0.4
+"""Shares of the panel's height that the gap, and that of the last so many s, may take above and below the surface."""
 
 GROUND = 2 / 3
 """Share of the panel's height above the surface under the nozzle."""
@@ -69,30 +76,18 @@ MODES = {
 class Scene:
     """What a frame shows; lengths in mm, times in s."""
 
-    time: float
-    """s since the start of the episode"""
-    distance: float
-    """mm along the path, of the nozzle"""
-    ahead: np.ndarray
-    """(k, 2): distance along the path, ascending, and surface height around the nozzle, mm"""
-    void: np.ndarray
-    """(k,) bool: no sheet there (hole, edge)"""
-    head: float
-    """mm, true height of the nozzle tip"""
-    gap: float
-    """mm, true gap"""
-    set_height: float
-    """mm"""
-    reported: float
-    """mm, measured filtered height"""
-    mode: str
-    """of the supervisor, one of ``supervisor.MODES``"""
-    override: bool
-    """the supervisor's command, not the law's, went to the drive"""
-    trace: np.ndarray
-    """(n, 3), the last second: time, s, true and reported error, mm; NaN where there is none"""
-    title: str
-    """scenario · controller"""
+    time: float  # s since the start of the episode
+    distance: float  # mm along the path, of the nozzle
+    ahead: np.ndarray  # (k, 2): distance along the path, ascending, and surface height, around the nozzle, mm
+    void: np.ndarray  # (k,) bool: no sheet there (hole, edge)
+    head: float  # mm, true height of the nozzle tip
+    gap: float  # mm, true gap
+    set_height: float  # mm
+    reported: float  # mm, measured filtered height
+    mode: str  # one of supervisor.MODES
+    override: bool  # the supervisor's command, not the law's, went to the drive
+    trace: np.ndarray  # (n, 3), the last second: time, s, true and reported error, mm; NaN where there is none
+    title: str  # scenario · controller
 
 
 class Renderer:
@@ -121,16 +116,21 @@ class Renderer:
         self._spans = dict(zip(spans, EXAGGERATIONS, strict=True))  # mm of height that the panel shows
         self._page = np.full((height, width), _code(WHITE)[0])
         self._furnish(self._page)
+        self._canvas = self._page.copy()  # painted anew for each frame; fresh memory would cost 1 ms
+        self._time = -math.inf
         self._forget()
 
     def frame(self, scene: Scene) -> npt.NDArray[np.uint8]:
         """The picture of ``scene``, uint8 of shape (height, width, 3)."""
         if scene.time < self._time:
             self._forget()
-        page = self._page.copy()
-        self._draw_title(page, scene)
-        self._draw_machine(page, scene)
-        rms = self._draw_errors(page, scene)
+        page = self._canvas
+        page[:] = self._page
+        title = self._title.fit(scene.title, page.shape[1] - 2 * self._x(14))
+        self._title.write(page, title, self._x(14), 18 * self._k, INK)
+        trace = _trace(scene)
+        self._draw_machine(page, scene, trace)
+        rms = self._draw_errors(page, scene.time, trace)
         self._draw_status(page, scene, rms)
         self._time = scene.time
         picture = np.empty((*page.shape, 3), np.uint8)
@@ -139,7 +139,6 @@ class Renderer:
         return picture
 
     def _forget(self) -> None:
-        self._time = -math.inf
         self._ground = math.nan  # mm, height that stands at GROUND
         self._span = self._range = 0.0  # mm of height and µm of error shown
 
@@ -164,26 +163,20 @@ class Renderer:
             self._small.write(page, name, x + swatch + 6 * k, y, QUIET)
         self._small.write(page, "nozzle at", x + swatch + 6 * k, self._top + 110 * k, QUIET)
 
-    def _draw_title(self, page: Pixels, scene: Scene) -> None:
-        room, title = page.shape[1] - 2 * self._x(14), scene.title
-        while title and self._title.width(title) > room:
-            title = title.removesuffix("…")[:-1] + "…" if len(title) > 1 else ""
-        self._title.write(page, title, self._x(14), 18 * self._k, INK)
-
     def _x(self, at: float) -> int:
         return round(at * self._k)
 
-    def _draw_machine(self, page: Pixels, scene: Scene) -> None:
+    def _draw_machine(self, page: Pixels, scene: Scene, trace: Floats) -> None:
         """The upper panel."""
         k, x_scale = self._k, self._x_scale
         panel = page[self._top : self._bottom, self._left : self._right]
         rows, columns = panel.shape[:2]
         gap, set_height = _finite(scene.gap, 0.0), _finite(scene.set_height, 0.0)
         head = _finite(scene.head, gap)
-        trace = np.asarray(scene.trace, float).reshape(-1, 3)
-        recent = trace[(trace[:, 0] > scene.time - RECENT) & np.isfinite(trace[:, 1]), 1]
-        largest = max(gap, set_height, set_height + recent.max(initial=0.0))
-        self._span = _step(tuple(self._spans), self._span, largest / TALLEST)
+        recent = trace[trace[:, 0] > scene.time - RECENT, 1]
+        least, most = (f.reduce(recent, initial=0.0) for f in (np.fmin, np.fmax))
+        gaps = gap, set_height, set_height + least, set_height + most
+        self._span = _step(tuple(self._spans), self._span, max(max(gaps) / TALLEST, -min(gaps) / DEEPEST))
         z_scale = rows / self._span
 
         edges = scene.distance + (np.arange(columns + 1) - columns / 2) / x_scale
@@ -191,7 +184,7 @@ class Renderer:
         under = surface[columns // 2] if solid.any() else head - gap
         self._follow(under, scene.time)
 
-        def y(z):  # px from the panel's top
+        def y(z: Any) -> Any:  # px from the panel's top
             return GROUND * rows - (z - self._ground) * z_scale
 
         self._draw_sheet(panel, y(surface), solid, known)
@@ -208,10 +201,10 @@ class Renderer:
             told = np.full(2 * face, y(head - scene.reported))
             _stroke(panel[:, axis - face : axis + face], told, told, max(1.0, 2 * k), REPORTED)
         if math.isfinite(scene.gap):
-            self._draw_gap(panel, tip, float(np.clip(y(head - gap), 0, rows)), axis - face, f"gap {gap:.3f} mm")
-
+            bottom = float(np.clip(y(head - gap), 0, rows))
+            self._draw_gap(page, tip, bottom, axis - face, f"gap {_number(gap, 3, 'mm')}")
         x = self._right + self._x(44)
-        for at, value in ((34, set_height), (82, scene.reported), (130, scene.head)):
+        for at, value in ((34, scene.set_height), (82, scene.reported), (130, scene.head)):
             self._text.write(page, _number(value, 3, "mm"), x, self._top + at * k, INK)
         exaggeration = f"{self._spans[self._span]:.4f}".rstrip("0").rstrip(".")
         self._small.write(page, f"height z, mm (drawn z × {exaggeration})", self._left, self._top - 12 * k, QUIET)
@@ -243,7 +236,7 @@ class Renderer:
         line = np.where(solid & known, 0.0, np.nan)
         _stroke(panel, y[:-1] + line, y[1:] + line, max(1.0, 1.6 * self._k), EDGE)
 
-    def _draw_heights(self, page: Pixels, y, z_scale: float) -> None:
+    def _draw_heights(self, page: Pixels, y: Callable[[float], float], z_scale: float) -> None:
         """Ticks of z."""
         k, rows = self._k, self._bottom - self._top
         step = _nice(38 * k / z_scale)
@@ -280,30 +273,31 @@ class Renderer:
         lowest = np.where(radius > bore, tip - np.maximum(radius - face, 0.0) * SLOPE, np.nan)
         _fill(panel[:, axis - body : axis + body], np.zeros(2 * body), lowest, NOZZLE)
 
-    def _draw_gap(self, panel: Pixels, tip: float, surface: float, face: int, text: str) -> None:
-        """Dimension left of column ``face``, between rows ``tip`` and ``surface``, px."""
+    def _draw_gap(self, page: Pixels, tip: float, surface: float, face: int, text: str) -> None:
+        """Dimension between the panel's rows ``tip`` and ``surface``, left of the nozzle, its face from column ``face``."""
+        panel = page[self._top : self._bottom, self._left : self._right]
         k, rows = self._k, len(panel)
+        above, below = sorted((tip, surface))
         at, wing, length = face - self._x(26), max(2, self._x(4)), 10 * k
+        if tip > surface:  # in a hole: the arrow stands beside the body
+            at -= round((BODY - FACE) * self._x_scale)
         for row in (tip, surface):
             _mark(panel, at - self._x(8), face, row, TRUE, 0.8, max(1.0, k))
-        inside = surface - tip > 3 * length
+        inside = below - above > 3 * length
         across = np.abs(np.arange(-wing, wing + 1)) / wing * length
-        narrow = panel[:, at - wing : at + wing + 1]
-        for row, down in ((tip, not inside), (surface, inside)):  # arrowheads point inwards from outside a small gap
-            if down:
-                _fill(narrow, np.full(len(across), row - length), row - across, TRUE)
-            else:
-                _fill(narrow, row + across, np.full(len(across), row + length), TRUE)
-        for a, b in ((tip, surface),) if inside else ((tip - 2 * length, tip), (surface, surface + 2 * length)):
+        narrow, none = panel[:, at - wing : at + wing + 1], np.zeros(2 * wing + 1)
+        for row, down in ((above, not inside), (below, inside)):  # a small gap is pointed at from outside
+            _fill(narrow, *((none + row - length, row - across) if down else (row + across, none + row + length)), TRUE)
+        outside = (above - 2 * length, above), (below, below + 2 * length)
+        for a, b in ((above, below),) if inside else outside:
             panel[max(0, round(a)) : max(0, round(b)), at : at + max(1, self._x(1))] = _code(TRUE)[0]
-        width = self._text.width(text)
-        middle = float(np.clip((tip + surface) / 2, 12 * k, rows - 12 * k))
-        x, half = at - self._x(18) - width, 11 * k
+        width, half = self._text.width(text), 11 * k
+        x, middle = max(at - 18 * k - width, 5 * k), float(np.clip((tip + surface) / 2, 12 * k, rows - 12 * k))
         label = panel[round(middle - half) : round(middle + half), round(x - 5 * k) : round(x + width + 5 * k)]
         label[:] = _code(WHITE)[0]  # legible over lines that pass
-        self._text.write(panel, text, x, middle, TRUE)
+        self._text.write(page, text, self._left + x, self._top + middle, TRUE)
 
-    def _draw_errors(self, page: Pixels, scene: Scene) -> float:
+    def _draw_errors(self, page: Pixels, time: float, trace: Floats) -> float:
         """The lower panel.
 
         Returns:
@@ -312,41 +306,41 @@ class Renderer:
         k = self._k
         panel = page[self._low : self._lowest, self._left : self._right]
         rows, columns = panel.shape[:2]
-        end = max(scene.time, WINDOW)
-        trace = np.asarray(scene.trace, float).reshape(-1, 3)
+        end = max(time, WINDOW)
         trace = trace[(trace[:, 0] >= end - WINDOW) & (trace[:, 0] <= end)]
-        errors = np.where(np.isfinite(trace[:, 1:]), trace[:, 1:], np.nan) * 1e3  # µm
-        self._range = _step(RANGES, self._range, np.nanmax(np.abs(errors), initial=0.0))
+        errors = trace[:, 1:] * 1e3  # µm
+        self._range = _step(RANGES, self._range, np.fmax.reduce(np.abs(errors), axis=None, initial=0.0))
 
-        for share in (-1.0, -0.5, 0.0, 0.5, 1.0):
-            y = int(rows * (1 - share) / 2)
-            page[self._low + y, self._left : self._right] = _code(QUIET if share == 0 else GRID)[0]
-            label = f"{share * self._range:,.0f}".replace(",", " ").replace("-", "−")
-            self._small.write(page, label, self._left - 10 * k, self._low + y, INK, 1.0)
         for i in range(math.ceil(5 * (end - WINDOW) - 1e-9), math.floor(5 * end + 1e-9) + 1):
             at = min(self._left + int((i / 5 - end + WINDOW) / WINDOW * columns), self._right - 1)
             page[self._low : self._lowest, at] = _code(GRID)[0]
             page[self._lowest : self._lowest + self._x(5), at] = _code(QUIET)[0]
             self._small.write(page, f"{i / 5:.1f}", at, self._lowest + 12 * k, INK, 0.5)
+        for share in (1.0, 0.5, 0.0, -0.5, -1.0):
+            row = self._low + int(rows * (1 - share) / 2)
+            if share > -1.0:
+                page[row, self._left : self._right] = _code(QUIET if share == 0.0 else GRID)[0]
+            label = f"{share * self._range:,.0f}".replace(",", " ").replace("-", "−")
+            self._small.write(page, label, self._left - 10 * k, row, INK, 1.0)
 
         x = (trace[:, 0] - end + WINDOW) / WINDOW * columns
         for column, colour, thickness, at in ((0, TRUE, 2.6, 24), (1, REPORTED, 1.6, 68)):
-            y = rows / 2 * (1 - np.clip(errors[:, column], -2e6, 2e6) / self._range)
+            y = rows / 2 * (1 - errors[:, column] / self._range)
             thickness = max(1.0, thickness * k)
             _stroke(panel, *_envelope(x, y, columns, thickness), thickness, colour)
             last = errors[-1, column] if len(errors) else math.nan
             self._text.write(page, _number(last, 0, "µm", "+"), self._right + self._x(44), self._low + at * k, INK)
-        true = errors[np.isfinite(errors[:, 0]), 0]
+        true = errors[~np.isnan(errors[:, 0]), 0]
         return float(np.sqrt(np.mean(true * true))) if len(true) else math.nan
 
     def _draw_status(self, page: Pixels, scene: Scene, rms: float) -> None:
         rms_decimals = 1 if rms < 1000 else 0
         for x, name, value in (
-            (14, "time", f"{scene.time:.3f} s"),
-            (140, "distance", f"{scene.distance:.1f} mm"),
-            (708, "true error, RMS of 1 s", _number(rms, rms_decimals, "µm")),
+            (14, "time ", f"{scene.time:.3f} s"),
+            (140, "distance ", f"{scene.distance:.1f} mm"),
+            (696, "RMS of true error, 1 s: ", _number(rms, rms_decimals, "µm")),
         ):
-            end = self._state(page, name + " ", self._x(x), QUIET)
+            end = self._state(page, name, self._x(x), QUIET)
             self._state(page, value, end, INK)
         mode = MODES.get(scene.mode, scene.mode)
         self._state(page, mode, self._x(318), INK, badge=scene.mode == "alarm")
@@ -395,6 +389,14 @@ class _Letters:
     def width(self, text: str) -> float:
         """px."""
         return sum(map(self._advance, text))
+
+    def fit(self, text: str, room: float) -> str:
+        """``text``, cut where it is wider than ``room`` px."""
+        if self.width(text) <= room:
+            return text
+        room -= self._advance("…")
+        ends = itertools.accumulate(self._advance(letter) for letter in text)
+        return text[: sum(end <= room for end in ends)] + "…"
 
     def write(
         self, page: Pixels, text: str, x: float, y: float, colour: str, align: float = 0.0, ground: str = WHITE
@@ -471,13 +473,6 @@ class _Letters:
         return np.asarray(image.reduce(self.FINE), np.float32) / 255
 
 
-FACE, BORE = (getattr(sensor.Params(), name) for name in ("radius", "bore"))
-"""mm, radii of the nozzle's face and bore."""
-
-BODY, SLOPE = FACE + 2.5, 1.2
-"""mm, radius of the nozzle's body, and rise of its cone over its run."""
-
-
 def _finite(value: float, otherwise: float) -> float:
     return float(value) if math.isfinite(value) else otherwise
 
@@ -500,6 +495,12 @@ def _step(steps: Sequence[float], now: float, need: float) -> float:
     if now and need <= now:
         need = min(need / RELEASE, now)
     return next((step for step in steps if step >= need), steps[-1])
+
+
+def _trace(scene: Scene) -> Floats:
+    """The trace with NaN for all that is not a number, and with values that can be drawn."""
+    trace = np.asarray(scene.trace, float).reshape(-1, 3)
+    return np.where(np.isfinite(trace), np.clip(trace, -1e6, 1e6), np.nan)
 
 
 def _profile(scene: Scene, edges: Floats) -> tuple[Floats, np.ndarray, np.ndarray]:
@@ -530,9 +531,10 @@ def _envelope(x: Floats, y: Floats, columns: int, thickness: float) -> tuple[Flo
     if not len(x):
         return np.full(columns, np.nan), np.full(columns, np.nan)
     wide = (thickness - 1) / 2
-    starts = np.interp(np.arange(columns) - wide, x, y, left=np.nan, right=np.nan)
-    ends = np.interp(np.arange(columns) + 1 + wide, x, y, left=np.nan, right=np.nan)
+    left, right = np.arange(columns) - wide, np.arange(columns) + 1 + wide
+    starts, ends = (np.interp(np.clip(edge, x[0], x[-1]), x, y) for edge in (left, right))
     low, high = np.fmin(starts, ends), np.fmax(starts, ends)
+    low[(right < x[0]) | (left > x[-1])] = np.nan
     at = np.clip(x.astype(int), 0, columns - 1)
     np.fmin.at(low, at, y)
     np.fmax.at(high, at, y)
@@ -585,7 +587,7 @@ def _blend(area: Pixels, row: np.ndarray, column: np.ndarray, cover: Floats, col
 def _mix(under: Pixels, cover: Floats | np.float32, colour: str) -> Pixels:
     """Colours between what is ``under`` and ``colour``; ``cover`` from 0 to 1, of the same shape or a number."""
     channels = _channels(np.ascontiguousarray(under))
-    mixed = channels + cover[..., None] * (_code(colour)[1] - channels) + np.float32(0.5)
+    mixed = channels + np.asarray(cover)[..., None] * (_code(colour)[1] - channels) + np.float32(0.5)
     return mixed.astype(np.uint8).view(np.uint32)[..., 0]
 
 

@@ -514,7 +514,12 @@ def suite(name: str) -> dict[str, Scenario]:
 @functools.cache
 def _suite(name: str) -> tuple[tuple[str, Scenario], ...]:
     order = tomllib.loads((_SUITES / f"{name}.toml").read_text(encoding="utf-8"))["scenarios"]
-    return tuple((s, read(_SUITES / name / f"{s}.toml")) for s in order)
+    return tuple((s, _shipped(name, s)) for s in order)
+
+
+@functools.cache
+def _shipped(group: str, name: str) -> Scenario:
+    return read(_SUITES / group / f"{name}.toml")
 
 
 @functools.cache
@@ -531,9 +536,10 @@ def load(name: str | Path | Scenario) -> Scenario:
     """
     if isinstance(name, Scenario):
         return name
-    known = {s: scenario for group in suites() for s, scenario in suite(group).items()}
-    if str(name) in known:
-        return known[str(name)]
+    for group in suites():
+        if (_SUITES / group / f"{name}.toml").is_file():
+            return _shipped(group, str(name))
     if str(name).endswith(".toml") or Path(name).is_file():
         return read(name)
+    known = [s for group in suites() for s in suite(group)]
     raise InvalidInput(f"unknown scenario '{name}'; {did_you_mean(str(name), known)}, or a path to a TOML file")

@@ -104,18 +104,30 @@ _LAST, _HALF = np.uint64(POINTS - 1), np.uint64(512)
 
 
 @part
-def height(p, frequencies, heights, first, frequency):
-    """Height in mm for a frequency in Hz, and the table's slope there in Hz/mm; readings outside give the table's ends.
+def bracket_near(table, first, frequency, hint):
+    """The same as :func:`bracket`, found at once where it is still the entry ``hint`` of the period before."""
+    inside = table[hint] <= frequency and frequency < table[hint + U1]
+    return hint if inside else bracket(table, first, frequency)
+
+
+@part
+def between(p, frequencies, heights, at, frequency):
+    """Reading between the entry ``at`` and the next; outside the table it is the table's end.
 
     Returns:
-        ``(height, slope)``.
+        ``(height, slope)``: mm, and the table's slope there in Hz/mm.
     """
-    at = bracket(frequencies, first, frequency)
     f0, f1, h0, h1 = frequencies[at], frequencies[at + U1], heights[at], heights[at + U1]
     share = min(1.0, max(0.0, (frequency - f0) / (f1 - f0)))
     if p.look_up > 0.5:
         share = np.rint(share)
     return h0 + share * (h1 - h0), (f1 - f0) / (h1 - h0)
+
+
+@part
+def height(p, frequencies, heights, first, frequency):
+    """Height in mm for a frequency in Hz, and the table's slope there in Hz/mm."""
+    return between(p, frequencies, heights, bracket(frequencies, first, frequency), frequency)
 
 
 # ---------------------------------------------------------------------------------------------------- the table

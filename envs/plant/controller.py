@@ -109,7 +109,7 @@ INFORMATION = {"sensor": Sensed, "preview": Preview, "privileged": Privileged}
 SLOTS = ("z",)
 """What a stack can drive: ``z``, head velocity at 1 kHz."""
 
-LAW_PARAMS, LAW_STATE = 24, 48
+LAW_PARAMS, LAW_STATE = 24, 40
 """Rows that a law's ``Params`` and ``State`` may take."""
 
 

@@ -239,6 +239,12 @@ class Fleet:
         """One control period, in this thread: what an environment's step calls."""
         machine.advance(self._deck)
 
+    def run_kernel(self, kernel: Any, steps: int) -> None:
+        """``steps`` control periods by another kernel with the deck's contract, such as one to compare speed with."""
+        self._deck[machine.D_STEPS] = steps
+        kernel(self._deck)
+        self._deck[machine.D_STEPS] = 1
+
     def start_recording(self, steps: int) -> np.ndarray:
         """Keeps the next ``steps`` periods: float32 of shape (steps, channels, size), see ``machine.CHANNELS``."""
         self.record = np.zeros((steps, len(machine.CHANNELS), self.size), np.float32)

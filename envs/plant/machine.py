@@ -90,6 +90,7 @@ SIGNALS, TALLY = _layout.place(rows(Privileged)), _layout.place(rows(Tally))
 COURSE, PACE, MOMENT = _layout.place(rows(Course)), _layout.place(rows(z_axis.Pace)), _layout.place(rows(Moment))
 FOLD, KEPT = _layout.place(rows(filters.Fold)), _layout.place(2)
 WISH, BEAM, PASSED, REFUGE, SLOPE, CLOCK, ORIGIN = (_layout.place(1) for _ in range(7))
+HINTS = _layout.place(2)  # entries of the table at the last reading, filtered and raw
 SURFACES, SURFACES_LAST = _layout.place(16), U(15)  # ring: two points a period, from the past period to the preview
 SAMPLES, SAMPLES_LAST = _layout.place(filters.LONGEST), U(filters.LONGEST - 1)  # ring of frequencies
 HISTORY, HISTORY_LAST = 16, U(15)
@@ -438,9 +439,13 @@ def look_up_all(block, at, n, tick, deck):
         a = at + lane
         first = U(np.int64(block[a + START + UW] * _POINTS))
         p = load(calibration.Params, block, a + P_TABLE)
-        height, slope = calibration.height(p, frequencies, heights, first, block[a + FOLD])
+        filtered, raw = block[a + FOLD], block[now + lane]
+        i = calibration.bracket_near(frequencies, first, filtered, first + U(np.int64(block[a + HINTS])))
+        j = calibration.bracket_near(frequencies, first, raw, first + U(np.int64(block[a + HINTS + UW])))
+        block[a + HINTS], block[a + HINTS + UW] = np.float64(np.int64(i - first)), np.float64(np.int64(j - first))
+        height, slope = calibration.between(p, frequencies, heights, i, filtered)
         block[a + SIGNALS], block[a + SLOPE] = height, slope
-        block[a + SIGNALS + UW] = calibration.height(p, frequencies, heights, first, block[now + lane])[0]
+        block[a + SIGNALS + UW] = calibration.between(p, frequencies, heights, j, raw)[0]
 
 
 @part
@@ -592,6 +597,7 @@ def begin(deck, machine, key):
     for i in range(SAMPLES_LAST + U1):
         block[at + SAMPLES + i * UW] = reading
     store(block, at + S_FILTER, filters.State(reading, 1e6, 0.0, 0.0))
+    block[at + HINTS], block[at + HINTS + UW] = 0.0, 0.0
     block[at + SLOPE] = 1e9  # nothing is a jump before the first reading
     filter_all(block, at, U1, tick, deck[D_WINDOW], deck[D_FLAGS] & F_RANKS)
     look_up_all(block, at, U1, tick, deck)

@@ -24,6 +24,7 @@ from matplotlib.patches import Rectangle
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 from scipy.stats import binomtest
 
+from ...envs.plant import supervisor
 from ...envs.plant.controller import INFORMATION
 from ..results import REFERENCE, Results
 
@@ -53,6 +54,9 @@ PANELS = 4
 
 SEGMENTS = 3000
 """Coloured pieces of a contour, at most; each takes the largest error of its periods."""
+
+BEFORE_ALARM = 0.7
+"""Share of the window before the first alarm."""
 
 LOCATED = ("x", "y")
 
@@ -167,7 +171,8 @@ def _wrapped(figure: Figure, text: str) -> str:
 
 def _title(figure: Figure, text: str) -> None:
     lines = _wrapped(figure, text)
-    figure.suptitle(lines, x=0.008, ha="left", fontsize=12, fontweight="bold", color=INK)
+    y = 1 - 0.08 / figure.get_figheight()
+    figure.suptitle(lines, x=0.008, y=y, ha="left", va="top", fontsize=12, fontweight="bold", color=INK)
 
 
 def _dress(axes: Axes, x: str = "", y: str = "", grid: str = "both") -> None:
@@ -570,15 +575,18 @@ def collisions(results: Results) -> Figure:
 
 
 class _Run(NamedTuple):
-    """A controller's trace: masked where it is not scored."""
+    """A controller's trace; errors are NaN where they are not scored and while an alarm is latched."""
 
     time: Floats
     """s"""
     scored: npt.NDArray[np.bool_]
+    alarm: npt.NDArray[np.bool_]
     true: Floats
     """µm"""
     reported: Floats
     """µm"""
+    rms: float
+    """µm, of the true error over everything scored, alarms included"""
     frame: pd.DataFrame
 
 
@@ -586,31 +594,37 @@ def _runs(traces: pd.DataFrame) -> dict[str, _Run]:
     """Each controller's trace of one scenario, in order of appearance."""
     out = {}
     for name, frame in traces.groupby("controller", sort=False):
-        scored = frame["scored"].to_numpy(float) > 0.5
-        true, reported = (
-            np.where(scored, 1e3 * (frame[channel].to_numpy(float) - frame["set_height"].to_numpy(float)), np.nan)
-            for channel in ("gap", "height")
-        )
-        out[str(name)] = _Run(frame["time"].to_numpy(float), scored, true, reported, frame)
+        channel = {key: frame[key].to_numpy(float) for key in ("time", "scored", "mode", "gap", "height", "set_height")}
+        scored, alarm = channel["scored"] > 0.5, channel["mode"] == supervisor.ALARM
+        true, reported = (1e3 * (channel[key] - channel["set_height"]) for key in ("gap", "height"))
+        rms = float(np.sqrt(np.mean(true[scored] ** 2))) if scored.any() else math.nan
+        shown = scored & ~alarm
+        true, reported = np.where(shown, true, np.nan), np.where(shown, reported, np.nan)
+        out[str(name)] = _Run(channel["time"], scored, alarm, true, reported, rms, frame)
     return out
 
 
 def _interesting(runs: dict[str, _Run]) -> tuple[int, int]:
-    """First and last period of the second in which the true errors differ most.
+    """First and one past the last period of what an oscilloscope shows.
 
-    The difference is cut off at its 95th percentile, so that one collision does not choose the window.
+    It is the time around the first alarm, or if there is none, the second in which the true errors differ most. The
+    difference is cut off at its 95th percentile, so that one excursion does not choose the window.
     """
     shortest = min(len(run.time) for run in runs.values())
     time = next(iter(runs.values())).time[:shortest]
     if shortest < 3:
         return 0, shortest
     width = min(shortest, max(2, round(WINDOW / max(float(np.median(np.diff(time))), 1e-9))))
+    alarms = np.logical_or.reduce([run.alarm[:shortest] for run in runs.values()])
+    if alarms.any():
+        start = int(np.clip(int(np.argmax(alarms)) - round(BEFORE_ALARM * width), 0, shortest - width))
+        return start, start + width
     errors = np.stack([run.true[:shortest] for run in runs.values()])
     bad = ~np.isfinite(errors)
     top, bottom = np.where(bad, -np.inf, errors).max(axis=0), np.where(bad, np.inf, errors).min(axis=0)
-    spread = np.where(
-        bad.all(axis=0), 0.0, np.maximum(top, 0) - np.minimum(bottom, 0) if len(runs) == 1 else top - bottom
-    )
+    if len(runs) == 1:
+        top, bottom = np.maximum(top, 0.0), np.minimum(bottom, 0.0)
+    spread = np.subtract(top, bottom, where=~bad.all(axis=0), out=np.zeros(shortest))
     positive = spread[spread > 0]
     if len(positive):
         spread = np.minimum(spread, np.quantile(positive, 0.95))
@@ -642,6 +656,16 @@ def _robust(axes: Axes, curves: list[Floats], unit: str) -> None:
         )  # fmt: skip
 
 
+def _cross(axes: Axes, x: Floats, y: Floats, alarm: npt.NDArray[np.bool_], colour: str, low: float, high: float) -> None:
+    """A cross where an alarm ends the curve, if that is within the limits of x."""
+    if not alarm.any():
+        return
+    end = int(np.argmax(alarm))
+    known = np.flatnonzero(np.isfinite(y[:end]))
+    if len(known) and low <= x[end] <= high:
+        axes.plot(x[end], y[known[-1]], "X", color=colour, markeredgecolor=INK, markersize=8, zorder=5, clip_on=False)
+
+
 def oscilloscope(results: Results, scenario: str) -> Figure:
     """Sheet, true error, reported error and command of every controller over the same second of a scenario."""
     traces = results.traces
@@ -650,7 +674,7 @@ def oscilloscope(results: Results, scenario: str) -> Figure:
         return _nothing(f"There is no trace of '{scenario}'.")
     style = looks(results)
     first, last = _interesting(runs)
-    title = _oscilloscope_title(results, scenario, {name: run.true[first:last] for name, run in runs.items()})
+    title = _oscilloscope_title(results, scenario, runs, slice(first, last))
     figure = Figure(figsize=(WIDTH, 7.6), facecolor="white")  # laid out by hand: half the time, and there are many
     top = 0.17 + 0.21 * (_wrapped(figure, title).count("\n") + 1)
     bottom = 0.62 + 0.2 * math.ceil((len(runs) + 1) / 4)
@@ -660,7 +684,7 @@ def oscilloscope(results: Results, scenario: str) -> Figure:
             "hspace": 0.12,
         },
     )  # fmt: skip
-    words = ("sheet surface\n(mm)", "true error\n(µm)", "reported error\n(µm)", "command\n(mm/s)")
+    words = ("sheet\n(mm)", "true error\n(µm)", "reported error\n(µm)", "command\n(mm/s)")
     for axes, label in zip(panels, words, strict=True):
         _dress(axes, y=label)
         axes.yaxis.set_label_coords(-0.067, 0.5)
@@ -674,6 +698,7 @@ def oscilloscope(results: Results, scenario: str) -> Figure:
             shown = values[first:last]
             panels[panel].plot(time, shown, color=look.colour, linestyle=look.line, linewidth=1.3)
             curves[panel].append(shown)
+        _cross(panels[1], run.time, run.true, run.alarm, look.colour, time[0], time[-1])
         handles.append(Line2D([], [], color=look.colour, linestyle=look.line, linewidth=2))
     for panel, unit in ((1, "µm"), (2, "µm"), (3, "mm/s")):
         panels[panel].axhline(0, color=QUIET, linewidth=0.8, zorder=1)
@@ -695,11 +720,16 @@ def oscilloscope(results: Results, scenario: str) -> Figure:
         handles, labels, loc="lower center", bbox_to_anchor=(0.5, 0.0), ncols=min(4, len(labels)), fontsize=9, frameon=False,
         handlelength=3.2, labelcolor=INK,
     )  # fmt: skip
-    figure.text(0.008, 1 - 0.08 / 7.6, _wrapped(figure, title), va="top", fontsize=12, fontweight="bold", color=INK)
+    _title(figure, title)
     return figure
 
 
-def _oscilloscope_title(results: Results, scenario: str, errors: dict[str, Floats]) -> str:
+def _oscilloscope_title(results: Results, scenario: str, runs: dict[str, _Run], window: slice) -> str:
+    alarms = [name for name, run in runs.items() if run.alarm[window].any()]
+    if alarms:
+        who = _plain(alarms[0]) if len(alarms) == 1 else f"{len(alarms)} of {len(runs)} controllers"
+        return f"{_plain(scenario)}: {who} in alarm (cross), as after a touch"
+    errors = {name: run.true[window] for name, run in runs.items()}
     largest = {name: np.abs(e[np.isfinite(e)]).max() for name, e in errors.items() if np.isfinite(e).any()}
     first = results.runs.drop_duplicates("controller").set_index("controller")["information"]
     ranks = {name: value for name, value in largest.items() if first.get(name) == "sensor"} or largest
@@ -791,20 +821,22 @@ def contour(results: Results) -> Figure:
 
 
 def _draw_contour(axes: Axes, run: _Run, norm: Normalize) -> LineCollection:
-    """Rapid moves thin and grey, cuts coloured by their error over a dark edge."""
+    """Rapid moves thin and grey, cuts coloured by their error over a dark edge, what follows an alarm black."""
     x, y = (run.frame[axis].to_numpy(float) for axis in LOCATED)
-    for start, stop in _stretches(~run.scored):
-        piece = slice(max(start - 1, 0), stop + 1)
-        axes.plot(x[piece], y[piece], color="#a5abb1", linewidth=0.7, zorder=1)
-    step = max(1, math.ceil(run.scored.sum() / SEGMENTS))
+    shown = run.scored & ~run.alarm
+    for mask, colour, width in ((~run.scored, "#a5abb1", 0.7), (run.scored & run.alarm, "black", 1.2)):
+        for start, stop in _stretches(mask):
+            piece = slice(max(start - 1, 0), stop + 1)
+            axes.plot(x[piece], y[piece], color=colour, linewidth=width, zorder=1)
+    step = max(1, math.ceil(shown.sum() / SEGMENTS))
     pieces, values = [], []
-    for start, stop in _stretches(run.scored):
+    for start, stop in _stretches(shown):
+        axes.plot(x[start:stop], y[start:stop], color=QUIET, linewidth=4.2, solid_capstyle="butt", zorder=2)
         for a in range(start, stop, step):
             b = min(a + step, stop)
             chunk = run.true[a:b]
             pieces.append(np.column_stack([x[a : b + 1], y[a : b + 1]]))
             values.append(chunk[np.argmax(np.abs(chunk))] if np.isfinite(chunk).all() else np.nan)
-        axes.plot(x[start:stop], y[start:stop], color=QUIET, linewidth=4.2, solid_capstyle="butt", zorder=2)
     lines = LineCollection(pieces, cmap="PuOr", norm=norm, linewidths=3.0, capstyle="butt", zorder=3)
     lines.set_array(np.asarray(values, float))
     axes.add_collection(lines)

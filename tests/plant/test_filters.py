@@ -23,22 +23,25 @@ ROUNDING = 1e-5
 WILD = sensor.EQ3._replace(noise=0.01, impulses=0.15, longest=3.0, impulse=0.2)
 
 
-def _filtered(p, x, start, out):
-    s = filters.State(start, 1e6, 0.0)
+def _filtered(p, x, start, slope, out):
+    s = filters.State(start, 1e6, 0.0, 0.0)
     for n in range(x.size):
         fold = filters.begin()
         for age in range(p.window):
             fold = filters.take(p, fold, x[n - age] if n >= age else start, float(age))
-        s, out[n] = filters.finish(p, s, filters.mean(p, fold), x[n])
+        s, out[n] = filters.finish(p, s, filters.mean(p, fold), x[n], slope)
 
 
 filtered = kernel(_filtered, TEXT)
+
+SLOPE = 127e3
+"""Hz/mm, of the table at 1 mm (PHYSICS §1)."""
 
 
 def passed(p: Params, x: np.ndarray, start: float) -> np.ndarray:
     """Output of a filter without ranks for the samples ``x`` after a long rest at ``start``."""
     out = np.empty(len(x))
-    filtered(filters.validated(p), np.asarray(x, float), float(start), out)
+    filtered(filters.validated(p), np.asarray(x, float), float(start), SLOPE, out)
     return out
 
 
@@ -209,33 +212,68 @@ def test_trimming_removes_a_single_impulse_but_not_two_in_one_window():
     assert y[25:] == pytest.approx(3.7e6, abs=ROUNDING)
 
 
+BASE = 3.7e6
+
+
 @pytest.mark.parametrize("hold", [0, 1, 2, 5])
-def test_the_anti_impulse_filter_drops_short_jumps_and_delays_lasting_ones(hold):
-    p = kind("anti-impulse", jump=3e-3, hold=hold)
-    base, jump = 3.7e6, 3.7e6 * 1.004
-    for length in range(1, 8):
-        for sign in (1.0, -1.0):
-            x = np.full(40, base)
-            x[10 : 10 + length] = base + sign * (jump - base)
-            y = passed(p, x, base)
-            if length <= hold:
-                assert np.all(y == base)
-            else:
-                assert np.all(y[: 10 + hold] == base)
-                assert np.all(y[10 + hold : 10 + length] == x[10])  # held for `hold` samples, then followed
-    step = np.where(np.arange(40) < 10, base, jump)
-    assert np.array_equal(passed(p, step, base), np.where(np.arange(40) < 10 + hold, base, jump))
+@pytest.mark.parametrize("jump", [0.05, -0.05, 0.3, -0.3])
+def test_the_anti_impulse_filter_drops_short_jumps(hold, jump):
+    p = kind("anti-impulse", jump=0.04, hold=hold)
+    for length in range(1, hold + 1):
+        x = np.full(40, BASE)
+        x[10 : 10 + length] += jump * SLOPE
+        assert np.all(passed(p, x, BASE) == BASE)
+
+
+@pytest.mark.parametrize("hold", [0, 1, 2, 5])
+@pytest.mark.parametrize("jump", [0.05, -0.05, 0.3, -0.3])
+def test_the_anti_impulse_filter_delays_a_lasting_jump_and_then_stays_on_it(hold, jump):
+    p = kind("anti-impulse", jump=0.04, hold=hold)
+    step = np.where(np.arange(40) < 10, BASE, BASE + jump * SLOPE)
+    y = passed(p, step, BASE)
+    assert np.all(y[: 10 + hold] == BASE)
+    assert y[10 + hold :] == pytest.approx(step[10 + hold :], abs=1e-6)
+
+
+@pytest.mark.parametrize(("jump", "dropped"), [(0.0399, False), (0.0401, True), (-0.0399, False), (-0.0401, True)])
+def test_the_anti_impulse_filter_drops_what_is_higher_than_its_jump_in_millimetres(jump, dropped):
+    x = np.full(20, BASE)
+    x[10] += jump * SLOPE
+    y = passed(kind("anti-impulse", jump=0.04, hold=2), x, BASE)
+    assert (y[10] == BASE) == dropped
+
+
+def test_the_anti_impulse_filter_bridges_an_impulse_on_a_ramp_along_the_ramp():
+    ramp = BASE + 0.02 * SLOPE * np.arange(120.0)  # 20 µm a sample
+    x = ramp.copy()
+    x[[100, 101]] += 0.3 * SLOPE
+    y = passed(kind("anti-impulse", jump=0.04, hold=2), x, BASE)
+    assert y[:100] == pytest.approx(ramp[:100], abs=ROUNDING)
+    assert y[100:] == pytest.approx(ramp[100:], abs=1e-3)
 
 
 def test_the_anti_impulse_filter_passes_anything_that_does_not_jump():
-    x = 3.7e6 * (1.0 + 2.9e-3 * np.random.default_rng(11).uniform(-0.5, 0.5, 500))
-    assert np.array_equal(passed(kind("anti-impulse", jump=3e-3, hold=3), x, 3.7e6), x)
+    x = BASE + 0.009 * SLOPE * np.random.default_rng(11).uniform(-1.0, 1.0, 500)
+    assert np.array_equal(passed(kind("anti-impulse", jump=0.04, hold=3), x, BASE), x)
 
 
-def test_the_anti_impulse_filter_drops_impulses_one_after_another():
-    x = np.full(60, 3.7e6)
-    x[[5, 8, 9, 20, 21, 40]] *= 1.01
-    assert np.all(passed(kind("anti-impulse", jump=3e-3, hold=2), x, 3.7e6) == 3.7e6)
+@pytest.mark.parametrize("gap", [0.5, 1.0, 2.0])
+@pytest.mark.parametrize(("apparent", "dropped"), [(0.1, True), (0.01, False)])
+def test_on_the_machine_the_jump_means_the_same_at_any_height(gap, apparent, dropped):
+    fleet = Fleet(1, IDLE, heads.ensure([0]))
+    fleet.put_filter(0, kind("anti-impulse", jump=0.04, hold=2))
+    head = sensor.EQ3._replace(noise=0.0, jitter=0.0, impulses=0.05, spread=0.0)
+    fleet.put("sensor", 0, head._replace(impulse=apparent * (1.0 + gap / head.falloff)))
+    fleet.set("path.feed", 0, 0.0)
+    fleet.set("start.gap", 0, gap)
+    fleet.begin(0, 11)
+    heights = []
+    for _ in range(400):
+        fleet.advance()
+        heights.append([fleet.column("signals.height")[0], fleet.column("signals.raw_height")[0]])
+    filtered_, raw = np.abs(np.array(heights).T - gap).max(axis=1)
+    assert raw == pytest.approx(apparent, abs=3e-3)
+    assert filtered_ == pytest.approx(0.0 if dropped else raw, abs=3e-3)
 
 
 # --------------------------------------------------------------------------------------------------- bad settings

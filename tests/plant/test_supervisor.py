@@ -197,8 +197,8 @@ def test_a_calibration_touches_the_sheet_and_rises_at_10_mm_per_s_past_10_mm():
     assert np.all(phase[:touch] == 0.0)
     assert np.all(phase[touch + 1] == 1.0)
     assert velocity[50:touch] == pytest.approx(-0.5, abs=0.02)
-    rising = (phase == 1.0) & (gap > 0.1) & (gap < 10.0)
-    assert velocity[rising] == pytest.approx(10.0, abs=0.05)
+    rising = (phase == 1.0) & (gap > 0.3) & (gap < 10.0)
+    assert velocity[rising] == pytest.approx(10.0, abs=0.01)  # one D/A step is 0.015 mm/s
     assert phase[-1] == 2.0
     assert 10.1 < gap[-1] < 10.3
     assert velocity[-1] == pytest.approx(0.0, abs=1e-3)
@@ -349,7 +349,7 @@ def collided() -> Fleet:
     fleet.set("hand.residual", 0, -30.0)
     mode, valid = run(fleet, 60, "supervisor.mode", "signals.valid")
     touched, alarmed = int(np.argmax(valid == 0.0)), int(np.argmax(mode == ALARM))
-    assert 0 < touched
+    assert touched > 0
     assert alarmed == touched + 1
     return fleet
 
@@ -394,14 +394,17 @@ def test_only_stop_clears_a_collision(request_):
     assert now(fleet, "supervisor.mode") == FOLLOW
 
 
-@pytest.mark.parametrize(("target", "back"), [(109.0, 60.0), (15.0, 40.0)])
-def test_at_the_ends_of_the_travel_an_alarm_is_latched_and_the_axis_stops(target, back):
+@pytest.mark.parametrize(("target", "limit", "back"), [(109.5, 108.0, 60.0), (15.0, 20.0, 40.0)])
+def test_at_the_limits_of_the_travel_an_alarm_is_latched_and_the_axis_stops(target, limit, back):
     fleet = started(machine_with(IDLE, 50.0, job__request=MOVE, job__target=target, job__low=20.0))
-    (position,) = run(fleet, 1500, "motion.position")
-    assert now(fleet, "supervisor.mode") == ALARM
+    position, velocity, mode = run(fleet, 1500, "motion.position", "signals.velocity", "supervisor.mode")
+    assert mode[-1] == ALARM
     assert now(fleet, "supervisor.alarm") == LIMIT
     assert np.ptp(position[-200:]) < 1e-3
-    assert position[-1] == pytest.approx(108.0 if target > 50.0 else 20.0, abs=1.5)
+    # From its speed at the limit the command falls by `slew` a period; reading, dead time, loop and jerk cost 10 ms.
+    speed = abs(velocity[np.argmax(mode == ALARM)])
+    beyond = np.sign(target - 50.0) * (position[-1] - limit)
+    assert 0.0 < beyond < speed**2 / (2.0 * 1e4) + speed * 10e-3
     fleet.set("job.target", 0, back)
     fleet.advance(200)
     assert now(fleet, "motion.position") == pytest.approx(position[-1], abs=1e-3)
@@ -449,23 +452,28 @@ def over_a_hole(guard: bool, kp: float = 50.0, length: float = 10.0, steps: int 
 
 
 @pytest.mark.parametrize("kp", [30.0, 50.0, 100.0])
-@pytest.mark.parametrize("length", [5.0, 10.0, 15.0])
-def test_the_hole_guard_holds_the_head_over_a_hole_where_it_would_dive_without(kp, length):
+@pytest.mark.parametrize("length", [3.0, 5.0, 8.0, 10.0, 15.0, 50.0])
+def test_with_the_guard_no_hole_lets_the_head_down(length, kp):
     guarded = over_a_hole(True, kp, length)
-    held = np.flatnonzero(guarded["mode"] == HOLD)
-    assert held.size > 0
-    assert np.all(np.diff(held) == 1)  # one hold, from before the hole until behind it
-    along = 0.2 * (held + 1)
-    assert along[0] < 60.0
-    assert along[-1] > 60.0 + length
     assert guarded["head"].min() > 0.6  # PHYSICS §6
     assert guarded["head"].max() < 1.1
     assert guarded["gap"][-1] == pytest.approx(1.0, abs=2e-3)
     assert not guarded["alarm"].any()
-    assert np.all(guarded["override"][held] == 1.0)
+    if length >= 8.0:
+        held = np.flatnonzero(guarded["mode"] == HOLD)
+        assert np.all(np.diff(held) == 1)  # one hold, from before the hole until behind it
+        assert 0.2 * (held[0] + 1) < 60.0
+        assert 0.2 * (held[-1] + 1) > 60.0 + length
+        assert np.all(guarded["override"][held] == 1.0)
+
+
+@pytest.mark.parametrize("kp", [30.0, 50.0, 100.0])
+@pytest.mark.parametrize("length", [10.0, 15.0])
+def test_without_the_guard_the_head_dives_through_the_plane_of_the_sheet(length, kp):
     free = over_a_hole(False, kp, length)
     assert free["head"].min() < 0.0
     assert not np.any(free["mode"] == HOLD)
+    assert free["alarm"][-1] == COLLISION  # the nozzle meets the far edge of the hole
 
 
 def test_the_guard_lets_waves_and_slopes_pass():

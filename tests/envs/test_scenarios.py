@@ -1,0 +1,527 @@
+"""Scenarios: the frozen suite against its printed table, draws, TOML, measured profiles, and what bad input says."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from kerfgym.envs import scenarios
+from kerfgym.envs.distributions import Choice, LogUniform, Uniform, bounds, draw
+from kerfgym.envs.plant import heads, machine, sheet
+from kerfgym.envs.plant.fleet import Fleet
+from kerfgym.envs.plant.quantity import InvalidInput
+from kerfgym.envs.scenarios import SPLITS, Scenario, core, load, parse, prepare, read, suite, suites
+from kerfgym.envs.stack import get
+
+
+def u(low, high, sign="+"):
+    return {"sign": sign, "uniform": (low, high)}
+
+
+def wave(amplitude, wavelength, exponent=0.0, direction=0.0):
+    return {
+        "amplitude": amplitude, "wavelength": wavelength, "direction": direction, "exponent": exponent,
+        "reference": 60.0,
+    }  # fmt: skip
+
+
+SLOPE_3, SLOPE_5 = u(-0.003, 0.003), u(-0.005, 0.005)
+PLANT = {
+    "bandwidth": u(50, 120), "zeta": u(0.6, 1.0), "dead_time": {"choice": (0.001, 0.002)},
+    "acceleration": u(10e3, 18e3), "jerk": 2e6, "speed": 500.0, "resonance": u(60, 150), "resonance_zeta": 0.05,
+    "compliance": 0.1, "friction": 800.0, "backlash": 0.005, "encoder": 1e-3, "dac_bits": 16.0,
+}  # fmt: skip
+HEAD = {
+    "noise": {"sign": "+", "log_uniform": (5e-4, 5e-3)}, "jitter": 1e-6, "drift": 0.0, "warming": 600.0, "impulses": 2.0,
+    "impulse_samples": 1.0, "impulse_height": 0.137, "impulse_falloff": 0.894, "impulse_spread": 0.3, "bursts": 0.0,
+    "burst": 0.1, "burst_length": 0.02, "plasma": 0.0, "nominal": False,
+}  # fmt: skip
+SHEET = {
+    "tilt": 0.0, "tilt_y": 0.0, "waves": (), "vibrations": (), "steps": None, "holes": None, "bulge": None, "profile": None,
+}  # fmt: skip
+FOLLOWING = {
+    "version": 1, "duration": 3.0, "settle": 0.3, "feed": 200.0, "set_height": {"choice": (0.5, 0.8, 1.0)},
+    "start_above": 0.0, "guard": False, "exempt": False, "path": None, "axis": PLANT, "head": HEAD, "sheet": SHEET,
+}  # fmt: skip
+
+
+def voids(pitch, jitter, length, count, round=False, rise=0.0):
+    return {"holes": {"pitch": pitch, "jitter": jitter, "length": length, "count": count, "round": round, "rise": rise}}
+
+
+FROZEN = {
+    "flat": {},
+    "tilt": {"sheet": {"tilt": u(0.003, 0.012, "±")}},
+    "wavy": {"sheet": {"waves": (wave(u(0.3, 0.7), u(50, 120)),)}},
+    "rough": {"sheet": {"waves": (wave(u(0.15 * 0.5, 0.15 * 1.0), u(10, 120), 1.5),) * 8}},
+    "step": {"sheet": {"tilt": SLOPE_3, "steps": {"count": 12, "height": u(0.1, 0.4, "±"), "spacing": u(30, 70)}}},
+    "impulses": {"sheet": {"tilt": SLOPE_5}, "head": {"impulses": 20.0, "impulse_samples": 2.0}},
+    "flutter": {"sheet": {"tilt": SLOPE_3, "vibrations": ({"frequency": u(12, 30), "amplitude": u(0.010, 0.040)},)}},
+    "chatter": {"sheet": {"tilt": SLOPE_3, "vibrations": ({"frequency": u(30, 100), "amplitude": u(2e-3, 8e-3)},) * 3}},
+    "bulge": {
+        "sheet": {
+            "tilt": SLOPE_3,
+            "bulge": {"height": u(0.2, 1.0), "width": u(20, 60), "growth": u(1, 3), "x": u(150, 500), "y": 0.0},
+        }
+    },
+    "holes": {"guard": True, "sheet": voids(100.0, u(-30, 30), u(2, 15), 16, round=True)},
+    "edge": {"guard": True, "sheet": voids(500.0, u(-60, 60), u(20, 60), 1)},
+    "descent": {"guard": True, "start_above": u(4, 15)},
+    "long-hole": {"guard": True, "exempt": True, "sheet": voids(300.0, u(-20, 20), u(50, 200), 2)},
+    "tip-up": {"guard": True, "exempt": True, "sheet": voids(150.0, u(-20, 20), u(10, 40), 4, rise=u(2, 15))},
+}
+"""The following suite, version 1, as it was frozen: a change of any number is a new version."""
+
+SUITE = [(group, name) for group in suites() for name in suite(group)]
+
+
+def fleet_of(scenario, seeds, threads=1):
+    """Machines that are prepared but have not begun."""
+    fleet = Fleet(len(seeds), get("idle").law, heads.POOL, threads)
+    prepare(fleet, scenario, np.arange(len(seeds)), seeds)
+    return fleet
+
+
+def listed(fleet, place, width, count):
+    """A list beside the sheet, shape (machines, count, width)."""
+    return np.array([fleet.slots(place, width * count, i) for i in range(fleet.size)]).reshape(-1, count, width)
+
+
+def about(values, mean, deviation):
+    """The mean of independent values lies within four standard errors."""
+    return abs(np.mean(values) - mean) < 4.0 * deviation / np.sqrt(len(values))
+
+
+# -------------------------------------------------------------------------------------------------- the frozen suite
+
+
+def test_the_following_suite_has_the_scenarios_of_the_table_in_its_order():
+    assert list(suite("following")) == list(FROZEN)
+    assert core("following") == ("tilt", "wavy", "rough", "step", "impulses", "flutter", "chatter")
+
+
+@pytest.mark.parametrize("name", FROZEN)
+def test_every_number_of_the_following_suite_is_the_frozen_one(name):
+    frozen = {**FOLLOWING, **FROZEN[name]}
+    for table in ("axis", "head", "sheet"):
+        frozen[table] = {**FOLLOWING[table], **FROZEN[name].get(table, {})}
+    shipped = suite("following")[name].model_dump(exclude={"name", "summary"})
+    assert shipped == frozen
+    assert suite("following")[name].name == name
+
+
+def test_the_splits_are_those_of_the_table_and_share_no_seed():
+    assert SPLITS["tune"] == range(0, 1000)
+    assert SPLITS["test"] == range(1000, 1200)
+    assert SPLITS["reserve"] == range(1200, 2000)
+    assert SPLITS["train"].start == 10_000
+    ranges = sorted(SPLITS.values(), key=lambda r: r.start)
+    assert all(a.stop <= b.start for a, b in zip(ranges[:-1], ranges[1:], strict=True))
+
+
+def test_an_episode_has_one_period_per_millisecond():
+    assert load("wavy").steps == 3000
+    assert load("wavy").settle_steps == 300
+
+
+@pytest.mark.parametrize(("group", "name"), SUITE)
+def test_a_scenario_survives_the_way_through_toml(group, name, tmp_path):
+    scenario = suite(group)[name]
+    assert parse(scenario.to_toml()) == scenario
+    (tmp_path / "copy.toml").write_text(scenario.to_toml(), encoding="utf-8")
+    assert read(tmp_path / "copy.toml") == scenario
+
+
+# -------------------------------------------------------------------------------------------------------------- draws
+
+SEEDS = np.arange(2000)
+
+
+def test_a_fixed_number_is_every_seeds_number():
+    assert np.array_equal(draw(7.5, SEEDS, "x"), np.full(2000, 7.5))
+    assert (fleet_of(load("flat").varied(feed=123), SEEDS[:40]).column("path.feed") == 123.0).all()
+
+
+@pytest.mark.parametrize(
+    ("number", "law"),
+    [
+        (Uniform(uniform=(0.3, 0.7)), stats.uniform(0.3, 0.4)),
+        (Uniform(uniform=(-3, 5)), stats.uniform(-3, 8)),
+        (LogUniform(log_uniform=(5e-4, 5e-3)), stats.loguniform(5e-4, 5e-3)),
+    ],
+)
+def test_a_draw_has_the_distribution_that_is_asked_for(number, law):
+    values = draw(number, SEEDS, "x")
+    assert values.min() >= law.support()[0]
+    assert values.max() <= law.support()[1]
+    assert about(values, law.mean(), law.std())
+    assert stats.kstest(values, law.cdf).pvalue > 1e-3
+
+
+@pytest.mark.parametrize("number", [Uniform(uniform=(3, 12), sign="±"), LogUniform(log_uniform=(3, 12), sign="±")])
+def test_either_sign_is_equally_likely_and_has_nothing_to_do_with_the_magnitude(number):
+    values = draw(number, SEEDS, "x")
+    assert about(values > 0, 0.5, 0.5)
+    assert np.abs(values).min() >= 3
+    assert np.abs(values).max() <= 12
+    assert stats.ks_2samp(values[values > 0], -values[values < 0]).pvalue > 1e-3
+    assert bounds(number) == (-12, 12)
+
+
+def test_a_choice_takes_each_of_its_values_equally_often():
+    values = draw(Choice(choice=(0.5, 0.8, 1.0)), SEEDS, "x")
+    assert set(values) == {0.5, 0.8, 1.0}
+    for each in (0.5, 0.8, 1.0):
+        assert about(values == each, 1 / 3, np.sqrt(2) / 3)
+
+
+def test_a_draw_depends_on_its_seed_and_name_alone():
+    number = Uniform(uniform=(0, 1))
+    whole = draw(number, SEEDS, "axis.zeta")
+    shuffled = np.random.default_rng(0).permutation(SEEDS)
+    assert np.array_equal(draw(number, shuffled, "axis.zeta"), whole[shuffled])
+    assert draw(number, SEEDS[17:18], "axis.zeta") == whole[17]
+    other = draw(number, SEEDS, "axis.bandwidth")
+    assert abs(np.corrcoef(whole, other)[0, 1]) < 4 / np.sqrt(2000)
+    neighbours = np.corrcoef(whole[:-1], whole[1:])[0, 1]
+    assert abs(neighbours) < 4 / np.sqrt(2000)
+
+
+def test_the_suites_machines_stay_in_their_ranges_and_have_the_right_means():
+    fleet = fleet_of(load("flat"), SEEDS)
+    for column, low, high in (
+        ("z.omega", 2 * np.pi * 50, 2 * np.pi * 120), ("z.zeta", 0.6, 1.0), ("z.acceleration", 10e3, 18e3),
+        ("z.omega_r", 2 * np.pi * 60, 2 * np.pi * 150),
+    ):  # fmt: skip
+        values = fleet.column(column)
+        assert low <= values.min()
+        assert values.max() <= high
+        assert about(values, (low + high) / 2, (high - low) / np.sqrt(12)), column
+        assert np.ptp(values) > 0.98 * (high - low), column
+    noise = fleet.column("sensor.noise")
+    assert about(np.log(noise), np.log(5e-4 * 5e-3) / 2, np.log(10) / np.sqrt(12))
+    assert set(np.round(fleet.column("z.dead_time"), 12)) == {1.0, 2.0}  # control periods
+    assert about(fleet.column("z.dead_time"), 1.5, 0.5)
+    assert set(fleet.column("job.set_height")) == {0.5, 0.8, 1.0}
+    assert set(fleet.column("start.head")) == set(range(heads.HEADS))
+    assert (fleet.column("z.jerk") == 2e6).all()
+    assert np.allclose(fleet.column("sensor.impulses"), 2.0 * 1e-3)  # a probability per sample
+    assert (fleet.column("z.dac") == 500.0 / 2**15).all()  # 16 bits of ±500 mm/s
+
+
+def test_a_wavy_sheet_has_the_amplitudes_and_wavelengths_of_the_table():
+    fleet = fleet_of(load("wavy"), SEEDS)
+    waves = listed(fleet, machine.WAVES, 4, sheet.WAVES)
+    felt, k, across, phase = waves[:, 0].T
+    kappa = k * 2.0
+    amplitude = felt / (3 * (np.sin(kappa) - kappa * np.cos(kappa)) / kappa**3)  # what a disc of 2 mm leaves of a sine
+    wavelength = 2 * np.pi / k
+    assert np.all((amplitude > 0.3 - 1e-9) & (amplitude < 0.7 + 1e-9))
+    assert about(amplitude, 0.5, 0.4 / np.sqrt(12))
+    assert np.all((wavelength > 50 - 1e-9) & (wavelength < 120 + 1e-9))
+    assert about(wavelength, 85, 70 / np.sqrt(12))
+    assert stats.kstest(phase, stats.uniform(0, 2 * np.pi).cdf).pvalue > 1e-3
+    assert not across.any()
+    assert not waves[:, 1:].any()
+
+
+def test_a_rough_sheets_amplitude_grows_with_the_wavelength_to_the_power_1_5():
+    fleet = fleet_of(load("rough"), SEEDS[:500])
+    felt, k = np.moveaxis(listed(fleet, machine.WAVES, 4, sheet.WAVES), 2, 0)[:2]
+    kappa = k * 2.0
+    amplitude = felt / (3 * (np.sin(kappa) - kappa * np.cos(kappa)) / kappa**3)
+    share = amplitude / (0.15 * (2 * np.pi / k / 60) ** 1.5)
+    assert np.all((share > 0.5 - 1e-6) & (share < 1.0 + 1e-6))
+    assert about(share.ravel(), 0.75, 0.5 / np.sqrt(12))
+    assert len(np.unique(k)) == k.size
+
+
+def test_a_stepped_sheet_has_twelve_steps_30_to_70_mm_apart():
+    fleet = fleet_of(load("step"), SEEDS[:300])
+    features = listed(fleet, machine.FEATURES, 4, sheet.FEATURES)
+    start, stop, rise, void = np.moveaxis(features, 2, 0)
+    gaps = np.diff(start[:, :12], axis=1, prepend=0.0)
+    assert np.all((gaps >= 30) & (gaps <= 70))
+    assert about(gaps.ravel(), 50, 40 / np.sqrt(12))
+    assert np.all((np.abs(rise[:, :12]) >= 0.1) & (np.abs(rise[:, :12]) <= 0.4))
+    assert about((rise[:, :12] > 0).ravel(), 0.5, 0.5)
+    assert (stop == sheet.FAR).all()
+    assert (start[:, 12:] == sheet.FAR).all()
+    assert not void.any()
+
+
+def test_a_metre_of_the_holed_sheet_has_ten_round_holes():
+    fleet = fleet_of(load("holes"), SEEDS[:500])
+    start, stop, rise, across = np.moveaxis(listed(fleet, machine.FEATURES, 4, sheet.FEATURES), 2, 0)
+    length = stop - start
+    assert np.all((length > 2 - 1e-9) & (length < 15 + 1e-9))
+    assert about(length.ravel(), 8.5, 13 / np.sqrt(12))
+    assert np.mean(start < 1000) * sheet.FEATURES == pytest.approx(10, abs=0.1)
+    assert np.allclose(across, length * np.pi / 4)  # mean chord of a round hole
+    assert not rise.any()
+    assert (start[:, 1:] - stop[:, :-1] >= sheet.SPACING - 1e-9).all()
+
+
+def test_a_seeds_machine_is_the_same_in_any_fleet_and_place():
+    for name in ("wavy", "rough", "step", "holes", "bulge", "chatter", "impulses"):
+        whole = fleet_of(load(name), SEEDS[:97])
+        alone = fleet_of(load(name), [64])
+        backwards = fleet_of(load(name), SEEDS[:97][::-1])
+        for place in machine.PLACES:
+            assert whole.get(place, 64) == alone.get(place, 0) == backwards.get(place, 96 - 64), (name, place)
+        for place, count in ((machine.WAVES, 32), (machine.VIBRATIONS, 9), (machine.FEATURES, 64)):
+            assert np.array_equal(whole.slots(place, count, 64), alone.slots(place, count))
+            assert np.array_equal(whole.slots(place, count, 64), backwards.slots(place, count, 96 - 64))
+
+
+def test_a_fleet_that_changes_scenario_keeps_nothing_of_the_old_one():
+    seeds = SEEDS[:5]
+    used = fleet_of(load("rough"), seeds)
+    for name in ("bulge", "step", "chatter", "holes", "flat"):
+        prepare(used, load(name), np.arange(5), seeds)
+    used.begin(np.arange(5), scenarios.noise_keys(seeds))
+    new = fleet_of(load("flat"), seeds)
+    new.begin(np.arange(5), scenarios.noise_keys(seeds))
+    used.advance(300)
+    new.advance(300)
+    for column in ("signals.gap", "signals.surface_5", "signals.height", "motion.position"):
+        assert np.array_equal(used.column(column), new.column(column)), column
+
+
+# -------------------------------------------------------------------------------------------------- scenarios of one's own
+
+OWN = """
+name = "mine"
+duration = 1.5
+feed = 120
+set_height = 0.8
+[axis]
+bandwidth = { uniform = [40, 60] }
+dead_time = 0.003
+[head]
+noise = 0.002
+nominal = true
+[sheet]
+tilt = { uniform = [0.001, 0.002], sign = "±" }
+[[sheet.waves]]
+amplitude = 0.2
+wavelength = { log_uniform = [20, 200] }
+[[sheet.waves]]
+amplitude = { choice = [0.1, 0.3] }
+wavelength = 90
+"""
+
+
+def test_a_scenario_of_ones_own_says_what_its_file_says(tmp_path):
+    (tmp_path / "mine.toml").write_text(OWN, encoding="utf-8")
+    scenario = load(tmp_path / "mine.toml")
+    assert scenario.steps == 1500
+    fleet = fleet_of(scenario, SEEDS[:50])
+    assert (fleet.column("path.feed") == 120).all()
+    assert (fleet.column("job.set_height") == 0.8).all()
+    assert np.allclose(fleet.column("z.dead_time"), 3.0)
+    assert (fleet.column("start.head") == 0).all()
+    assert np.all((fleet.column("z.omega") >= 2 * np.pi * 40) & (fleet.column("z.omega") <= 2 * np.pi * 60))
+    assert np.all((np.abs(fleet.column("sheet.tilt_x")) >= 1e-3) & (np.abs(fleet.column("sheet.tilt_x")) <= 2e-3))
+    assert fleet.waves == 2
+    assert parse(scenario.to_toml()) == scenario
+
+
+def test_a_variation_merges_tables_and_leaves_the_rest():
+    wavy = load("wavy")
+    changed = wavy.varied(feed=400, head={"noise": 0.01}, axis={"dead_time": 0.003})
+    assert changed.feed == 400
+    assert changed.head == wavy.head.model_copy(update={"noise": 0.01})
+    assert changed.axis == wavy.axis.model_copy(update={"dead_time": 0.003})
+    assert changed.sheet == wavy.sheet
+    assert wavy.feed == 200.0
+
+
+PROFILE = """
+name = "measured"
+duration = 2.0
+feed = 50
+set_height = 1.0
+[sheet.profile]
+file = "surface.csv"
+spacing = 0.05
+"""
+
+
+@pytest.fixture
+def measured(tmp_path):
+    """Writes a profile and a scenario that names it; returns the scenario's path."""
+
+    def write(text):
+        (tmp_path / "surface.csv").write_text(text, encoding="utf-8")
+        (tmp_path / "measured.toml").write_text(PROFILE, encoding="utf-8")
+        return tmp_path / "measured.toml"
+
+    return write
+
+
+def test_the_sheet_under_the_nozzle_is_the_measured_profile(measured):
+    rng = np.random.default_rng(4)
+    position = 12.0 + np.cumsum(np.concatenate([[0.0], rng.integers(1, 9, 60)])) * 0.5  # on the grid, from 12 mm on
+    height = np.cumsum(rng.normal(0, 0.03, 61))
+    rows = "".join(f"{p},{h}\n" for p, h in zip(position.tolist(), height.tolist(), strict=True))
+    scenario = load(measured("position_mm,height_mm\n" + rows))
+    fleet = fleet_of(scenario, [3])
+    fleet.begin([0], scenarios.noise_keys([3]))
+    seen, along = [], []
+    for _ in range(2000):
+        fleet.advance()
+        x = fleet.get("signals")
+        seen.append([x.surface_0, x.surface_5])
+        along.append([fleet.get("tally").ticks * 1e-3 * 50, (fleet.get("tally").ticks + 5) * 1e-3 * 50])
+    expected = np.interp(12.0 + np.array(along), position, height)
+    inside = np.array(along) < position[-1] - 12.0 - 0.1
+    assert inside[:, 0].sum() > 1500
+    assert np.abs(np.array(seen) - expected)[inside].max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("position_mm,height_mm\n0,0\n1,\n2,0\n", r"surface\.csv, row 3, column height_mm: the cell is empty"),
+        ("position_mm,height_mm\n0,0\n1\n2,0\n", r"surface\.csv, row 3, column height_mm: the cell is empty"),
+        ("position_mm,height_mm\n0,0\nfar,0.1\n", r"surface\.csv, row 3, column position_mm: 'far' is not a number"),
+        ("position_mm,height_mm\n0,0\n1,nan\n", r"surface\.csv, row 3, column height_mm: nan is not a finite number"),
+        ("position_mm,height_mm\n0,0\n2,0\n2,1\n3,0\n", r"surface\.csv, row 4, column position_mm: positions must rise"),
+        ("position_mm,height_mm\n0,0\n2,0\n1,1\n", r"surface\.csv, row 4, column position_mm: positions must rise"),
+        ("position,height_mm\n0,0\n1,0\n", r"surface\.csv, row 1: column position_mm is missing"),
+        ("position_mm,height_mm\n0,0\n", r"surface\.csv: needs at least two rows"),
+        ("", r"surface\.csv, row 1: column position_mm is missing"),
+    ],
+)
+def test_a_bad_profile_is_named_by_file_row_and_column(measured, text, message):
+    with pytest.raises(InvalidInput, match=message):
+        load(measured(text))
+
+
+def test_a_profile_that_does_not_exist_is_named(tmp_path):
+    (tmp_path / "measured.toml").write_text(PROFILE, encoding="utf-8")
+    with pytest.raises(InvalidInput, match=r"surface\.csv: No such file"):
+        load(tmp_path / "measured.toml")
+
+
+# ---------------------------------------------------------------------------------------------------------- bad input
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("wavvy", r"unknown scenario 'wavvy'; did you mean 'wavy'\? \(known: .*tip-up.*\), or a path to a TOML file"),
+        ("nowhere.toml", r"cannot read scenario file nowhere\.toml: .*No such file"),
+    ],
+)
+def test_an_unknown_scenario_is_answered_with_the_nearest(name, message):
+    with pytest.raises(InvalidInput, match=message):
+        load(name)
+
+
+def test_an_unknown_suite_is_answered_with_the_nearest():
+    with pytest.raises(InvalidInput, match=r"unknown suite 'folowing'; did you mean 'following'\?"):
+        suite("folowing")
+
+
+GOOD = """name = "x"
+feed = 200
+[axis]
+bandwidth = 80
+[head]
+noise = { log_uniform = [1e-4, 1e-3] }
+[sheet]
+tilt = 0.01
+[[sheet.waves]]
+amplitude = 0.5
+wavelength = 80
+[[sheet.waves]]
+amplitude = 0.4
+wavelength = 90
+[[sheet.vibrations]]
+frequency = 20
+amplitude = 0.02
+"""
+
+
+def test_the_good_file_is_good():
+    parse(GOOD)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("feed = 200", "feed = = 200", r"bad\.toml: not valid TOML: .*line 2"),
+        ("[head]", "[head", r"bad\.toml: not valid TOML: .*line 5"),
+        ("feed = 200", "fed = 200", r"bad\.toml, line 2: unknown key 'fed'; did you mean 'feed'\?"),
+        ("[head]", "[haed]", r"bad\.toml, line 5: unknown key 'haed'; did you mean 'head'\?"),
+        ("bandwidth", "bandwith", r"bad\.toml, line 4: unknown key 'axis\.bandwith'; did you mean 'bandwidth'\?"),
+        ("noise", "nois", r"bad\.toml, line 6: unknown key 'head\.nois'; did you mean 'noise'\?"),
+        (
+            "wavelength = 90", "wavelenght = 90",
+            r"bad\.toml, line 14: unknown key 'sheet\.waves\.1\.wavelenght'; did you mean 'wavelength'\?",
+        ),
+        ("log_uniform", "loguniform", r"bad\.toml, line 6: head\.noise: unknown distribution 'loguniform'; did you mean 'log_uniform'\?"),
+        ("bandwidth = 80", "bandwidth = 600", r"bad\.toml, line 4: axis: bandwidth = 600.* out of range; allowed: 5 to 500 Hz"),
+        (
+            "bandwidth = 80", "bandwidth = { uniform = [50, 1200] }",
+            r"bad\.toml, line 4: axis: bandwidth = 1200.* out of range; allowed: 5 to 500 Hz",
+        ),
+        (
+            "bandwidth = 80", "bandwidth = { choice = [1, 80] }",
+            r"bad\.toml, line 4: axis: bandwidth = 1.* out of range; allowed: 5 to 500 Hz",
+        ),
+        (
+            "tilt = 0.01", 'tilt = { uniform = [0.1, 0.4], sign = "±" }',
+            r"bad\.toml, line 8: sheet: tilt = -0\.4 is out of range; allowed: -0\.3 to 0\.3 mm/mm",
+        ),
+        ("bandwidth = 80", "bandwidth = nan", r"bad\.toml, line 4: axis: bandwidth = nan is out of range; allowed: 5 to 500 Hz"),
+        ("bandwidth = 80", 'bandwidth = "fast"', r"bad\.toml, line 4: axis\.bandwidth: a number or a distribution is needed, not 'fast'"),
+        ("bandwidth = 80", "bandwidth = true", r"bad\.toml, line 4: axis\.bandwidth: a number or a distribution is needed, not true"),
+        (
+            "bandwidth = 80", "bandwidth = { uniform = [90, 50] }",
+            r"bad\.toml, line 4: axis\.bandwidth: the range \[90\.0, 50\.0\] must rise",
+        ),
+        ("[1e-4, 1e-3]", "[0, 1e-3]", r"bad\.toml, line 6: head\.noise\.log_uniform.* greater than 0"),
+        (
+            "bandwidth = 80", "bandwidth = { uniform = [50, 90], choice = [50] }",
+            r"bad\.toml, line 4: axis\.bandwidth: .*exactly one of uniform, log_uniform, choice",
+        ),
+        ("bandwidth = 80", "bandwidth = { choice = [] }", r"bad\.toml, line 4: axis\.bandwidth\.choice: .*at least 1 item"),
+        ('name = "x"', "", r"bad\.toml: name: Field required"),
+        ("feed = 200", "feed = 200\nduration = 0", r"bad\.toml, line 3: duration = 0.* out of range; allowed: 0\.05 to 600 s"),
+        # The line is that of the key in its own table, not of a namesake further up.
+        ("amplitude = 0.4", "amplitude = 40", r"bad\.toml, line 13: sheet\.waves\.1: amplitude = 40.* out of range; allowed: 0 to 10 mm"),
+        ("amplitude = 0.02", "amplitude = 7", r"bad\.toml, line 17: sheet\.vibrations\.0: amplitude = 7.* out of range; allowed: 0 to 5 mm"),
+    ],
+)  # fmt: skip
+def test_a_mistake_in_a_file_is_named_by_file_line_and_key(tmp_path, old, new, message):
+    assert old in GOOD
+    (tmp_path / "bad.toml").write_text(GOOD.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(InvalidInput, match=message):
+        load(tmp_path / "bad.toml")
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"sheet": {"waves": [{"amplitude": 0.1, "wavelength": 50}] * 9}}, "9 waves; at most 8"),
+        ({"sheet": {"vibrations": [{"amplitude": 0.01, "frequency": 50}] * 4}}, "4 vibrations; at most 3"),
+        (
+            {"sheet": {"steps": {"height": 0.1, "spacing": 30}, "holes": {"pitch": 100, "length": 5}}},
+            "steps and holes exclude each other",
+        ),
+        ({"hed": {"noise": 0.1}}, r"unknown key 'hed'; did you mean 'head'\?"),
+        ({"axis": {"dead_tme": 0.001}}, r"unknown key 'axis\.dead_tme'; did you mean 'dead_time'\?"),
+        ({"axis": {"dead_time": 0.005}}, r"axis: dead_time = 0\.005 is out of range; allowed: 0 to 0\.004 s"),
+    ],
+)
+def test_a_variation_is_validated_like_a_file(changes, message):
+    with pytest.raises(InvalidInput, match=message):
+        load("flat").varied(**changes)
+
+
+def test_a_scenario_is_frozen():
+    with pytest.raises(ValueError, match="frozen"):
+        load("wavy").feed = 300.0
+    assert isinstance(load("wavy"), Scenario)
