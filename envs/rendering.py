@@ -274,7 +274,7 @@ class Renderer:
         _fill(panel[:, axis - body : axis + body], np.zeros(2 * body), lowest, NOZZLE)
 
     def _draw_gap(self, page: Pixels, tip: float, surface: float, face: int, text: str) -> None:
-        """Dimension between the panel's rows ``tip`` and ``surface``, left of the nozzle, its face from column ``face``."""
+        """Dimension between the panel's rows ``tip`` and ``surface``; the nozzle's face begins at column ``face``."""
         panel = page[self._top : self._bottom, self._left : self._right]
         k, rows = self._k, len(panel)
         above, below = sorted((tip, surface))

@@ -23,8 +23,6 @@ from .plots import LIMIT_MS, number
 
 TEMPLATE = "report.html"
 
-DPI = 150
-
 
 @dataclass(frozen=True)
 class Picture:
@@ -41,32 +39,21 @@ class Picture:
 
 
 def headline(results: Results, summary: pd.DataFrame | None = None) -> str:
-    """The main finding in a sentence: the best of the sensor class against the reference, as far as they have scores."""
+    """The main finding in a sentence: the best of the sensor class against the reference, or else against the next."""
     summary = results.summary() if summary is None else summary
-    over = f"RMS true gap error, geometric mean over {plots.scored_in_words(results)}"
     sensor = _with_score(results, summary)
     if not sensor:
         return "No controller that uses the sensor only has a score, so there is nothing to compare."
-    best, score = sensor[0], float(summary.loc[sensor[0], "score"])
+    best, score = sensor[0], {name: number(float(summary.loc[name, "score"])) for name in sensor}
     if len(sensor) == 1:
-        return f"{best} follows within {number(score)} µm ({over})."
-    if best == REFERENCE:
-        second = sensor[1]
-        return (
-            f"{best}, the reference, follows closest: {number(score)} µm against {number(float(summary.loc[second, 'score']))} "
-            f"µm of {second}, the next ({over})."
-        )
-    if REFERENCE in sensor:
-        against = float(summary.loc[REFERENCE, "score"])
-        ratio = against / score
-        if ratio < 1.005:
-            return f"{best} follows as closely as {REFERENCE} ({number(score)} and {number(against)} µm; {over})."
-        return f"{best} follows {times(ratio)} times closer than {REFERENCE} ({number(score)} against {number(against)} µm; {over})."
-    second = sensor[1]
-    return (
-        f"{best} follows closest: {number(score)} µm against {number(float(summary.loc[second, 'score']))} µm of {second}, "
-        f"the next ({over})."
-    )
+        return f"{best} follows with an RMS error of {score[best]} µm."
+    if best == REFERENCE or REFERENCE not in sensor:
+        role = ", the reference," if best == REFERENCE else ""
+        return f"{best}{role} follows closest: {score[best]} µm against {score[sensor[1]]} µm of {sensor[1]}, the next."
+    ratio = float(summary.loc[REFERENCE, "score"] / summary.loc[best, "score"])
+    if ratio < 1.005:
+        return f"{best} follows as closely as {REFERENCE} ({score[best]} and {score[REFERENCE]} µm)."
+    return f"{best} follows {times(ratio)} times closer than {REFERENCE} ({score[best]} against {score[REFERENCE]} µm)."
 
 
 def remarks(results: Results, summary: pd.DataFrame | None = None) -> list[str]:
@@ -74,13 +61,15 @@ def remarks(results: Results, summary: pd.DataFrame | None = None) -> list[str]:
     summary = results.summary() if summary is None else summary
     out, sensor = [], _with_score(results, summary)
     if sensor:
+        mean = ", geometric mean" if len(plots.scored_scenarios(results)) > 1 else ""
+        out.append(f"The error is that of the true gap, RMS while cutting{mean} over {plots.scored_in_words(results)}.")
         best = sensor[0]
         row = summary.loc[best]
         scored = plots.scored_scenarios(results)
         if REFERENCE in sensor and best != REFERENCE and len(scored) > 1:
             pooled = results.pooled()
             wins = int((pooled.loc[best, scored] < pooled.loc[REFERENCE, scored]).sum())
-            out.append(f"{best} is closer than {REFERENCE} in {wins} of these {len(scored)} scenarios.")
+            out.append(f"{best} is closer than {REFERENCE} in {wins} of these {len(scored)}.")
         touched, runs = row["collisions"], row["collision_runs"]
         if pd.notna(runs) and runs > 0:
             often = "in none" if not touched else f"in {int(touched)}"
@@ -117,7 +106,8 @@ def warnings(results: Results) -> list[str]:
     for split in ("tune", "train"):
         seen = sum(seed in SPLITS[split] for seed in seeds)
         if seen:
-            out.append(f"{seen} of {len(seeds)} seeds belong to the {split} split: whoever was fitted to it is flattered.")
+            where = f"{seen} of {len(seeds)} seeds belong to the {split} split"
+            out.append(f"{where}: a controller that was fitted to them is flattered.")
     for name, record in (results.meta.get("tuning") or {}).items():
         used = _seeds(record.get("tune_seeds")) if isinstance(record, dict) else None
         if used is not None and any(seed in used for seed in seeds):
@@ -133,7 +123,8 @@ def _seeds(text: Any) -> range | None:
 
 def _with_score(results: Results, summary: pd.DataFrame) -> list[str]:
     """Sensor controllers that have a score, best first."""
-    return [name for name in plots.ranked(results, summary).get("sensor", []) if np.isfinite(summary.loc[name, "score"])]
+    names = plots.ranked(results, summary).get("sensor", [])
+    return [name for name in names if np.isfinite(summary.loc[name, "score"])]
 
 
 # ------------------------------------------------------------------------------------------------------------ tables
@@ -142,11 +133,11 @@ def _with_score(results: Results, summary: pd.DataFrame) -> list[str]:
 def _what_ran(results: Results) -> str:
     seeds = sorted({int(seed) for seed in results.runs["seed"]})
     apart = len(seeds) != seeds[-1] - seeds[0] + 1
-    span = f"seed {seeds[0]}" if len(seeds) == 1 else f"{len(seeds)} seeds {'among ' * apart}{seeds[0]} to {seeds[-1]}"
+    span = f"{seeds[0]}" if len(seeds) == 1 else f"{'among ' * apart}{seeds[0]} to {seeds[-1]}"
     splits = [name for name, split in SPLITS.items() if any(seed in split for seed in seeds)]
     words = [
         _count(len(results.controllers), "controller"), _count(len(results.scenarios), "scenario"),
-        f"{span} ({' and '.join(splits) or 'no'} split)",
+        f"{_count(len(seeds), 'seed')} ({span}, {' and '.join(splits) or 'no'} split)",
     ]  # fmt: skip
     return f"{' × '.join(words)}: {_count(len(results.runs), 'simulated run')}."
 
@@ -206,34 +197,35 @@ def _scenario_rows(results: Results, names: list[str], sensor: list[str]) -> lis
 
 def pictures(results: Results) -> list[Picture]:
     """The figures for which the results hold something, in reading order."""
-    core = plots.scored_in_words(results)
+    mean = "geometric mean over " if len(plots.scored_scenarios(results)) > 1 else "result of "
     out = [
         Picture(
             "scores", plots.scores,
-            f"Each bar is the geometric mean over {core} of the RMS error of the true gap. The scale is logarithmic: equal "
-            "distances are equal ratios. Hatched bars know more than a real machine and take no part in the ranking.",
+            f"Each bar is the {mean}{plots.scored_in_words(results)} of the RMS error of the true gap. The scale is "
+            "logarithmic: equal distances are equal ratios. Hatched bars know more than a real machine and take no part "
+            "in the ranking.",
             "Who follows closest",
         ),
         Picture(
             "heat", plots.heat,
             "Each cell is the RMS of the true gap error over all seeds of a scenario, in µm; dark is worse. Read along a "
-            "row to see where a controller is weak, down a column to see what a scenario demands. Colours are scaled to the "
-            "scenarios without an asterisk.",
+            "row to see where a controller is weak, down a column to see what a scenario demands. Colours are scaled to "
+            "the scenarios without an asterisk.",
             "Where the error comes from",
         ),
         Picture(
             "true_and_reported", plots.true_and_reported,
-            "The full dot is what the workpiece sees, the hollow one what the machine reports after its filter, which is "
-            "all that an operator can see. Where the hollow dot lies left of the full one, the report looks better than "
-            "the cut; a slow filter can do that.",
+            "The full dot is what the workpiece sees. The hollow dot is what the machine reports after its filter, which "
+            "is all that an operator can see. Where it lies left of the full one, the report looks better than the cut; "
+            "a slow filter can do that.",
             "True and reported error",
         ),
     ]  # fmt: skip
     if plots.contour_controllers(results):
         out.append(Picture(
             "contour", plots.contour,
-            "The drawing's contour, coloured by the true gap error of one run; orange is too low, purple too high. Colour "
-            "limits are the 99th percentile over all panels. Thin grey lines are rapid moves. At most "
+            "The drawing's contour, coloured by the true gap error of one run; orange is too low, purple too high. "
+            "Colour limits are the 99th percentile over all panels. Thin grey lines are rapid moves. At most "
             f"{plots.PANELS} controllers are shown: the best of the sensor class, the reference, then by score.",
             "Along the drawing",
         ))  # fmt: skip
@@ -241,8 +233,8 @@ def pictures(results: Results) -> list[Picture]:
         out.append(Picture(
             "sensitivity", plots.sensitivity,
             "How much of a small motion of the sheet at one frequency is left in the gap, for the worst of the corner "
-            f"plants. The marked peak is Ms; above {LIMIT_MS:g} a loop has little margin for a machine that "
-            "differs from its model.",
+            f"plants. The marked peak is Ms; above {LIMIT_MS:g} a loop has little margin for a machine that differs from "
+            "its model.",
             "Stability",
         ))  # fmt: skip
     if (results.runs["collision"] > 0).any():
@@ -258,8 +250,8 @@ def pictures(results: Results) -> list[Picture]:
         out.append(Picture(
             _stem(f"oscilloscope-{scenario}", stems), _scope(scenario),
             f"{scenario}{': ' + summary if summary else ''}. Every controller over the same sheet, in the second in which "
-            "their errors differ most, or around the first alarm. Errors are drawn where they are scored; a cross marks an "
-            "alarm, after which the head is retracted.",
+            "their errors differ most, or around the first alarm. Errors are drawn where they are scored; a cross marks "
+            "an alarm, after which the head is retracted.",
             "Over time", folded=bool(results.core) and scenario not in results.core,
         ))  # fmt: skip
     return out
@@ -281,7 +273,7 @@ def _stem(name: str, taken: set[str]) -> str:
 
 def _png(figure: Figure) -> bytes:
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=DPI, metadata={"Software": None})
+    figure.savefig(buffer, format="png", metadata={"Software": None})
     return buffer.getvalue()
 
 
@@ -298,11 +290,11 @@ def write_report(folder: Path, results: Results) -> Path:
         image = _png(figure)
         with atomic(folder / "plots" / f"{picture.name}.png") as part:
             part.write_bytes(image)
-        width, height = figure.get_size_inches() * DPI
+        width, height = figure.get_size_inches() * figure.dpi
+        title = " ".join(figure.get_suptitle().replace(r"\$", "$").split())
         sections.setdefault(picture.section, []).append({
-            "name": picture.name, "title": " ".join(figure.get_suptitle().replace(r"\$", "$").split()), "text": picture.text,
-            "folded": picture.folded, "data": base64.b64encode(image).decode("ascii"), "width": round(width),
-            "height": round(height),
+            "name": picture.name, "title": title, "text": picture.text, "folded": picture.folded,
+            "data": base64.b64encode(image).decode("ascii"), "width": round(width), "height": round(height),
         })  # fmt: skip
     path = folder / "report.html"
     with atomic(path) as part:

@@ -1,8 +1,8 @@
 """Pictures of a benchmark: each shows one idea and returns a :class:`matplotlib.figure.Figure` of its own.
 
-A controller has the same colour (Okabe and Ito's palette), line style and marker in every picture, in the order in which
-it was asked for. A picture for which the results hold nothing says so in words. Figures are made without ``pyplot``, so
-nothing is shared between them.
+A controller has the same colour (Okabe and Ito's palette), line style and marker in every picture, in the order in
+which it was asked for. A picture for which the results hold nothing says so in words. Figures are made without
+``pyplot``, so nothing is shared between them.
 """
 
 import math
@@ -21,7 +21,7 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
 from scipy.stats import binomtest
 
 from ...envs.plant import supervisor
@@ -60,8 +60,8 @@ BEFORE_ALARM = 0.7
 
 LOCATED = ("x", "y")
 
-WIDTH = 9.0
-"""in"""
+WIDTH, DPI = 9.0, 150
+"""in, and dots per inch of the files"""
 
 KNOWS = {
     "sensor": "sees only what the machine measures",
@@ -128,7 +128,7 @@ def shown_scenarios(results: Results) -> list[str]:
     """Scenarios of which there are traces, the core ones first."""
     if "scenario" not in results.traces:
         return []
-    traced = set(results.traces["scenario"])
+    traced = set(results.traces["scenario"].unique())
     return [s for s in _core_first(results) if s in traced]
 
 
@@ -159,7 +159,7 @@ def _plain(name: str, longest: int = 30) -> str:
 
 
 def _figure(width: float, height: float) -> Figure:
-    figure = Figure(figsize=(width, height), facecolor="white", layout="constrained")
+    figure = Figure(figsize=(width, height), dpi=DPI, facecolor="white", layout="constrained")
     figure.get_layout_engine().set(w_pad=0.06, h_pad=0.06)  # type: ignore[union-attr]
     return figure
 
@@ -171,8 +171,8 @@ def _wrapped(figure: Figure, text: str) -> str:
 
 def _title(figure: Figure, text: str) -> None:
     lines = _wrapped(figure, text)
-    y = 1 - 0.08 / figure.get_figheight()
-    figure.suptitle(lines, x=0.008, y=y, ha="left", va="top", fontsize=12, fontweight="bold", color=INK)
+    place = {} if figure.get_layout_engine() else {"y": 1 - 0.08 / figure.get_figheight()}
+    figure.suptitle(lines, x=0.008, ha="left", va="top", fontsize=12, fontweight="bold", color=INK, **place)
 
 
 def _dress(axes: Axes, x: str = "", y: str = "", grid: str = "both") -> None:
@@ -651,19 +651,19 @@ def _robust(axes: Axes, curves: list[Floats], unit: str) -> None:
     if least < low - room or most > high + room:
         ends = [number(end) for end, cut in ((least, least < low - room), (most, most > high + room)) if cut]
         axes.text(
-            0.997, 0.97, f"cut off; goes to {' and '.join(ends)} {unit}", transform=axes.transAxes, ha="right", va="top",
-            fontsize=8, color=QUIET, zorder=6, bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
+            0.997, 0.97, f"cut off; goes to {' and '.join(ends)} {unit}", transform=axes.transAxes, ha="right",
+            va="top", fontsize=8, color=QUIET, zorder=6, bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
         )  # fmt: skip
 
 
-def _cross(axes: Axes, x: Floats, y: Floats, alarm: npt.NDArray[np.bool_], colour: str, low: float, high: float) -> None:
-    """A cross where an alarm ends the curve, if that is within the limits of x."""
-    if not alarm.any():
+def _cross(axes: Axes, run: _Run, window: slice, colour: str) -> None:
+    """A cross where an alarm ends the curve of the true error, if that is within the window."""
+    if not run.alarm[window].any() or run.alarm[: window.start].any():
         return
-    end = int(np.argmax(alarm))
-    known = np.flatnonzero(np.isfinite(y[:end]))
-    if len(known) and low <= x[end] <= high:
-        axes.plot(x[end], y[known[-1]], "X", color=colour, markeredgecolor=INK, markersize=8, zorder=5, clip_on=False)
+    end = int(np.argmax(run.alarm))
+    known = np.flatnonzero(np.isfinite(run.true[:end]))
+    if len(known):
+        axes.plot(run.time[end], run.true[known[-1]], "X", color=colour, markeredgecolor=INK, markersize=8, zorder=5, clip_on=False)
 
 
 def oscilloscope(results: Results, scenario: str) -> Figure:
@@ -675,19 +675,20 @@ def oscilloscope(results: Results, scenario: str) -> Figure:
     style = looks(results)
     first, last = _interesting(runs)
     title = _oscilloscope_title(results, scenario, runs, slice(first, last))
-    figure = Figure(figsize=(WIDTH, 7.6), facecolor="white")  # laid out by hand: half the time, and there are many
+    figure = Figure(figsize=(WIDTH, 7.6), dpi=DPI, facecolor="white")  # laid out by hand: half the time, and there are many
     top = 0.17 + 0.21 * (_wrapped(figure, title).count("\n") + 1)
     bottom = 0.62 + 0.2 * math.ceil((len(runs) + 1) / 4)
     panels = figure.subplots(
         4, 1, sharex=True, gridspec_kw={
-            "height_ratios": (0.8, 2.1, 1.4, 1.4), "left": 0.1, "right": 0.985, "top": 1 - top / 7.6, "bottom": bottom / 7.6,
-            "hspace": 0.12,
+            "height_ratios": (0.8, 2.1, 1.4, 1.4), "left": 0.1, "right": 0.985, "top": 1 - top / 7.6,
+            "bottom": bottom / 7.6, "hspace": 0.12,
         },
     )  # fmt: skip
     words = ("sheet\n(mm)", "true error\n(µm)", "reported error\n(µm)", "command\n(mm/s)")
     for axes, label in zip(panels, words, strict=True):
         _dress(axes, y=label)
         axes.yaxis.set_label_coords(-0.067, 0.5)
+        axes.yaxis.set_major_locator(MaxNLocator(5))
         axes.margins(x=0)
     curves: dict[int, list[Floats]] = {1: [], 2: [], 3: []}
     handles = []
@@ -698,7 +699,7 @@ def oscilloscope(results: Results, scenario: str) -> Figure:
             shown = values[first:last]
             panels[panel].plot(time, shown, color=look.colour, linestyle=look.line, linewidth=1.3)
             curves[panel].append(shown)
-        _cross(panels[1], run.time, run.true, run.alarm, look.colour, time[0], time[-1])
+        _cross(panels[1], run, slice(first, last), look.colour)
         handles.append(Line2D([], [], color=look.colour, linestyle=look.line, linewidth=2))
     for panel, unit in ((1, "µm"), (2, "µm"), (3, "mm/s")):
         panels[panel].axhline(0, color=QUIET, linewidth=0.8, zorder=1)
@@ -717,8 +718,8 @@ def oscilloscope(results: Results, scenario: str) -> Figure:
         labels.append("not scored")
     panels[-1].set_xlabel("time (s)", fontsize=9.5, color=INK)
     figure.legend(
-        handles, labels, loc="lower center", bbox_to_anchor=(0.5, 0.0), ncols=min(4, len(labels)), fontsize=9, frameon=False,
-        handlelength=3.2, labelcolor=INK,
+        handles, labels, loc="lower center", bbox_to_anchor=(0.5, 0.0), ncols=min(4, len(labels)), fontsize=9,
+        frameon=False, handlelength=3.2, labelcolor=INK,
     )  # fmt: skip
     _title(figure, title)
     return figure
@@ -755,7 +756,8 @@ def _stretches(mask: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
 
 def contour_controllers(results: Results) -> list[str]:
     """Whom :func:`contour` shows: the best of the sensor class, the reference, then the others in order of score."""
-    traced = set(located(results).get("controller", ()))
+    traces = located(results)
+    traced = set(traces["controller"].unique()) if len(traces) else set()
     order = [name for group in ranked(results).values() for name in group if name in traced]
     first = [*order[:1], *(name for name in order[1:] if name == REFERENCE)]
     return (first + [name for name in order if name not in first])[:PANELS]
