@@ -36,10 +36,9 @@ CAP = 2.0
 
 SPACES: dict[str, tuple[str, ...]] = {
     "xi2023-tuned": ("filter.window", "filter.trim", "law.kv"),
-    "pid": ("filter.jump", "filter.hold", "law.kp", "law.ki", "law.kd", "law.lag"),
+    "pid": ("filter.jump", "law.kp", "law.ki", "law.kd", "law.lag"),
     "observer": (
         "filter.jump",
-        "filter.hold",
         "law.kp",
         "law.bandwidth",
         "law.feed",
@@ -128,18 +127,25 @@ def search(name: str, trials: int = TRIALS, cap: float = CAP, seed: int = 0) -> 
         trial.set_user_attr("collisions", collisions)
         if not (math.isfinite(score) and math.isfinite(peak)):
             return 15.0
-        return math.log(score) + 8.0 * max(0.0, peak - 0.985 * cap) + (0.2 + 0.01 * collisions) * bool(collisions)
+        # Soft while exploring, so that good regions just beyond the cap are found; hard when it counts.
+        weight = 2.0 if trial.number < EXPLORE else 12.0
+        crashes = (0.1 + 0.01 * collisions) * bool(collisions)
+        return math.log(score) + weight * max(0.0, math.log(peak / (0.99 * cap))) + crashes
 
     study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=seed, multivariate=True, n_startup_trials=30))
     # The stack as it stands is the first point, so a search never ends worse than it began.
     study.enqueue_trial({key: base.parameters()[key].value for key in space})
     study.optimize(objective, n_trials=min(EXPLORE, trials))
     best = study.best_params
-    study.sampler = optuna.samplers.CmaEsSampler(x0=best, sigma0=0.15, seed=seed)
+    study.sampler = optuna.samplers.CmaEsSampler(x0=best, sigma0=0.1, seed=seed)
     study.optimize(objective, n_trials=max(0, trials - EXPLORE))
 
-    ranked = sorted(study.trials, key=lambda t: math.inf if t.value is None else t.value)
-    for trial in ranked[:20]:
+    def rank(trial: "optuna.trial.FrozenTrial") -> float:
+        seen = trial.user_attrs
+        fits = seen.get("peak", math.inf) <= 1.005 * cap and seen.get("collisions", 1) == 0
+        return seen["score"] if fits else math.inf
+
+    for trial in sorted(study.trials, key=rank)[:20]:
         found = base.varied({k: _number(v) for k, v in trial.params.items()})
         peak = stability.sensitivity(found, threads=2).peak
         if peak <= cap:
@@ -165,8 +171,6 @@ def _suggest(trial, base: Stack, space: tuple[str, ...]) -> dict[str, float]:
             low, high = 1, 15
         if key == "filter.trim":
             low, high = 0, 3
-        if key == "filter.hold":
-            low, high = 2, 8
         if q.whole:
             chosen[key] = float(trial.suggest_int(key, int(low), int(high)))
         else:

@@ -103,15 +103,21 @@ def ranked(results: Results, summary: pd.DataFrame | None = None) -> dict[str, l
 
 def scored_scenarios(results: Results) -> list[str]:
     """The scenarios that make the score: the core ones that were run, or all if none of them was."""
-    return [s for s in results.core if s in results.scenarios] or results.scenarios
+    ran = results.scenarios
+    return [s for s in results.core if s in ran] or ran
 
 
 def scored_in_words(results: Results) -> str:
-    """Over what the score is taken: ``the 7 core scenarios``, ``the scenario 'wavy'`` …"""
+    """Over what the score is taken: ``geometric mean over the 7 core scenarios``, ``in the scenario 'wavy'`` …"""
     names = scored_scenarios(results)
     if len(names) == 1:
-        return f"the scenario '{names[0]}'"
-    return f"the {len(names)} {'core ' if set(names) <= set(results.core) else ''}scenarios"
+        return f"in the scenario '{names[0]}'"
+    return f"geometric mean over the {len(names)} {'core ' if set(names) <= set(results.core) else ''}scenarios"
+
+
+def _error_label(results: Results, kind: str) -> str:
+    words = scored_in_words(results)
+    return f"RMS {kind}gap error{' ' if words.startswith('in ') else ', '}{_plain(words, 60)} (µm, log scale)"
 
 
 def number(value: float) -> str:
@@ -267,7 +273,7 @@ def scores(results: Results) -> Figure:
     low, high = _log_limits(summary["score"], below=1.6, above=1.7)
     _dress(
         axes,
-        f"RMS true gap error, geometric mean over {_plain(scored_in_words(results), 60)} (µm, log scale)",
+        _error_label(results, "true "),
         grid="x",
     )
     axes.set_xscale("log")
@@ -319,7 +325,7 @@ def heat(results: Results) -> Figure:
     groups = ranked(results, summary)
     rows = [name for names in groups.values() for name in names]
     table = pooled.loc[rows, order].to_numpy(float)
-    figure = _figure(max(WIDTH, 2.6 + 0.55 * len(order)), 2.5 + 0.36 * len(rows))
+    figure = _figure(max(WIDTH, 2.5 + 0.46 * len(order)), 2.5 + 0.36 * len(rows))
     axes = figure.add_subplot()
     ordinary = [s for s in order if s not in results.exempt] or order
     low, high = _log_limits(pooled.loc[rows, ordinary].to_numpy(float).ravel(), 1.0, 1.0)
@@ -412,7 +418,7 @@ def true_and_reported(results: Results) -> Figure:
     axes = figure.add_subplot()
     pairs = summary[["score", "reported"]].to_numpy(float)
     low, high = _log_limits(pairs.ravel(), 1.35, 1.35)
-    _dress(axes, f"RMS gap error, geometric mean over {_plain(scored_in_words(results), 60)} (µm, log scale)", grid="x")
+    _dress(axes, _error_label(results, ""), grid="x")
     axes.set_xscale("log")
     axes.set_xlim(low, high)
     axes.set_ylim(bottom + 0.4, 0.7)
@@ -543,7 +549,7 @@ def collisions(results: Results) -> Figure:
                 y, 100 * hits / runs, height=0.62, facecolor="white" if exempt else colour, edgecolor=colour,
                 hatch="////" if exempt else "", zorder=2,
             )  # fmt: skip
-            axes.plot([100 * interval.low, 100 * interval.high], [y, y], color=INK, linewidth=1.1, zorder=3)
+            axes.plot([100 * interval.low, 100 * interval.high], [y, y], color=QUIET, linewidth=1.0, zorder=3)
             axes.annotate(
                 f"{hits}/{runs}", (100 * interval.high, y), (4, 0), textcoords="offset points", va="center",
                 fontsize=8.5, color=INK,
@@ -558,7 +564,7 @@ def collisions(results: Results) -> Figure:
     grid[0, 0].set_ylim(len(rows) - 0.4, -0.6)
     grid[0, 0].set_yticks(np.arange(len(rows)), [_plain(name) for name in rows])
     figure.supxlabel(
-        "runs in which the nozzle touched the sheet (%); black: 95 % Wilson interval", fontsize=9.5, color=INK
+        "runs in which the nozzle touched the sheet (%); line: 95 % Wilson interval", fontsize=9.5, color=INK
     )
     unexpected = [s for s in names if s not in results.exempt]
     if unexpected:
@@ -663,7 +669,8 @@ def _cross(axes: Axes, run: _Run, window: slice, colour: str) -> None:
     end = int(np.argmax(run.alarm))
     known = np.flatnonzero(np.isfinite(run.true[:end]))
     if len(known):
-        axes.plot(run.time[end], run.true[known[-1]], "X", color=colour, markeredgecolor=INK, markersize=8, zorder=5, clip_on=False)
+        x, y = run.time[end], run.true[known[-1]]
+        axes.plot(x, y, "X", color=colour, markeredgecolor=INK, markersize=8, zorder=5, clip_on=False)
 
 
 def oscilloscope(results: Results, scenario: str) -> Figure:
@@ -675,7 +682,7 @@ def oscilloscope(results: Results, scenario: str) -> Figure:
     style = looks(results)
     first, last = _interesting(runs)
     title = _oscilloscope_title(results, scenario, runs, slice(first, last))
-    figure = Figure(figsize=(WIDTH, 7.6), dpi=DPI, facecolor="white")  # laid out by hand: half the time, and there are many
+    figure = Figure(figsize=(WIDTH, 7.6), dpi=DPI, facecolor="white")  # laid out by hand, in half the time
     top = 0.17 + 0.21 * (_wrapped(figure, title).count("\n") + 1)
     bottom = 0.62 + 0.2 * math.ceil((len(runs) + 1) / 4)
     panels = figure.subplots(
@@ -778,7 +785,7 @@ def contour(results: Results) -> Figure:
     across = 1 if len(runs) == 1 else 2
     down = math.ceil(len(runs) / across)
     size = np.ptp(traces[list(LOCATED)].to_numpy(float), axis=0) + 1.0
-    tall = float(np.clip((WIDTH - 1.6) / across * size[1] / size[0], 1.3, 5.0 if across == 1 else 4.2))
+    tall = float(np.clip((WIDTH - 2.1) / across * size[1] / size[0], 1.3, 5.0 if across == 1 else 4.2))
     figure = _figure(WIDTH, 1.1 + down * (tall + 0.55) + 2.1)
     upper, lower = figure.subfigures(2, 1, height_ratios=[down * (tall + 0.55), 2.1])
     grid = upper.subplots(down, across, sharex=True, sharey=True, squeeze=False)
@@ -818,8 +825,18 @@ def contour(results: Results) -> Figure:
         handles, [_plain(n) for n in runs], loc="outside lower center", ncols=columns, fontsize=9, frameon=False,
         handlelength=3.2,
     )  # fmt: skip
-    _title(figure, f"{_plain(scenario)}: on 99 % of the cut the true error is within ±{number(limit)} µm")
+    _title(figure, _contour_title(scenario, runs))
     return figure
+
+
+def _contour_title(scenario: str, runs: dict[str, _Run]) -> str:
+    within = {name: np.abs(run.true[np.isfinite(run.true)]) for name, run in runs.items()}
+    limits = {name: float(np.quantile(error, 0.99)) for name, error in within.items() if len(error)}
+    if not limits:
+        return f"{_plain(scenario)}: nothing was cut"
+    least, most = min(limits, key=lambda n: limits[n]), max(limits, key=lambda n: limits[n])
+    words = f"{_plain(scenario)}: 99 % of the cut is within ±{number(limits[least])} µm ({_plain(least)})"
+    return words if least == most else f"{words} to ±{number(limits[most])} µm ({_plain(most)})"
 
 
 def _draw_contour(axes: Axes, run: _Run, norm: Normalize) -> LineCollection:

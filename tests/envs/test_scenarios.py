@@ -386,7 +386,10 @@ def test_the_sheet_under_the_nozzle_is_the_measured_profile(measured):
         ("position_mm,height_mm\n0,0\n1\n2,0\n", r"surface\.csv, row 3, column height_mm: the cell is empty"),
         ("position_mm,height_mm\n0,0\nfar,0.1\n", r"surface\.csv, row 3, column position_mm: 'far' is not a number"),
         ("position_mm,height_mm\n0,0\n1,nan\n", r"surface\.csv, row 3, column height_mm: nan is not a finite number"),
-        ("position_mm,height_mm\n0,0\n2,0\n2,1\n3,0\n", r"surface\.csv, row 4, column position_mm: positions must rise"),
+        (
+            "position_mm,height_mm\n0,0\n2,0\n2,1\n3,0\n",
+            r"surface\.csv, row 4, column position_mm: positions must rise",
+        ),
         ("position_mm,height_mm\n0,0\n2,0\n1,1\n", r"surface\.csv, row 4, column position_mm: positions must rise"),
         ("position,height_mm\n0,0\n1,0\n", r"surface\.csv, row 1: column position_mm is missing"),
         ("position_mm,height_mm\n0,0\n", r"surface\.csv: needs at least two rows"),

@@ -9,6 +9,7 @@ import pytest
 
 from kerfgym.envs import scenarios, stack
 from kerfgym.envs.plant import filters, heads, supervisor
+from kerfgym.envs.plant.controller import LAW_STATE
 from kerfgym.envs.plant.fleet import Fleet
 from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.envs.stack import Stack, as_stack, get, names, resolve
@@ -143,7 +144,9 @@ def test_every_group_of_a_stack_is_declared():
 def test_installing_a_stack_writes_its_numbers_into_its_machines_only():
     fleet = Fleet(3, get("pid").law, heads.POOL)
     before = fleet.get("guard", 0), fleet.get("filter", 0), fleet.get("gate", 0)
-    resolve("pid:law.kp=33,filter.kind=mean,filter.window=11,gate.length=0.5,gate.mean=mean,guard.rise=0.4").install(fleet, [1])
+    resolve("pid:law.kp=33,filter.kind=mean,filter.window=11,gate.length=0.5,gate.mean=mean,guard.rise=0.4").install(
+        fleet, [1]
+    )
     assert fleet.get("filter", 1)[:2] == (filters.MEAN, 11.0)
     assert fleet.get("gate", 1) == (0.5, 1.0)
     assert fleet.get("guard", 1) == supervisor.Params(rise=0.4)
@@ -245,9 +248,11 @@ def test_a_stack_with_a_misspelt_group_is_refused():
 def test_a_law_may_not_have_more_numbers_than_a_machine_has_room_for(own):
     import mylaw
 
-    state = NamedTuple("State", [(f"x{i}", float) for i in range(49)])
+    state = NamedTuple("State", [(f"x{i}", float) for i in range(LAW_STATE + 1)])
     many = type("Many", (mylaw.Mine,), {"State": state})
-    with pytest.raises(InvalidInput, match="controller 'many': State has 49 numbers; at most 48"):
+    with pytest.raises(
+        InvalidInput, match=f"controller 'many': State has {LAW_STATE + 1} numbers; at most {LAW_STATE}"
+    ):
         as_stack(many, "many")
     few = type("Few", (mylaw.Mine,), {"Params": dict})
     with pytest.raises(InvalidInput, match="controller 'few': .*dict.* is not a NamedTuple"):

@@ -210,7 +210,8 @@ def test_without_the_reference_there_is_no_ratio():
 
 
 def test_a_single_controller_is_compared_with_nobody():
-    assert headline(some(controllers={"pid": ("sensor", 9.1, 1.9)})).startswith("pid follows with an RMS error of 9.10 µm")
+    results = some(controllers={"pid": ("sensor", 9.1, 1.9)})
+    assert headline(results) == "pid follows with an RMS error of 9.10 µm."
 
 
 def test_the_reference_may_win():
@@ -270,7 +271,7 @@ def test_one_controller_in_one_scenario(tmp_path):
     results = some(controllers={"mine": ("sensor", 9.1, 1.9)}, scenarios=["flat"], core=())
     text = read(write_report(tmp_path, results)).text
     assert "mine follows with an RMS error of 9.10 µm." in text
-    assert "RMS while cutting over the scenario 'flat'." in text
+    assert "RMS while cutting, in the scenario 'flat'." in text
     assert "No run touched the sheet." in text
 
 
