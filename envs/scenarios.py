@@ -11,7 +11,7 @@ fixes an episode completely: machine, sheet, and every random number of its nois
 import functools
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
@@ -91,6 +91,7 @@ class Head(_Section):
     burst: Annotated[Number, _q("pF", 0, 5, "largest burst")] = 0.1
     burst_length: Annotated[Number, _q("s", 0.001, 10, "mean length of a burst")] = 0.02
     plasma: Annotated[Number, _q("pF", 0, 5, "constant offset while cutting")] = 0.0
+    oscillator: Literal["eq3", "eq1"] = "eq3"
     nominal: bool = False
 
     model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
@@ -396,6 +397,7 @@ def _prepare_axis(fleet: Fleet, axis: Axis, m: np.ndarray, value: Any) -> None:
 
 def _prepare_head(fleet: Fleet, head: Head, m: np.ndarray, seeds: np.ndarray, value: Any) -> None:
     which = np.zeros(len(m), int) if head.nominal else (fraction(seeds, "head") * heads.HEADS).astype(int)
+    which = which + heads.HEADS * heads.OSCILLATORS.index(head.oscillator)
     for index in np.unique(which):
         heads.table(int(index))
         fleet.put("sensor", m[which == index], heads.head(int(index)))

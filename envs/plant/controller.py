@@ -140,7 +140,11 @@ class Law:
 _stages: dict[str, Any] = {}
 
 # Filled in by `stage_of` for each law.
-_init = _control = _Params = _State = _Signals = None
+_init: Any = None
+_control: Any = None
+_Params: Any = None
+_State: Any = None
+_Signals: Any = None
 _P = _S = _X = _WISH = _SIZE = lanes.U0
 
 

@@ -14,9 +14,12 @@ from .fleet import Fleet
 from .lanes import mix
 
 HEADS = 16
-"""Heads in the pool; head 0 is the nominal one."""
+"""Heads of each oscillator preset in the pool; the first of each is the nominal one."""
 
-POOL = calibration.Pool(HEADS)
+OSCILLATORS = tuple(sensor.PRESETS)
+"""Oscillator presets in the order of their heads: the first ``HEADS`` heads are those of the first, and so on."""
+
+POOL = calibration.Pool(HEADS * len(OSCILLATORS))
 """Tables of the heads that have been calibrated so far."""
 
 LONGEST_RUN = 2500
@@ -24,11 +27,12 @@ LONGEST_RUN = 2500
 
 
 def head(index: int) -> sensor.Params:
-    """Head ``index``: body capacitance ±5 %, inductance ±2 %, nozzle radius ±2 % of nominal [A]; head 0 nominal."""
-    nominal = sensor.EQ3
-    if index == 0:
+    """Head ``index``: body capacitance ±5 %, inductance ±2 %, nozzle radius ±2 % of nominal [A]."""
+    preset, number = divmod(index, HEADS)
+    nominal = sensor.PRESETS[OSCILLATORS[preset]]
+    if number == 0:
         return nominal
-    draw = np.random.default_rng(index).uniform(-1.0, 1.0, 3)
+    draw = np.random.default_rng(number).uniform(-1.0, 1.0, 3)
     return nominal._replace(
         body=nominal.body * (1 + 0.05 * draw[0]),
         inductance=nominal.inductance * (1 + 0.02 * draw[1]),

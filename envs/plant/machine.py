@@ -262,8 +262,8 @@ def travel_all(block, at, n, tick, deck):
             a = at + lane
             s, along = load(sheet.State, block, a + S_SHEET), block[a + S_PATH + UW]
             if sheet.is_behind(s.current, along) and s.upcoming < sheet.FEATURES:
-                i = U(np.int64(s.upcoming))
-                store(block, a + S_SHEET, sheet.leave(s, load(sheet.Feature, block, a + FEATURES + i * _FEATURE)))
+                upcoming = load(sheet.Feature, block, a + FEATURES + U(np.int64(s.upcoming)) * _FEATURE)
+                store(block, a + S_SHEET, sheet.leave(s, upcoming))
         for lane in range(n):
             a = at + lane
             s, where, p = (

@@ -202,9 +202,9 @@ def pictures(results: Results) -> list[Picture]:
     out = [
         Picture(
             "scores", plots.scores,
-            f"Each bar is the RMS error of the true gap, {plots.scored_in_words(results)}. The scale is logarithmic: "
-            "equal distances are equal ratios. Hatched bars know more than a real machine and take no part in the "
-            "ranking.",
+            f"Each bar is the RMS error of the true gap, {plots.scored_in_words(results)}; shorter is better. The scale "
+            "is logarithmic: equal distances are equal ratios. Hatched bars know more than a real machine and take no "
+            "part in the ranking.",
             "Who follows closest",
         ),
         Picture(
@@ -251,9 +251,9 @@ def pictures(results: Results) -> list[Picture]:
         summary = results.summaries.get(scenario, "")
         out.append(Picture(
             _stem(f"oscilloscope-{scenario}", stems), _scope(scenario),
-            f"{scenario}{': ' + summary if summary else ''}. Every controller over the same sheet, in the second in "
-            "which their errors differ most, or around the first alarm. Errors are drawn where they are scored; a "
-            "cross marks an alarm, after which the head is retracted.",
+            f"{scenario}{': ' + summary if summary else ''}. Every controller over the same sheet, in the time in "
+            "which their errors differ most, or around the first alarm. Errors are drawn where they are scored. A "
+            "cross marks the time of an alarm, such as a touch; the error after it is not drawn.",
             "Over time", folded=bool(results.core) and scenario not in results.core,
         ))  # fmt: skip
     return out

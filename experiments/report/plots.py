@@ -55,6 +55,9 @@ PANELS = 4
 SEGMENTS = 3000
 """Coloured pieces of a contour, at most; each takes the largest error of its periods."""
 
+CROSSINGS = 25
+"""How often the error may cross its middle in an oscilloscope's window before it is taken shorter."""
+
 BEFORE_ALARM = 0.7
 """Share of the window before the first alarm."""
 
@@ -166,13 +169,13 @@ def _plain(name: str, longest: int = 30) -> str:
 
 def _figure(width: float, height: float) -> Figure:
     figure = Figure(figsize=(width, height), dpi=DPI, facecolor="white", layout="constrained")
-    figure.get_layout_engine().set(w_pad=0.06, h_pad=0.06)  # type: ignore[union-attr]
+    figure.get_layout_engine().set(w_pad=0.06, h_pad=0.06)
     return figure
 
 
 def _wrapped(figure: Figure, text: str) -> str:
     """A title in lines as long as the figure is wide."""
-    return textwrap.fill(text, int(10.4 * figure.get_figwidth()))
+    return textwrap.fill(text, int(10.0 * figure.get_figwidth()))
 
 
 def _title(figure: Figure, text: str) -> None:
@@ -190,7 +193,7 @@ def _dress(axes: Axes, x: str = "", y: str = "", grid: str = "both") -> None:
         axes.spines[side].set_color(QUIET)
     axes.tick_params(labelsize=9, colors=INK, color=QUIET, length=3)
     if grid:
-        axes.grid(True, axis=grid, color=GRID, linewidth=0.8)  # type: ignore[arg-type]
+        axes.grid(True, axis=grid, color=GRID, linewidth=0.8)
     axes.set_axisbelow(True)
     axes.set_xlabel(x, fontsize=9.5, color=INK)
     axes.set_ylabel(y, fontsize=9.5, color=INK)
@@ -313,10 +316,10 @@ def scores(results: Results) -> Figure:
 def _scores_title(results: Results, summary: pd.DataFrame) -> str:
     sensor = [c for c in ranked(results, summary).get("sensor", []) if np.isfinite(summary.loc[c, "score"])]
     if not sensor:
-        return "Score of each controller (shorter is better)"
+        return "Score of each controller"
     best = f"{_plain(sensor[0])} {'follows closest' if len(sensor) > 1 else 'follows'}"
     others = " of the controllers that use the sensor only" if len(sensor) > 1 else ""
-    return f"{best}{others}: {number(float(summary.loc[sensor[0], 'score']))} µm (shorter is better)"
+    return f"{best}{others}: {number(float(summary.loc[sensor[0], 'score']))} µm"
 
 
 def heat(results: Results) -> Figure:
@@ -366,7 +369,7 @@ def heat(results: Results) -> Figure:
     bar.set_label("RMS true gap error (µm, log scale)", fontsize=9)
     _logarithmic(bar.ax.yaxis, low, high)
     bar.ax.tick_params(labelsize=8.5)
-    bar.outline.set_visible(False)  # type: ignore[operator]
+    bar.outline.set_visible(False)
     _title(figure, _heat_title(results, pooled, groups))
     return figure
 
@@ -476,7 +479,7 @@ def sensitivity(results: Results) -> Figure:
     axes.set_xscale("log")
     axes.set_yscale("log")
     finite = table["magnitude"].to_numpy(float)
-    low, high = _log_limits([*finite, LIMIT_MS], 1.2, 1.25)
+    low, high = _log_limits([*finite, 1.0, LIMIT_MS], 1.2, 1.25)
     peaks, handles, labels = {}, [], []
     for name in results.controllers:
         curve = table[table["controller"] == name].sort_values("frequency")
@@ -505,7 +508,7 @@ def sensitivity(results: Results) -> Figure:
             words, (0.006, y), (0, 3), xycoords=("axes fraction", "data"), textcoords="offset points", fontsize=8.5,
             color=INK, va="bottom",
         )  # fmt: skip
-    axes.margins(x=0.01)
+    axes.set_xlim(*_log_limits(table["frequency"], 1.04, 1.04))
     _logarithmic(axes.xaxis, *axes.get_xlim())
     _logarithmic(axes.yaxis, low, high)
     _legend(figure, handles, labels)
@@ -610,17 +613,29 @@ def _runs(traces: pd.DataFrame) -> dict[str, _Run]:
     return out
 
 
+def _legible(errors: list[Floats], period: float) -> float:
+    """Seconds that can be shown so that fast vibrations are still seen as curves."""
+    rates = []
+    for error in errors:
+        known = error[np.isfinite(error)]
+        if len(known) > 1:
+            above = known > np.median(known)
+            rates.append(np.count_nonzero(above[1:] != above[:-1]) / (len(known) * period))
+    return float(np.clip(CROSSINGS / max(np.median(rates), 1e-9), WINDOW / 4, WINDOW)) if rates else WINDOW
+
+
 def _interesting(runs: dict[str, _Run]) -> tuple[int, int]:
     """First and one past the last period of what an oscilloscope shows.
 
-    It is the time around the first alarm, or if there is none, the second in which the true errors differ most. The
+    It is the time around the first alarm, or if there is none, that in which the true errors differ most. The
     difference is cut off at its 95th percentile, so that one excursion does not choose the window.
     """
     shortest = min(len(run.time) for run in runs.values())
     time = next(iter(runs.values())).time[:shortest]
     if shortest < 3:
         return 0, shortest
-    width = min(shortest, max(2, round(WINDOW / max(float(np.median(np.diff(time))), 1e-9))))
+    period = max(float(np.median(np.diff(time))), 1e-9)
+    width = min(shortest, max(2, round(_legible([run.true for run in runs.values()], period) / period)))
     alarms = np.logical_or.reduce([run.alarm[:shortest] for run in runs.values()])
     if alarms.any():
         start = int(np.clip(int(np.argmax(alarms)) - round(BEFORE_ALARM * width), 0, shortest - width))
@@ -647,6 +662,8 @@ def _robust(axes: Axes, curves: list[Floats], unit: str) -> None:
     values = np.concatenate(curves) if curves else np.zeros(0)
     values = values[np.isfinite(values)]
     if not len(values):
+        axes.set_yticks([])
+        axes.text(0.5, 0.7, "nothing to show here", transform=axes.transAxes, ha="center", fontsize=9, color=QUIET)
         return
     least, most = float(values.min()), float(values.max())
     low, high = (float(q) for q in np.quantile(values, (0.005, 0.995)))
@@ -662,19 +679,19 @@ def _robust(axes: Axes, curves: list[Floats], unit: str) -> None:
         )  # fmt: skip
 
 
-def _cross(axes: Axes, run: _Run, window: slice, colour: str) -> None:
-    """A cross where an alarm ends the curve of the true error, if that is within the window."""
-    if not run.alarm[window].any() or run.alarm[: window.start].any():
-        return
-    end = int(np.argmax(run.alarm))
-    known = np.flatnonzero(np.isfinite(run.true[:end]))
-    if len(known):
-        x, y = run.time[end], run.true[known[-1]]
-        axes.plot(x, y, "X", color=colour, markeredgecolor=INK, markersize=8, zorder=5, clip_on=False)
+def _crosses(axes: Axes, runs: dict[str, _Run], window: slice, style: dict[str, Look]) -> None:
+    """A cross at the time of each controller's alarm, one above the other at the panel's foot."""
+    ended = [name for name, run in runs.items() if run.alarm[window].any() and not run.alarm[: window.start].any()]
+    for place, name in enumerate(ended):
+        run = runs[name]
+        axes.plot(
+            run.time[int(np.argmax(run.alarm))], 0.08 + 0.84 * place / max(len(ended), 8), "X", markersize=8, zorder=5,
+            transform=axes.get_xaxis_transform(), color=style[name].colour, markeredgecolor=INK, clip_on=False,
+        )  # fmt: skip
 
 
 def oscilloscope(results: Results, scenario: str) -> Figure:
-    """Sheet, true error, reported error and command of every controller over the same second of a scenario."""
+    """Sheet, true error, reported error and command of every controller over the same time of a scenario."""
     traces = results.traces
     runs = _runs(traces[traces["scenario"] == scenario]) if "scenario" in traces else {}
     if not runs:
@@ -706,8 +723,8 @@ def oscilloscope(results: Results, scenario: str) -> Figure:
             shown = values[first:last]
             panels[panel].plot(time, shown, color=look.colour, linestyle=look.line, linewidth=1.3)
             curves[panel].append(shown)
-        _cross(panels[1], run, slice(first, last), look.colour)
         handles.append(Line2D([], [], color=look.colour, linestyle=look.line, linewidth=2))
+    _crosses(panels[1], runs, slice(first, last), style)
     for panel, unit in ((1, "µm"), (2, "µm"), (3, "mm/s")):
         panels[panel].axhline(0, color=QUIET, linewidth=0.8, zorder=1)
         _robust(panels[panel], curves[panel], unit)
@@ -723,6 +740,7 @@ def oscilloscope(results: Results, scenario: str) -> Figure:
     if not counted.all():
         handles.append(Rectangle((0, 0), 1, 1, color=SHADE))
         labels.append("not scored")
+    panels[-1].set_xlim(time[0], time[-1])
     panels[-1].set_xlabel("time (s)", fontsize=9.5, color=INK)
     figure.legend(
         handles, labels, loc="lower center", bbox_to_anchor=(0.5, 0.0), ncols=min(4, len(labels)), fontsize=9,

@@ -189,7 +189,7 @@ def test_the_table_counts_collisions_where_they_should_not_be(whole):
 
 
 def test_the_same_results_give_the_same_page(tmp_path):
-    results = some()
+    results = some(scenarios=["wavy"])
     first, second = (write_report(tmp_path / name, results).read_bytes() for name in "ab")
     assert first == second
 
@@ -317,7 +317,7 @@ def test_colours_follow_the_order_of_appearance():
 
 
 def test_a_drawing_is_shown_as_a_contour(tmp_path):
-    results = fake(scenarios=["drawing"], core=("drawing",), drawing=True, seconds=2.0)
+    results = fake(scenarios=["drawing"], core=("drawing",), drawing=True)
     assert plots.contour_controllers(results) == ["pid", "xi2023-tuned", "observer", "xi2023-improved"]
     text = read(write_report(tmp_path, results)).text
     assert (tmp_path / "plots" / "contour.png").is_file()
@@ -361,6 +361,13 @@ def test_the_oscilloscope_shows_the_first_alarm():
     assert "6 of 6 controllers in alarm" in figure.get_suptitle()
     low, high = figure.axes[1].get_ylim()
     assert high - low < 1000  # the retracted head does not set the scale
+
+
+def test_fast_vibrations_are_shown_over_a_shorter_time():
+    results = some(scenarios=["wavy"], seconds=2.0)
+    results.traces["gap"] = 0.8 + 0.01 * np.sin(2 * np.pi * 60 * results.traces["time"])
+    first, last = plots.oscilloscope(results, "wavy").axes[0].get_xlim()
+    assert last - first == pytest.approx(0.25, abs=0.002)
 
 
 def test_a_missing_trace_is_said_in_words():

@@ -109,6 +109,12 @@ def test_a_run_is_rated_by_its_noise_in_micrometres_at_a_millimetre(noise, ratin
     assert table.noise == pytest.approx(expected, rel=4.0 / np.sqrt(2.0 * h.size))
 
 
+def test_even_the_noisiest_usable_run_gives_a_table_that_rises():
+    table = heads.calibrate(EQ3._replace(noise=0.02))
+    assert np.all(np.diff(table.frequency) > 0.0)
+    assert np.all(np.diff(table.height) > 0.0)
+
+
 @pytest.mark.parametrize("noise", [0.05, 0.1])
 def test_a_noisy_run_is_refused_with_its_noise(noise):
     with pytest.raises(CalibrationRefused, match=r"noise of \d+ µm at 1 mm; at most 50 µm is fit to use"):

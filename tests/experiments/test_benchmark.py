@@ -1,0 +1,372 @@
+"""Benchmark: the grid and its folder, interruption, what is concluded from runs, and what the shipped controllers reach."""
+
+import contextlib
+import importlib.util
+import json
+from unittest import mock
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from kerfgym.envs.metrics import METRICS
+from kerfgym.envs.plant.quantity import InvalidInput
+from kerfgym.envs.scenarios import core, load, suite
+from kerfgym.experiments import benchmark
+from kerfgym.experiments.benchmark import Case, cases, compute, run, split_seeds
+from kerfgym.experiments.results import Results
+from kerfgym.experiments.rollout import roll
+
+PAGE = importlib.util.find_spec("kerfgym.experiments.report.page")
+SHORT = [load("wavy").varied(duration=0.5), load("impulses").varied(duration=0.5)]
+
+OWN = '''
+class Mine:
+    """A law of my own."""
+
+    GAIN = 50.0
+
+    def reset(self):
+        pass
+
+    def control(self, signals):
+        return -self.GAIN * (signals.height - signals.set_height)
+'''
+
+
+@pytest.fixture
+def own(tmp_path):
+    """A plain-Python controller in a file of its own: the words that name it."""
+    (tmp_path / "mine.py").write_text(OWN, encoding="utf-8")
+    return f"{tmp_path / 'mine.py'}:Mine"
+
+
+def go(folder, controllers, chosen=SHORT, seeds=range(1000, 1004), report=False, **options):
+    """A small run; pages and plots have tests of their own."""
+    with contextlib.ExitStack() as stack:
+        if not report and PAGE:
+            stack.enter_context(mock.patch(f"{PAGE.name}.write_report"))
+        return run(controllers, chosen, folder, seeds, **{"jobs": 1, "with_ms": False, "quiet": True, **options})
+
+
+# ---------------------------------------------------------------------------------------------------------- the grid
+
+
+def test_a_run_leaves_its_tables_its_record_and_its_scenarios(tmp_path, own):
+    folder = tmp_path / "runs" / "first"
+    results = go(folder, ["pid", own], core=core("following"), report=True)
+    expected = {"runs.parquet", "runs.csv", "summary.parquet", "summary.csv", "traces.parquet", "run.json", "scenarios"}
+    if PAGE:
+        assert (folder / "report.html").stat().st_size > 10_000
+    assert {p.name for p in folder.iterdir()} - {"report.html", "plots"} == expected
+    assert {p.name for p in (folder / "scenarios").iterdir()} == {"wavy.toml", "impulses.toml"}
+    assert load(folder / "scenarios" / "wavy.toml") == SHORT[0]
+
+    runs = pd.read_parquet(folder / "runs.parquet")
+    assert len(runs) == 2 * 2 * 4
+    assert list(runs.columns) == ["controller", "information", "scenario", "seed", "failed", *METRICS]
+    pd.testing.assert_frame_equal(pd.read_csv(folder / "runs.csv"), runs, check_dtype=False)
+    pd.testing.assert_frame_equal(results.runs, runs, check_dtype=False)
+    keys = list(zip(runs["controller"], runs["scenario"], runs["seed"], strict=True))
+    assert keys == [(c, s, n) for c in ("pid", own) for s in ("wavy", "impulses") for n in range(1000, 1004)]
+
+    traces = pd.read_parquet(folder / "traces.parquet")
+    assert len(traces) == 2 * 2 * 500
+    assert set(traces["seed"]) == {1000}
+    summary = pd.read_csv(folder / "summary.csv")
+    assert summary["controller"].tolist() == ["pid", own]
+    assert summary["score"].tolist() == pytest.approx(results.summary()["score"].tolist())
+
+
+def test_the_record_tells_seeds_versions_parameters_and_cost(tmp_path, own):
+    go(tmp_path / "run", ["pid:law.kp=33", own], command=["kerfgym", "benchmark"])
+    record = json.loads((tmp_path / "run" / "run.json").read_text(encoding="utf-8"))
+    assert record["command"] == "kerfgym benchmark"
+    assert (record["seeds"], record["seed_count"]) == ("1000-1003", 4)
+    assert record["scenarios"] == ["wavy", "impulses"]
+    assert record["controllers"] == ["pid:law.kp=33", own]
+    assert record["parameters"]["pid:law.kp=33"]["law.kp"] == 33.0
+    assert record["parameters"]["pid:law.kp=33"]["filter.kind"] == 6.0
+    assert {"kerfgym", "python", "packages", "machine", "git"} <= set(record)
+    for name in record["controllers"]:
+        cost = record["ledger"][name]
+        assert cost["simulated_steps"] == 2 * 4 * 500
+        assert cost["cpu_seconds"] > 0
+
+
+def test_a_row_is_the_roll_out_of_its_seed(tmp_path):
+    results = go(tmp_path / "run", ["pid"])
+    record = roll(SHORT[1], benchmark.stacks.get("pid"), [1002])
+    row = results.runs[(results.runs["scenario"] == "impulses") & (results.runs["seed"] == 1002)].iloc[0]
+    for name in METRICS:
+        assert row[name] == pytest.approx(METRICS[name].function(record)[0], rel=1e-12), name
+    assert row["information"] == "sensor"
+    assert not row["failed"]
+
+
+def test_the_sensitivity_peak_is_measured_when_asked_for(tmp_path):
+    results = go(tmp_path / "run", ["xi2023-improved"], seeds=range(1000, 1001), with_ms=True)
+    table = pd.read_csv(tmp_path / "run" / "sensitivity.csv")
+    assert len(table) == 40
+    assert results.summary()["ms"].tolist() == [pytest.approx(table["magnitude"].max())]
+    assert 1.0 < table["magnitude"].max() < 3.0
+
+
+def figures(folder):
+    return [(folder / name).read_bytes() for name in ("runs.csv", "summary.csv", "runs.parquet", "traces.parquet")]
+
+
+def test_the_same_command_gives_the_same_figures_with_any_number_of_workers(tmp_path):
+    for name, jobs in (("first", 1), ("second", 1), ("third", 2)):
+        go(tmp_path / name, ["xi2023-improved", "pid"], jobs=jobs)
+    assert figures(tmp_path / "first") == figures(tmp_path / "second") == figures(tmp_path / "third")
+
+
+def test_a_seeds_figures_do_not_depend_on_how_many_others_are_run(tmp_path):
+    few, many = go(tmp_path / "few", ["pid"], seeds=range(1001, 1003)), go(tmp_path / "many", ["pid"], seeds=range(1000, 1040))
+    both = many.runs[many.runs["seed"].isin([1001, 1002])].reset_index(drop=True)
+    pd.testing.assert_frame_equal(few.runs, both)
+
+
+# ------------------------------------------------------------------------------------------------------- interruption
+
+
+@pytest.fixture
+def interrupting(monkeypatch):
+    """Lets a given number of tasks pass, then interrupts; returns the tasks that were computed."""
+    computed = []
+
+    def after(count):
+        computed.clear()
+
+        def counted(case, *rest):
+            if len(computed) == count:
+                raise KeyboardInterrupt
+            computed.append(case)
+            return compute(case, *rest)
+
+        monkeypatch.setattr(benchmark, "compute", counted)
+        return computed
+
+    return after
+
+
+def test_an_interrupted_run_resumes_and_computes_only_what_is_missing(tmp_path, own, interrupting):
+    controllers = ["pid", own]
+    go(tmp_path / "whole", controllers)
+    done = list(interrupting(3)) or interrupting(3)
+    with pytest.raises(KeyboardInterrupt):
+        go(tmp_path / "half", controllers)
+    assert len(done) == 3
+    assert not (tmp_path / "half" / "run.json").exists()
+    with pytest.raises(InvalidInput, match="use --resume to finish it"):
+        go(tmp_path / "half", controllers)
+    rest = interrupting(-1)
+    go(tmp_path / "half", controllers, resume=True)
+    assert len(rest) == 1
+    assert figures(tmp_path / "half") == figures(tmp_path / "whole")
+    assert not (tmp_path / "half" / "parts").exists()
+
+
+def test_a_resumed_run_forgets_what_an_earlier_version_of_a_controller_did(tmp_path, own, interrupting):
+    interrupting(1)
+    with pytest.raises(KeyboardInterrupt):
+        go(tmp_path / "half", [own])
+    file = tmp_path / "mine.py"
+    file.write_text(OWN.replace("50.0", "20.0"), encoding="utf-8")
+    interrupting(-1)
+    resumed = go(tmp_path / "half", [own], resume=True)
+    fresh = go(tmp_path / "fresh", [own])
+    pd.testing.assert_frame_equal(resumed.runs, fresh.runs)
+
+
+def test_a_tasks_name_changes_with_everything_its_result_depends_on():
+    seeds = (1000, 1001)
+    tasks = [
+        Case("pid", SHORT[0], seeds, 1000), Case("observer", SHORT[0], seeds, 1000), Case("pid", SHORT[1], seeds, 1000),
+        Case("pid", SHORT[0], (1000, 1002), 1000), Case("pid", SHORT[0], seeds, None), Case("pid", None, (), None),
+        Case("pid", SHORT[0].varied(feed=201), seeds, 1000), Case("pid:law.kp=40", SHORT[0], seeds, 1000),
+    ]  # fmt: skip
+    assert len({task.key for task in tasks}) == len(tasks)
+    assert Case("pid", load("wavy").varied(duration=0.5), seeds, 1000).key == tasks[0].key
+
+
+def test_the_grid_holds_every_seed_of_every_pair_once():
+    tasks = cases(["pid", "observer"], SHORT, range(1000, 1150), True)
+    assert [task.controller for task in tasks if task.scenario is None] == ["pid", "observer"]
+    seen = [(t.controller, t.scenario.name, seed) for t in tasks if t.scenario for seed in t.seeds]
+    assert len(seen) == len(set(seen)) == 2 * 2 * 150
+    assert {t.trace for t in tasks if t.scenario} == {1000}
+
+
+# ---------------------------------------------------------------------------------------------------------- bad input
+
+
+@pytest.mark.parametrize(
+    ("count", "split", "message"),
+    [
+        (201, "test", r"--seeds 201 is out of range; split 'test' has 200"),
+        (0, "test", r"--seeds 0 is out of range; split 'test' has 200"),
+        (-3, "tune", r"--seeds -3 is out of range; split 'tune' has 1000"),
+        (5, "trian", r"unknown split 'trian'; did you mean 'train'\?"),
+    ],
+)
+def test_seeds_outside_their_split_are_refused(count, split, message):
+    with pytest.raises(InvalidInput, match=message):
+        split_seeds(count, split)
+
+
+def test_seeds_are_the_first_of_their_split():
+    assert split_seeds(200) == range(1000, 1200)
+    assert split_seeds(3, "reserve") == range(1200, 1203)
+    assert split_seeds(2, "tune") == range(0, 2)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"jobs": 0}, r"--jobs 0 is out of range; at least 1"),
+        ({"controllers": ["pidd"]}, r"unknown controller 'pidd'; did you mean 'pid'\?"),
+        ({"controllers": ["pid", "pid:law.kp=0"]}, r"law\.kp = 0\.0 is out of range; allowed: 1 to 400 1/s"),
+        ({"controllers": ["pid", "pid"]}, r"controller 'pid' is given twice"),
+        ({"chosen": [SHORT[0], SHORT[1], load("wavy")]}, r"scenario 'wavy' is given twice"),
+    ],
+)
+def test_bad_input_is_named_before_anything_is_written(tmp_path, options, message):
+    with pytest.raises(InvalidInput, match=message):
+        go(tmp_path / "run", **{"controllers": ["pid"], **options})
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_finished_run_is_left_alone_unless_told(tmp_path):
+    go(tmp_path / "run", ["pid"])
+    before = figures(tmp_path / "run")
+    with pytest.raises(InvalidInput, match="exists; use --overwrite to replace it"):
+        go(tmp_path / "run", ["xi2023-ma"])
+    assert figures(tmp_path / "run") == before
+    go(tmp_path / "run", ["xi2023-ma"], overwrite=True)
+    assert set(pd.read_csv(tmp_path / "run" / "runs.csv")["controller"]) == {"xi2023-ma"}
+
+
+# -------------------------------------------------------------------------------------------------------- conclusions
+
+
+def results_of(runs, core_=("a", "b"), exempt=(), sensitivity=None):
+    """Results of runs given as (controller, scenario, seed, RMS in µm); ``collides`` and so on by keyword."""
+    rows = []
+    for controller, scenario, seed, rms, *more in runs:
+        extra = more[0] if more else {}
+        rows.append({
+            "controller": controller, "information": "preview" if controller == "preview-5ms" else "sensor",
+            "scenario": scenario, "seed": seed, "failed": bool(np.isnan(rms)), "rms_true": rms,
+            "rms_reported": rms / 2, "p99_true": 3 * rms, "jitter": 0.5, "collision": 0.0, **extra,
+        })  # fmt: skip
+    peaks = pd.DataFrame(sensitivity or {"controller": [], "frequency": [], "magnitude": []})
+    return Results(pd.DataFrame(rows), pd.DataFrame(), peaks, {"seed_count": 2}, core_, exempt)
+
+
+def grid(controller, a, b):
+    return [(controller, "a", 0, a), (controller, "a", 1, a), (controller, "b", 0, b), (controller, "b", 1, b)]
+
+
+def test_the_score_is_the_geometric_mean_over_the_core_of_the_rms_over_seeds():
+    runs = [("pid", "a", 0, 3.0), ("pid", "a", 1, 4.0), ("pid", "b", 0, 8.0), ("pid", "b", 1, 8.0), ("pid", "c", 0, 500.0)]
+    summary = results_of(runs).summary()
+    assert summary.at["pid", "score"] == pytest.approx(np.sqrt(np.sqrt(12.5) * 8.0))
+    assert summary.at["pid", "reported"] == pytest.approx(np.sqrt(np.sqrt(12.5) * 8.0) / 2)
+    assert summary.at["pid", "p99"] == pytest.approx(3 * (3 + 4 + 8 + 8) / 4)
+    every = results_of(runs, core_=()).summary()
+    assert every.at["pid", "score"] == pytest.approx((np.sqrt(12.5) * 8.0 * 500.0) ** (1 / 3))
+
+
+def test_ratio_and_scale_run_from_the_reference_to_the_preview():
+    runs = grid("xi2023-tuned", 40.0, 10.0) + grid("preview-5ms", 2.0, 2.0) + grid("pid", 10.0, 4.0)
+    summary = results_of(runs).summary()
+    assert summary["ratio"].to_dict() == pytest.approx(
+        {"xi2023-tuned": 1.0, "preview-5ms": 10.0, "pid": 20 / np.sqrt(40)}
+    )
+    assert summary["scale"].to_dict() == pytest.approx(
+        {"xi2023-tuned": 0.0, "preview-5ms": 1.0, "pid": np.log10(20 / np.sqrt(40))}
+    )
+    assert summary["information"].to_dict() == {"xi2023-tuned": "sensor", "preview-5ms": "preview", "pid": "sensor"}
+
+
+def test_without_the_reference_there_is_no_ratio():
+    summary = results_of(grid("pid", 10.0, 4.0)).summary()
+    assert np.isnan(summary.at["pid", "ratio"])
+    assert np.isnan(summary.at["pid", "scale"])
+    assert np.isnan(summary.at["pid", "ms"])
+
+
+def test_a_failed_run_makes_the_score_nan_and_is_counted():
+    runs = grid("pid", 5.0, 5.0) + grid("observer", 4.0, 4.0)
+    runs[1] = ("pid", "a", 1, np.nan)
+    results = results_of(runs)
+    assert np.isnan(results.summary().at["pid", "score"])
+    assert results.summary()["failed"].to_dict() == {"pid": 1, "observer": 0}
+    assert results.summary().at["observer", "score"] == pytest.approx(4.0)
+    assert np.isnan(results.pooled().at["pid", "a"])
+    assert results.pooled().at["pid", "b"] == pytest.approx(5.0)
+
+
+def test_collisions_where_they_are_expected_are_counted_apart():
+    runs = [
+        ("pid", "a", 0, 5.0, {"collision": 1.0}), ("pid", "a", 1, 5.0), ("pid", "b", 0, 5.0), ("pid", "wall", 0, 900.0, {"collision": 1.0}),
+        ("pid", "wall", 1, 900.0, {"collision": 1.0}),
+    ]  # fmt: skip
+    row = results_of(runs, exempt=("wall",)).summary().loc["pid"]
+    assert (row["collisions"], row["collision_runs"], row["exempt_collisions"]) == (1, 3, 2)
+    rates = results_of(runs, exempt=("wall",)).collision_rates()
+    assert rates.loc["pid"].to_dict() == {"a": 0.5, "b": 0.0, "wall": 1.0}
+
+
+def test_a_run_over_nothing_but_exempt_scenarios_has_a_summary():
+    runs = [("pid", "wall", 0, 900.0, {"collision": 1.0}), ("pid", "wall", 1, 900.0)]
+    row = results_of(runs, exempt=("wall",)).summary().loc["pid"]
+    assert (row["collisions"], row["collision_runs"], row["exempt_collisions"]) == (0, 0, 1)
+
+
+def test_the_peak_is_the_largest_over_frequencies():
+    peaks = {"controller": ["pid"] * 3, "frequency": [1.0, 2.0, 3.0], "magnitude": [0.2, 1.7, 1.1]}
+    assert results_of(grid("pid", 1.0, 1.0), sensitivity=peaks).summary().at["pid", "ms"] == 1.7
+
+
+def test_controllers_and_scenarios_keep_their_order():
+    results = results_of(grid("pid", 1.0, 2.0)[::-1] + grid("observer", 1.0, 2.0)[::-1])
+    assert results.controllers == ["pid", "observer"]
+    assert results.scenarios == ["b", "a"]
+    assert results.pooled().columns.tolist() == ["b", "a"]
+
+
+# ------------------------------------------------------------------------------- what the shipped controllers reach
+
+SEEDS = tuple(range(1000, 1200))
+SAFE = [name for name, scenario in suite("following").items() if not scenario.exempt]
+
+
+@pytest.fixture(scope="module")
+def standard():
+    """The report's test seeds: three controllers on the core, two of them on everything but what is built to be hit."""
+    frames = []
+    for name in SAFE:
+        scenario = suite("following")[name]
+        for controller in ("xi2023-tuned", "pid", "observer") if name in core("following") else ("pid", "observer"):
+            frames.append(compute(Case(controller, scenario, SEEDS, None))["runs"])
+    runs = pd.concat(frames, ignore_index=True)
+    return Results(runs, pd.DataFrame(), pd.DataFrame(), {"seed_count": len(SEEDS)}, core("following"), ())
+
+
+@pytest.mark.parametrize(("controller", "ratio"), [("pid", 2.3), ("observer", 2.0)])
+def test_tuned_controllers_follow_better_than_the_tuned_law_of_the_paper(standard, controller, ratio):
+    summary = standard.summary()
+    assert not summary["failed"].any()
+    assert summary.at[controller, "ratio"] >= ratio, summary[["score", "ratio"]]
+
+
+@pytest.mark.parametrize("controller", ["pid", "observer"])
+@pytest.mark.parametrize("scenario", SAFE)
+def test_tuned_controllers_collide_with_nothing_they_could_avoid(standard, controller, scenario):
+    runs = standard.runs[(standard.runs["controller"] == controller) & (standard.runs["scenario"] == scenario)]
+    assert len(runs) == 200
+    hit = runs.loc[runs["collision"] > 0, "seed"].tolist()
+    assert hit == [], f"{len(hit)} of 200 seeds"

@@ -1,0 +1,171 @@
+"""Run folders: written whole or not at all, never overwritten by chance, and with a record of what made them."""
+
+import json
+import os
+import stat
+
+import pandas as pd
+import pytest
+
+import kerfgym
+from kerfgym.envs.plant.quantity import InvalidInput
+from kerfgym.experiments.runs import PACKAGES, atomic, git_state, open_folder, record, write_json, write_table
+
+FRAME = pd.DataFrame({"controller": ["pid", "ü"], "rms": [1.0 / 3.0, float("nan")]})
+
+
+# ------------------------------------------------------------------------------------------------------------ writing
+
+
+def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(tmp_path):
+    path = tmp_path / "run.json"
+    write_json(path, {"old": 1})
+    with pytest.raises(RuntimeError), atomic(path) as part:
+        part.write_text("half of the new", encoding="utf-8")
+        assert json.loads(path.read_text(encoding="utf-8")) == {"old": 1}
+        raise RuntimeError
+    assert json.loads(path.read_text(encoding="utf-8")) == {"old": 1}
+    assert os.listdir(tmp_path) == ["run.json"]
+
+
+def test_data_that_cannot_be_written_leaves_the_old_file(tmp_path):
+    write_json(tmp_path / "run.json", {"old": 1})
+    with pytest.raises(TypeError):
+        write_json(tmp_path / "run.json", {"new": object()})
+    assert json.loads((tmp_path / "run.json").read_text(encoding="utf-8")) == {"old": 1}
+    assert os.listdir(tmp_path) == ["run.json"]
+
+
+def test_a_file_appears_under_its_name_only_when_it_is_whole(tmp_path):
+    with atomic(tmp_path / "deep" / "film.png") as part:
+        part.write_bytes(b"x")
+        assert part.parent == tmp_path / "deep"  # the same file system, so the move is one step
+        assert not (tmp_path / "deep" / "film.png").exists()
+    assert (tmp_path / "deep" / "film.png").read_bytes() == b"x"
+
+
+def test_a_written_file_may_be_read_by_whoever_may_read_ordinary_ones(tmp_path):
+    (tmp_path / "ordinary").write_text("x", encoding="utf-8")
+    write_json(tmp_path / "run.json", {})
+    assert stat.S_IMODE((tmp_path / "run.json").stat().st_mode) == stat.S_IMODE((tmp_path / "ordinary").stat().st_mode)
+
+
+def test_a_table_is_the_same_in_both_formats(tmp_path):
+    write_table(tmp_path, "runs", FRAME)
+    pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "runs.parquet"), FRAME)
+    pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "runs.csv"), FRAME)
+    write_table(tmp_path, "traces", FRAME, csv=False)
+    assert sorted(os.listdir(tmp_path)) == ["runs.csv", "runs.parquet", "traces.parquet"]
+
+
+# ------------------------------------------------------------------------------------------------------------ folders
+
+
+@pytest.fixture
+def finished(tmp_path):
+    """The folder of a run that is done."""
+    folder = tmp_path / "runs" / "done"
+    write_json(folder / "run.json", {})
+    write_table(folder, "runs", FRAME)
+    (folder / "scenarios").mkdir()
+    (folder / "scenarios" / "wavy.toml").write_text("x", encoding="utf-8")
+    return folder
+
+
+@pytest.fixture
+def unfinished(tmp_path):
+    """The folder of a run that was interrupted."""
+    folder = tmp_path / "runs" / "half"
+    write_json(folder / "parts" / "0123.json", [])
+    return folder
+
+
+def contents(folder):
+    return sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*"))
+
+
+def test_a_new_folder_is_made_with_its_parents(tmp_path):
+    assert open_folder(tmp_path / "runs" / "new").is_dir()
+    assert open_folder(tmp_path / "runs" / "new").is_dir()  # there is nothing in it to lose
+
+
+def test_a_finished_run_is_not_overwritten_unless_told(finished):
+    before = contents(finished)
+    with pytest.raises(InvalidInput, match=r"run folder '.*done' exists; use --overwrite to replace it, or another --name"):
+        open_folder(finished)
+    assert contents(finished) == before
+    open_folder(finished, overwrite=True)
+    assert contents(finished) == []
+
+
+def test_a_finished_run_is_not_resumed_over(finished):
+    before = contents(finished)
+    with pytest.raises(InvalidInput, match=r"run folder '.*done' is finished; use --overwrite"):
+        open_folder(finished, resume=True)
+    assert contents(finished) == before
+
+
+def test_an_interrupted_run_offers_to_be_resumed_and_keeps_its_parts(unfinished):
+    with pytest.raises(InvalidInput, match=r"half' exists; use --resume to finish it, --overwrite to replace it"):
+        open_folder(unfinished)
+    open_folder(unfinished, resume=True)
+    assert contents(unfinished) == ["parts", "parts/0123.json"]
+    open_folder(unfinished, overwrite=True)
+    assert contents(unfinished) == []
+
+
+def test_a_folder_that_is_not_a_run_is_never_deleted(tmp_path):
+    precious = tmp_path / "runs" / "thesis"
+    (precious / "chapters").mkdir(parents=True)
+    (precious / "chapters" / "1.tex").write_text("years of work", encoding="utf-8")
+    for options in ({}, {"overwrite": True}, {"overwrite": True, "resume": True}):
+        with pytest.raises(InvalidInput, match=r"thesis' (exists|is not a run folder; it is not overwritten)"):
+            open_folder(precious, **options)
+    assert (precious / "chapters" / "1.tex").read_text(encoding="utf-8") == "years of work"
+    with pytest.raises(InvalidInput, match=r"'.*runs' is not a run folder; it is not overwritten"):
+        open_folder(tmp_path / "runs", overwrite=True)
+
+
+def test_an_empty_folder_that_an_interruption_left_may_be_used_again(tmp_path):
+    (tmp_path / "standard").mkdir()
+    assert open_folder(tmp_path / "standard", overwrite=True).is_dir()
+
+
+def test_a_file_in_the_place_of_the_folder_is_named(tmp_path):
+    (tmp_path / "standard").write_text("a file", encoding="utf-8")
+    for options in ({}, {"overwrite": True}, {"resume": True}):
+        with pytest.raises(InvalidInput, match=r"standard' is a file"):
+            open_folder(tmp_path / "standard", **options)
+    assert (tmp_path / "standard").read_text(encoding="utf-8") == "a file"
+
+
+def test_what_a_link_in_a_run_folder_points_to_is_not_deleted(finished, tmp_path):
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    (elsewhere / "data").write_text("kept", encoding="utf-8")
+    (finished / "link").symlink_to(elsewhere, target_is_directory=True)
+    open_folder(finished, overwrite=True)
+    assert contents(finished) == []
+    assert (elsewhere / "data").read_text(encoding="utf-8") == "kept"
+
+
+# ------------------------------------------------------------------------------------------------------------- record
+
+
+def test_a_run_records_command_versions_and_machine():
+    found = record(["kerfgym", "benchmark", "-c", "pid"])
+    assert found["command"] == "kerfgym benchmark -c pid"
+    assert found["kerfgym"] == kerfgym.__version__
+    assert set(found["packages"]) == set(PACKAGES)
+    assert {"numpy", "numba", "scipy"} <= set(PACKAGES)
+    assert set(found["machine"]) == {"system", "processor", "cores"}
+    assert found["python"].count(".") == 2
+    json.dumps(found)
+
+
+def test_outside_a_checkout_there_is_no_git_state(monkeypatch):
+    def missing(*arguments, **more):
+        raise FileNotFoundError("git")
+
+    monkeypatch.setattr("kerfgym.experiments.runs.subprocess.run", missing)
+    assert git_state() == {}
