@@ -146,7 +146,8 @@ def finish(p, s, windowed, sample, slope):
     lag = s.value + (sample - s.value) / (p.tau + 1.0)  # T = 1 ms
 
     expected = s.value + s.trend
-    jumps = abs(sample - expected) > p.jump * slope and s.held < p.hold
+    # A head on its way down moves through the curve of f(h): its trend bends, and must not be taken for a jump.
+    jumps = abs(sample - expected) > p.jump * slope + 0.5 * abs(s.trend) and s.held < p.hold
     anti = expected if jumps else sample
     trend = s.trend if jumps else s.trend + TREND * (sample - s.value - s.trend)
 

@@ -54,7 +54,7 @@ class Params(NamedTuple):
     plan: Annotated[float, Quantity("1", 0.1, 1.0, "share α of the acceleration that planned moves use")] = 0.5
     acceleration: Annotated[float, Quantity("mm/s²", 1e3, 5e4, "acceleration a that planned moves count on")] = 1e4
     fastest: Annotated[float, Quantity("mm/s", 1.0, 500.0, "fastest planned move")] = 150.0
-    delay: Annotated[float, Quantity("ms", 0.0, 50.0, "delay of the whole loop that planned moves count on")] = 12.0
+    delay: Annotated[float, Quantity("ms", 0.0, 50.0, "delay of the whole loop that planned moves count on")] = 16.0
     capture: Annotated[float, Quantity("mm", 0.01, 2.0, "error at which an approach is over")] = 0.1
     rise: Annotated[
         float, Quantity("mm", 0.02, 5.0, "apparent fall of the sheet in 5 ms that trips the hole guard")

@@ -202,9 +202,9 @@ def pictures(results: Results) -> list[Picture]:
     out = [
         Picture(
             "scores", plots.scores,
-            f"Each bar is the RMS error of the true gap, {plots.scored_in_words(results)}; shorter is better. The scale "
-            "is logarithmic: equal distances are equal ratios. Hatched bars know more than a real machine and take no "
-            "part in the ranking.",
+            f"Each bar is the RMS error of the true gap, {plots.scored_in_words(results)}; shorter is better. The "
+            "scale is logarithmic: equal distances are equal ratios. Hatched bars know more than a real machine and "
+            "take no part in the ranking.",
             "Who follows closest",
         ),
         Picture(

@@ -457,4 +457,6 @@ def test_the_docstring_tells_the_numbers_of_the_code():
     documented = set(re.findall(r"^\| `(\w+)` +\|", text.split("## Arguments")[1], re.MULTILINE))
     assert documented == set(inspect.signature(HeightFollowingEnv.__init__).parameters) - {"self"}
     weights = height_following.Reward()
-    assert f'reward={{"error": {weights.error:g}, "rate": {weights.rate:g}, "collision": {weights.collision:g}}}' in text
+    assert (
+        f'reward={{"error": {weights.error:g}, "rate": {weights.rate:g}, "collision": {weights.collision:g}}}' in text
+    )

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from kerfgym.envs import scenarios, stack
+from kerfgym.envs import scenarios
 from kerfgym.envs.plant import filters, heads, supervisor
 from kerfgym.envs.plant.controller import LAW_STATE
 from kerfgym.envs.plant.fleet import Fleet
@@ -46,20 +46,24 @@ from typing import Annotated, NamedTuple
 
 from kerfgym.envs.plant.quantity import Quantity
 
+class Gain(NamedTuple):
+    gain: Annotated[float, Quantity("1/s", 1.0, 100.0, "gain")] = 20.0
+
+
+class Memory(NamedTuple):
+    nothing: float = 0.0
+
+
 class Mine:
     """Proportional.
 
     More words.
     """
 
-    class Params(NamedTuple):
-        gain: Annotated[float, Quantity("1/s", 1.0, 100.0, "gain")] = 20.0
-
-    class State(NamedTuple):
-        nothing: float = 0.0
+    Params, State = Gain, Memory
 
     def init(params):
-        return Mine.State(0.0)
+        return Memory(0.0)
 
     def control(params, state, signals, tables):
         return state, -params.gain * (signals.height - signals.set_height)
@@ -174,6 +178,7 @@ def test_a_law_in_a_file_of_its_own_is_a_controller(own, spec):
     assert mine.law.summary == "Proportional."
     assert mine.parameters()["law.gain"].value == 20.0
     assert resolve(f"{spec}:law.gain=30").parameters()["law.gain"].value == 30.0
+    Fleet(1, mine.law, heads.POOL).advance(3)
     fast = resolve(spec.replace("Mine", "Fast")).parameters()
     assert fast["law.gain"].value == 60.0
     assert fast["filter.window"].value == 7.0

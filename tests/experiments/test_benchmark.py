@@ -123,7 +123,10 @@ def test_the_same_command_gives_the_same_figures_with_any_number_of_workers(tmp_
 
 
 def test_a_seeds_figures_do_not_depend_on_how_many_others_are_run(tmp_path):
-    few, many = go(tmp_path / "few", ["pid"], seeds=range(1001, 1003)), go(tmp_path / "many", ["pid"], seeds=range(1000, 1040))
+    few, many = (
+        go(tmp_path / "few", ["pid"], seeds=range(1001, 1003)),
+        go(tmp_path / "many", ["pid"], seeds=range(1000, 1040)),
+    )
     both = many.runs[many.runs["seed"].isin([1001, 1002])].reset_index(drop=True)
     pd.testing.assert_frame_equal(few.runs, both)
 
@@ -270,7 +273,13 @@ def grid(controller, a, b):
 
 
 def test_the_score_is_the_geometric_mean_over_the_core_of_the_rms_over_seeds():
-    runs = [("pid", "a", 0, 3.0), ("pid", "a", 1, 4.0), ("pid", "b", 0, 8.0), ("pid", "b", 1, 8.0), ("pid", "c", 0, 500.0)]
+    runs = [
+        ("pid", "a", 0, 3.0),
+        ("pid", "a", 1, 4.0),
+        ("pid", "b", 0, 8.0),
+        ("pid", "b", 1, 8.0),
+        ("pid", "c", 0, 500.0),
+    ]
     summary = results_of(runs).summary()
     assert summary.at["pid", "score"] == pytest.approx(np.sqrt(np.sqrt(12.5) * 8.0))
     assert summary.at["pid", "reported"] == pytest.approx(np.sqrt(np.sqrt(12.5) * 8.0) / 2)

@@ -209,7 +209,9 @@ def test_any_command_leaves_every_number_finite_and_the_axis_within_its_limits(n
     round_off = 1 + 1e-5
     assert np.all(np.abs(channel("velocity")) <= fleet.column("z.speed") * round_off)
     assert np.all(np.abs(channel("acceleration")) <= fleet.column("z.acceleration") * round_off)
-    jerk = np.abs(np.diff(channel("acceleration"), axis=0)) / PERIOD  # its mean over a period, so no more than the limit
+    jerk = (
+        np.abs(np.diff(channel("acceleration"), axis=0)) / PERIOD
+    )  # its mean over a period, so no more than the limit
     assert np.all(jerk <= fleet.column("z.jerk") * round_off)
     assert np.abs(channel("command")).max() <= 1000
     assert np.all(channel("height") >= 0)

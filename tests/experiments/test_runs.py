@@ -91,7 +91,9 @@ def test_a_new_folder_is_made_with_its_parents(tmp_path):
 
 def test_a_finished_run_is_not_overwritten_unless_told(finished):
     before = contents(finished)
-    with pytest.raises(InvalidInput, match=r"run folder '.*done' exists; use --overwrite to replace it, or another --name"):
+    with pytest.raises(
+        InvalidInput, match=r"run folder '.*done' exists; use --overwrite to replace it, or another --name"
+    ):
         open_folder(finished)
     assert contents(finished) == before
     open_folder(finished, overwrite=True)

@@ -17,6 +17,7 @@ from kerfgym.envs.plant.sensor import EQ3, Gate
 TEXT = Path(__file__).read_text(encoding="utf-8")
 IDLE = make_law(idle, "idle")
 QUIET = EQ3._replace(noise=0.0, jitter=0.0)
+ALL_HEADS = heads.HEADS * len(heads.OSCILLATORS)
 
 
 def _heights(p, frequencies, heights, first, wanted, out, slopes):
@@ -72,7 +73,7 @@ def test_the_samples_of_a_run_lie_a_hundredth_of_a_millimetre_apart():
     assert rising[-1] > 10.0
 
 
-@pytest.mark.parametrize("index", range(heads.HEADS))
+@pytest.mark.parametrize("index", range(ALL_HEADS))
 def test_below_a_millimetre_every_heads_table_is_true_to_a_micrometre(index):
     p, table = heads.head(index), heads.table(index)
     h = np.geomspace(0.05, 1.0, 40)  # further down the head is still gathering speed
@@ -84,11 +85,14 @@ def test_below_a_millimetre_every_heads_table_is_true_to_a_micrometre(index):
     assert np.sqrt(np.mean((error / one_sample) ** 2)) < 0.5  # averaging beats a sample
 
 
-def test_heads_differ_within_their_tolerances():
-    drawn = np.array([[h.body / 10.0, h.inductance / 168.0, h.radius / 5.0] for h in map(heads.head, range(1, 16))])
+@pytest.mark.parametrize("preset", [0, 1])
+def test_the_heads_of_a_preset_differ_within_their_tolerances(preset):
+    nominal, *others = (heads.head(preset * heads.HEADS + i) for i in range(heads.HEADS))
+    assert nominal == sensor.PRESETS[heads.OSCILLATORS[preset]]
+    drawn = np.array([[getattr(h, f) for f in ("body", "inductance", "radius")] for h in others])
+    drawn /= [nominal.body, nominal.inductance, nominal.radius]
     assert np.all(np.abs(drawn - 1.0) <= [0.05, 0.02, 0.02])
     assert np.all(np.ptp(drawn, axis=0) > [0.05, 0.02, 0.02])
-    assert heads.head(0) == EQ3
     assert heads.head(3) == heads.head(3)
 
 
@@ -261,7 +265,7 @@ def test_a_machine_reads_the_table_of_its_own_head():
 # -------------------------------------------------------------------------------------------------- static accuracy
 
 
-def static_errors(gap: float, gate: Gate, machines: int = heads.HEADS) -> np.ndarray:
+def static_errors(gap: float, gate: Gate, machines: int = ALL_HEADS) -> np.ndarray:
     """Reported height less true gap of heads at rest over a level sheet without disturbances, mm."""
     fleet = Fleet(machines, IDLE, heads.ensure(range(machines)))
     every = np.arange(machines)

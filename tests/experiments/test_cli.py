@@ -1,0 +1,266 @@
+"""The command, as a user types it."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import ezdxf
+import gymnasium as gym
+import pandas as pd
+import pytest
+from PIL import Image
+
+import kerfgym
+from kerfgym.envs import scenarios, stack
+from kerfgym.envs.metrics import METRICS
+from kerfgym.experiments import benchmark
+from kerfgym.experiments.cli import main
+
+SHORT = 'name = "short"\nsummary = "half a second"\nduration = 0.5\n[sheet]\ntilt = 0.01\n'
+
+OWN = """
+class Mine:
+    def reset(self):
+        self.last = 0.0
+
+    def control(self, signals):
+        self.last = -40.0 * (signals.height - signals.set_height)
+        return self.last
+"""
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """The user's folder, with a scenario and a controller of their own."""
+    (tmp_path / "short.toml").write_text(SHORT, encoding="utf-8")
+    (tmp_path / "mine.py").write_text(OWN, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def kerfgym_(folder, *words):
+    """The command in a process of its own."""
+    return subprocess.run(
+        [sys.executable, "-m", "kerfgym.experiments.cli", *words], cwd=folder, capture_output=True, text=True, timeout=280,
+        env={**os.environ, "PYTHONIOENCODING": "utf-8", "COLUMNS": "200"},
+    )  # fmt: skip
+
+
+def refused(capsys, *words):
+    """What the command says to bad input."""
+    with pytest.raises(SystemExit) as error:
+        main(list(words))
+    assert error.value.code == 2
+    out = capsys.readouterr()
+    assert out.err.startswith("kerfgym: error: ")
+    assert "Traceback" not in out.err
+    return out.err
+
+
+# --------------------------------------------------------------------------------------------------------------- list
+
+
+def listed(capsys, *words):
+    main(["list", *words])
+    return capsys.readouterr().out.splitlines()
+
+
+def test_list_shows_everything_that_is_registered_a_line_each(capsys):
+    lines = listed(capsys)
+    first = [line.split()[0] for line in lines if line.startswith("  ")]
+    ids = [name for name in gym.registry if name.startswith("kerfgym/")]
+    assert ids
+    cases = [name for group in scenarios.suites() for name in scenarios.suite(group)]
+    assert first == [*ids, *cases, *stack.names(), *METRICS]
+    assert all(len(line.split()) > 2 for line in lines if line.startswith("  "))  # a name and what it is
+
+
+def test_list_shows_one_kind(capsys):
+    lines = listed(capsys, "metrics")
+    assert lines[0] == "metrics:"
+    assert [line.split()[0] for line in lines[1:]] == list(METRICS)
+
+
+def test_list_says_which_scenarios_make_the_score(capsys):
+    core = [line.split()[0] for line in listed(capsys, "scenarios") if ", core]" in line]
+    assert [name for name in core if name != "drawing"] == list(scenarios.core("following"))
+
+
+def test_an_unknown_kind_is_answered_with_the_nearest(capsys):
+    assert "unknown kind 'metric'; did you mean 'metrics'?" in refused(capsys, "list", "metric")
+
+
+def test_the_version_is_the_packages(capsys):
+    main(["--version"])
+    assert capsys.readouterr().out == f"kerfgym {kerfgym.__version__}\n"
+
+
+def test_help_tells_of_every_command(capsys):
+    with pytest.raises(SystemExit) as error:
+        main(["--help"])
+    assert error.value.code == 0
+    text = capsys.readouterr().out
+    assert all(word in text for word in ("list", "benchmark", "render"))
+
+
+# ---------------------------------------------------------------------------------------------------------- benchmark
+
+
+def test_a_benchmark_from_end_to_end_twice_with_the_same_figures(here):
+    words = [
+        "benchmark", "-c", "xi2023-improved", "-c", "mine.py:Mine", "-s", "short.toml", "-s", "wavy", "--seeds", "4",
+        "--jobs", "1", "--no-ms", "--name", "first",
+    ]  # fmt: skip
+    folders = []
+    for name in ("one", "two"):
+        place = here / name
+        place.mkdir()
+        for file in ("short.toml", "mine.py"):
+            (place / file).write_bytes((here / file).read_bytes())
+        done = kerfgym_(place, *words)
+        assert done.returncode == 0, done.stderr
+        folders.append(place / "runs" / "first")
+    assert "xi2023-improved" in done.stdout
+    assert "mine.py:Mine" in done.stdout
+    assert done.stdout.rstrip().endswith(str(Path("runs") / "first" / "report.html"))
+    assert {"runs.parquet", "runs.csv", "summary.csv", "run.json", "report.html"} <= {
+        p.name for p in folders[0].iterdir()
+    }
+    runs = pd.read_parquet(folders[0] / "runs.parquet")
+    assert runs.groupby(["controller", "scenario"]).size().to_dict() == {
+        (c, s): 4 for c in ("xi2023-improved", "mine.py:Mine") for s in ("short", "wavy")
+    }
+    for file in ("runs.csv", "summary.csv"):
+        assert (folders[0] / file).read_bytes() == (folders[1] / file).read_bytes()
+    record = json.loads((folders[0] / "run.json").read_text(encoding="utf-8"))
+    assert record["command"].endswith(" ".join(words))
+    assert record["kerfgym"] == kerfgym.__version__
+    assert record["packages"]["numba"]
+    assert record["seeds"] == "1000-1003"
+    assert record["ledger"]["mine.py:Mine"]["simulated_steps"] == 4 * (500 + 3000)
+    again = kerfgym_(here / "one", *words)
+    assert again.returncode == 2
+    assert "run folder 'runs/first' exists; use --overwrite to replace it, or another --name" in again.stderr
+
+
+def test_a_drawing_is_travelled_once_through(here, monkeypatch):
+    document = ezdxf.new("R2010")
+    document.header["$INSUNITS"] = 4
+    document.modelspace().add_lwpolyline([(0, 0), (15, 0), (15, 15), (0, 15)], close=True)
+    document.saveas(here / "part.dxf")
+    seen = {}
+
+    def watched(controllers, chosen, folder, seeds, **options):
+        seen.update(controllers=controllers, chosen=chosen, seeds=seeds, **options)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(benchmark, "run", watched)
+    with pytest.raises(SystemExit):
+        main(["benchmark", "--path", "part.dxf", "-c", "pid"])
+    (scenario,) = seen["chosen"]
+    assert scenario.name == "drawing@part"
+    assert scenario.duration == pytest.approx(60.0 / 100.0, rel=0.05)  # round a square of 15 mm at 100 mm/s
+    assert seen["core"] == ("drawing@part",)
+    assert len(seen["seeds"]) == 20
+
+
+def test_an_interruption_tells_how_to_go_on(here, monkeypatch, capsys):
+    def interrupted(*words, **more):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(benchmark, "run", interrupted)
+    with pytest.raises(SystemExit) as error:
+        main(["benchmark"])
+    assert error.value.code == 130
+    assert "--resume" in capsys.readouterr().err
+
+
+def test_the_standard_benchmark_is_the_whole_suite_with_200_test_seeds(monkeypatch, here):
+    seen = {}
+
+    def watched(controllers, chosen, folder, seeds, **options):
+        seen.update(controllers=controllers, chosen=chosen, folder=folder, seeds=seeds, **options)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(benchmark, "run", watched)
+    with pytest.raises(SystemExit):
+        main(["benchmark", "--name", "standard"])
+    assert seen["controllers"] == ["xi2023-ma", "xi2023-improved", "xi2023-tuned", "pid", "observer", "preview-5ms"]
+    assert [s.name for s in seen["chosen"]] == list(scenarios.suite("following"))
+    assert seen["seeds"] == range(1000, 1200)
+    assert seen["core"] == scenarios.core("following")
+    assert seen["folder"] == Path("runs") / "standard"
+    assert (seen["with_ms"], seen["overwrite"], seen["resume"]) == (True, False, False)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["-c", "pidd"], "unknown controller 'pidd'; did you mean 'pid'?"),
+        (["-c", "pid:law.kp=1e9"], "law.kp = 1000000000.0 is out of range; allowed: 1 to 400 1/s"),
+        (["-c", "pid:filter.window=65"], "filter.window = 65.0 is out of range; allowed: 1 to 64 samples (whole)"),
+        (["-c", "xy=pid"], "no slot 'xy' in this machine"),
+        (["-c", "mine.py:Mien"], "module 'mine.py' has no 'Mien'; did you mean 'Mine'?"),
+        (["-c", "yours.py:Mine"], "no file 'yours.py'"),
+        (["-s", "wavvy"], "unknown scenario 'wavvy'; did you mean 'wavy'?"),
+        (["-s", "broken.toml"], "broken.toml: not valid TOML"),
+        (["-s", "misspelt.toml"], "misspelt.toml, line 5: unknown key 'sheet.tlit'; did you mean 'tilt'?"),
+        (["--suite", "folowing"], "unknown suite 'folowing'; did you mean 'following'?"),
+        (["-s", "wavy", "--suite", "folowing"], "unknown suite 'folowing'; did you mean 'following'?"),
+        (["--split", "tset"], "unknown split 'tset'; did you mean 'test'?"),
+        (["--seeds", "201"], "--seeds 201 is out of range; split 'test' has 200"),
+        (["--seeds", "0"], "--seeds 0 is out of range"),
+        (["--jobs", "0"], "--jobs 0 is out of range; at least 1"),
+        (["--jobs", "-2"], "--jobs -2 is out of range; at least 1"),
+        (["--path", "nowhere.dxf"], "nowhere.dxf"),
+    ],
+)
+def test_bad_input_is_named_and_leaves_nothing_behind(here, capsys, words, message):
+    (here / "broken.toml").write_text("name = = 3\n", encoding="utf-8")
+    (here / "misspelt.toml").write_text(SHORT.replace("tilt", "tlit"), encoding="utf-8")
+    assert message in refused(capsys, "benchmark", *words)
+    assert not (here / "runs").exists()
+
+
+@pytest.mark.parametrize("words", [["benchmark", "--sedes", "3"], ["benchmrk"], ["benchmark", "--seeds", "many"]])
+def test_words_that_are_not_the_commands_are_refused(here, capsys, words):
+    with pytest.raises(SystemExit) as error:
+        main(words)
+    assert error.value.code == 2
+    assert not (here / "runs").exists()
+
+
+# ------------------------------------------------------------------------------------------------------------- render
+
+
+def test_render_writes_the_last_moment_as_a_picture(here, capsys):
+    main(["render", "out/last.png", "-c", "mine.py:Mine", "-s", "short.toml", "--seconds", "0.05", "--seed", "1003"])
+    assert capsys.readouterr().out.strip() == str(Path("out") / "last.png")
+    with Image.open(here / "out" / "last.png") as picture:
+        assert picture.format == "PNG"
+        assert picture.size > (400, 200)
+        assert len(picture.convert("RGB").getcolors(maxcolors=1 << 20)) > 5
+    assert [p.name for p in (here / "out").iterdir()] == ["last.png"]
+
+
+def test_render_shows_at_least_one_period(here):
+    main(["render", "first.png", "-s", "flat", "--seconds", "0.0001"])
+    assert (here / "first.png").is_file()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["x.tiff"], "cannot write 'x.tiff'; allowed: .mp4, .gif, .png"),
+        (["x.png", "--seconds", "0"], "--slow and --seconds must be above 0"),
+        (["x.png", "--slow", "-1"], "--slow and --seconds must be above 0"),
+        (["x.png", "--seed", "-1"], "--seed -1 is out of range; 0 and up"),
+        (["x.png", "-c", "pidd"], "unknown controller 'pidd'; did you mean 'pid'?"),
+        (["x.png", "-s", "wavvy"], "unknown scenario 'wavvy'; did you mean 'wavy'?"),
+    ],
+)
+def test_render_names_bad_input(here, capsys, words, message):
+    assert message in refused(capsys, "render", *words)
+    assert not list(here.glob("x*"))

@@ -1,0 +1,233 @@
+"""The package as a whole: what importing costs, who may import whom, what is documented, and caches that know their age."""
+
+import ast
+import importlib
+import inspect
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import kerfgym
+from kerfgym.envs.plant.lanes import is_part
+from kerfgym.envs.plant.quantity import quantities
+
+ROOT = Path(kerfgym.__file__).parent
+LAYERS = ("envs", "baselines", "agents", "experiments")
+"""Each may import itself and those before it."""
+
+FILES = sorted(path for layer in LAYERS for path in (ROOT / layer).rglob("*.py"))
+SOURCES = {".".join(p.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): p for p in FILES}
+"""Modules by name, without the package's own."""
+
+
+def python(code, *words, cwd=None, path=None):
+    """What a fresh process prints, from JSON."""
+    settings = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"}
+    if path:
+        settings["PYTHONPATH"] = str(path)
+    done = subprocess.run(
+        [sys.executable, "-c", code, *map(str, words)],
+        capture_output=True,
+        text=True,
+        cwd=cwd,
+        env=settings,
+        timeout=280,
+    )
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+# --------------------------------------------------------------------------------------------------------- imports
+
+LOADED = "import sys, json; print(json.dumps(sorted({name.split('.')[0] for name in sys.modules})))"
+
+
+def test_importing_the_package_is_cheap_and_registers_its_environments():
+    loaded = python("import kerfgym;" + LOADED)
+    assert not {"numba", "torch", "optuna", "pandas", "scipy", "stable_baselines3", "matplotlib", "pydantic"} & set(
+        loaded
+    )
+    code = "import kerfgym, gymnasium, json; print(json.dumps([i for i in gymnasium.registry if 'kerfgym' in i]))"
+    assert python(code) == ["kerfgym/HeightFollowing-v0"]
+
+
+def test_environments_and_baselines_need_no_library_for_learning_or_tables():
+    loaded = python(
+        "import gymnasium, kerfgym; gymnasium.make('kerfgym/HeightFollowing-v0', scenario='flat').reset(seed=0);"
+        + LOADED
+    )
+    assert "numba" in loaded
+    assert not {"torch", "optuna", "pandas", "stable_baselines3", "matplotlib", "joblib"} & set(loaded)
+
+
+def imported(module, path):
+    """Modules of this package that a file imports anywhere in it, by their names within the package."""
+    package = module.split(".") if path.name == "__init__.py" else module.split(".")[:-1]
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            above = ["kerfgym", *package][: len(package) + 2 - node.level] if node.level else []
+            base = ".".join([*above, *([node.module] if node.module else [])])
+            found |= {f"{base}.{alias.name}" for alias in node.names}
+    return {name.removeprefix("kerfgym.") for name in found if name.split(".")[0] == "kerfgym"}
+
+
+@pytest.mark.parametrize("module", SOURCES)
+def test_imports_point_one_way(module):
+    layer = LAYERS.index(module.split(".")[0])
+    later = {name for name in imported(module, SOURCES[module]) if name.split(".")[0] in LAYERS[layer + 1 :]}
+    assert not later, f"{module} imports {later}"
+    if module.startswith("envs.plant"):
+        outside = {name for name in imported(module, SOURCES[module]) if not name.startswith("envs.plant")}
+        assert not outside, f"{module} imports {outside}"
+
+
+def test_the_walk_over_imports_sees_both_spellings():
+    assert "envs.plant.lanes" in {
+        name.rpartition(".")[0] for name in imported("envs.plant.sheet", SOURCES["envs.plant.sheet"])
+    }
+    assert any(name.startswith("envs.stack") for name in imported("baselines", SOURCES["baselines"]))
+    assert any(name.startswith("baselines") for name in imported("experiments.search", SOURCES["experiments.search"]))
+
+
+def test_every_sub_package_is_installed_with_its_data():
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    folders = {"kerfgym", *(f"kerfgym.{name}" for name, path in SOURCES.items() if path.name == "__init__.py")}
+    assert set(settings["tool"]["setuptools"]["packages"]) == folders
+    assert settings["project"]["version"] == kerfgym.__version__
+    shipped = {p for pattern in settings["tool"]["setuptools"]["package-data"]["kerfgym"] for p in ROOT.glob(pattern)}
+    data = {p for layer in LAYERS for ending in ("toml", "html", "csv") for p in (ROOT / layer).rglob(f"*.{ending}")}
+    assert data <= shipped
+
+
+# ------------------------------------------------------------------------------------------------------ documentation
+
+
+def public(node, prefix=""):
+    """Public functions and classes of a module and public methods of its public classes."""
+    for child in node.body:
+        if isinstance(child, ast.FunctionDef | ast.ClassDef) and not child.name.startswith("_"):
+            yield prefix + child.name, child
+            if isinstance(child, ast.ClassDef):
+                yield from public(child, f"{prefix}{child.name}.")
+
+
+@pytest.mark.parametrize("module", SOURCES)
+def test_every_public_name_is_documented(module):
+    tree = ast.parse(SOURCES[module].read_text(encoding="utf-8"))
+    assert ast.get_docstring(tree) or not tree.body, f"{module} has no docstring"
+    bare = [name for name, node in public(tree) if not ast.get_docstring(node)]
+    assert not bare, f"{module}: {bare}"
+
+
+def declared():
+    """Every class of the package with declared quantities, by name."""
+    found = {}
+    for name in SOURCES:
+        if name.split(".")[0] in ("envs", "baselines"):
+            for cls in vars(importlib.import_module(f"kerfgym.{name}")).values():
+                if is_part(cls) and quantities(cls):
+                    found[f"{cls.__module__}.{cls.__qualname__}"] = cls
+    return found
+
+
+@pytest.mark.parametrize(("name", "cls"), declared().items())
+def test_every_tunable_number_has_a_unit_a_meaning_a_source_and_a_default_within_its_range(name, cls):
+    assert inspect.getdoc(cls)
+    for field, quantity in quantities(cls).items():
+        where = f"{name}.{field}"
+        default = cls._field_defaults[field]
+        assert quantity.doc, where
+        assert quantity.source, where
+        assert quantity.unit or quantity.choices, where
+        assert quantity.low <= default <= quantity.high, where
+        assert quantity.check(default, where) == default
+        if quantity.log:
+            assert quantity.low > 0, where
+        if quantity.choices:
+            assert (quantity.low, quantity.high) == (0, len(quantity.choices) - 1), where
+
+
+def test_there_are_numbers_to_tune():
+    names = {name.removeprefix("kerfgym.") for name in declared()}
+    assert {"envs.plant.filters.Params", "envs.plant.supervisor.Params", "baselines.pid.Params"} <= names
+
+
+# ------------------------------------------------------------------------------------------------------------- caches
+
+ROLL = """
+import hashlib, json, sys, kerfgym
+from kerfgym.envs import scenarios, stack
+from kerfgym.experiments import rollout
+scenario = scenarios.load("wavy").varied(duration=0.2, settle=0.0, head={"nominal": True})
+record = rollout.roll(scenario, stack.resolve(sys.argv[1]), [1000])
+print(json.dumps([kerfgym.__file__, hashlib.sha256(record["gap"].tobytes()).hexdigest()]))
+"""
+
+LAW = """
+from typing import NamedTuple
+
+
+class Memory(NamedTuple):
+    nothing: float = 0.0
+
+
+class Mine:
+    Params = State = Memory
+
+    def init(params):
+        return Memory(0.0)
+
+    def control(params, state, signals, tables):
+        return state, -50.0 * (signals.height - signals.set_height)
+"""
+
+
+def edited(path, old, new):
+    text = path.read_text(encoding="utf-8")
+    assert text.count(old) == 1
+    path.write_text(text.replace(old, new), encoding="utf-8")
+
+
+def compiled(package):
+    """Names and ages of everything in the caches of a copy."""
+    return {p.name: p.stat().st_mtime_ns for p in package.rglob("*.nb[ic]")}
+
+
+def test_an_edit_anywhere_is_seen_by_the_next_run_and_nothing_else_is_compiled(tmp_path):
+    package, law = tmp_path / "kerfgym", tmp_path / "mine.py"
+    package.mkdir()
+    shutil.copy2(ROOT / "__init__.py", package)
+    for layer in LAYERS:
+        shutil.copytree(ROOT / layer, package / layer)
+    law.write_text(LAW, encoding="utf-8")
+
+    def run():
+        file, result = python(ROLL, f"{law}:Mine", cwd=tmp_path, path=tmp_path)
+        assert Path(file).parent == package
+        return result, compiled(package)
+
+    first, cache = run()
+    assert run() == (first, cache)  # the same bits, nothing compiled
+
+    edited(law, "-50.0 * (", "-55.0 * (")
+    after_law, cache_after_law = run()
+    assert after_law != first
+    assert {n: t for n, t in cache_after_law.items() if n in cache} == cache
+    fresh = set(cache_after_law) - set(cache)
+    assert fresh
+    assert all("_stage" in name and "mine" in name for name in fresh)  # nothing but the law's own loop
+
+    edited(package / "envs" / "plant" / "z_axis.py", " damp=2.0 * p.zeta * p.omega", " damp=2.3 * p.zeta * p.omega")
+    after_part, cache_after_part = run()
+    assert after_part not in (first, after_law)
+    renewed = {n for n, t in cache_after_part.items() if cache_after_law.get(n) != t}
+    assert any(name.startswith("machine.advance") for name in renewed)
