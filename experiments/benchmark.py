@@ -95,6 +95,7 @@ def _trace(case: Case, record: Any, index: int) -> pd.DataFrame:
     frame.insert(2, "seed", case.seeds[index])
     frame.insert(3, "time", (np.arange(len(frame)) + 1) * PERIOD)
     frame["set_height"] = record.set_height[index]
+    frame["scored"] = record.scored[:, index].astype(np.float32)
     if case.scenario.path:
         contour = scenarios.contour(case.scenario.path)
         along = np.arange(len(contour.x)) * SPACING

@@ -45,12 +45,12 @@ class Results:
     @property
     def controllers(self) -> list[str]:
         """In the order in which they were asked for."""
-        return list(dict.fromkeys(self.runs["controller"]))
+        return list(self.runs["controller"].unique())
 
     @property
     def scenarios(self) -> list[str]:
         """In the order in which they were run."""
-        return list(dict.fromkeys(self.runs["scenario"]))
+        return list(self.runs["scenario"].unique())
 
     def pooled(self, metric: str = "rms_true") -> pd.DataFrame:
         """RMS over seeds of an RMS metric, controllers × scenarios; NaN where a run failed."""
@@ -77,13 +77,16 @@ class Results:
         groups = self.runs.groupby("controller", sort=False)
         frame["information"] = groups["information"].first()
         ordinary = self.runs[~self.runs["scenario"].isin(self.exempt)].groupby("controller", sort=False)
-        frame["collisions"] = ordinary["collision"].sum().astype(int)
-        frame["collision_runs"] = ordinary.size()
-        frame["exempt_collisions"] = (groups["collision"].sum() - ordinary["collision"].sum()).astype(int)
+        frame["collisions"] = ordinary["collision"].sum().reindex(frame.index, fill_value=0).astype(int)
+        frame["collision_runs"] = ordinary.size().reindex(frame.index, fill_value=0)
+        everywhere = groups["collision"].sum()
+        frame["exempt_collisions"] = (
+            everywhere - ordinary["collision"].sum().reindex(everywhere.index, fill_value=0)
+        ).astype(int)
         frame["failed"] = groups["failed"].sum().astype(int)
         core = self.runs[self.runs["scenario"].isin(scored)].groupby("controller", sort=False)
-        frame["p99"] = core["p99_true"].mean()
-        frame["jitter"] = core["jitter"].mean()
+        for column, metric in (("p99", "p99_true"), ("jitter", "jitter")):
+            frame[column] = core[metric].apply(lambda values: values.mean(skipna=False))
         return frame
 
     def collision_rates(self) -> pd.DataFrame:

@@ -28,6 +28,9 @@ def atomic(path: Path) -> Iterator[Path]:
     os.close(handle)
     try:
         yield Path(name)
+        mask = os.umask(0)
+        os.umask(mask)
+        os.chmod(name, 0o666 & ~mask)  # temporary files are private, results are not
         os.replace(name, path)
     finally:
         Path(name).unlink(missing_ok=True)

@@ -13,10 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..envs import scenarios, stack as stacks
+from ..envs import scenarios
+from ..envs import stack as stacks
 from ..envs.plant import lanes, machine
 from ..envs.plant.fleet import Fleet
-from ..envs.plant.lanes import UW, U0, U1, call, doubles, load, part, store, words
+from ..envs.plant.lanes import U0, U1, UW, call, doubles, load, part, store, words
 from ..envs.scenarios import Scenario
 from . import rollout
 

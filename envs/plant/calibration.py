@@ -276,6 +276,8 @@ def read_columns(path: str | Path, names: tuple[str, ...]) -> np.ndarray:
             lines = list(csv.reader(file))
     except OSError as error:
         raise InvalidInput(f"cannot read {path}: {error.strerror}") from None
+    except (UnicodeDecodeError, csv.Error):
+        raise InvalidInput(f"cannot read {path}: it is not a text file in UTF-8") from None
     header = [cell.strip() for cell in lines[0]] if lines else []
     missing = [name for name in names if name not in header]
     if missing:

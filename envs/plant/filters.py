@@ -36,6 +36,9 @@ NONE, MEAN, IMPROVED, WEIGHTED, MEDIAN, LAG, ANTI_IMPULSE, KALMAN = (float(i) fo
 TREND = 0.3
 """Share of the newest difference in the trend of the anti-impulse filter [A]."""
 
+OPEN = 4.0
+"""Samples for which the anti-impulse filter passes everything after a jump that outlasted it [A]."""
+
 
 class Params(NamedTuple):
     """Choice and settings of the filter; each kind reads only its own."""
@@ -59,7 +62,7 @@ class State(NamedTuple):
 
     value: float = 0.0  # Hz, last output
     variance: float = 1e6  # of the estimate over that of a measurement
-    held: float = 0.0  # samples the current jump has been bridged
+    held: float = 0.0  # samples the current jump has been bridged; below 0: samples the filter stays open
     trend: float = 0.0  # Hz per sample
 
 
@@ -145,11 +148,18 @@ def finish(p, s, windowed, sample, slope):
     """
     lag = s.value + (sample - s.value) / (p.tau + 1.0)  # T = 1 ms
 
+    # A jump off the trend is bridged; one that outlasts `hold` is real. Then the filter stays open for a while, so that
+    # it learns the new trend (from none: a lasting step must not be extrapolated). A head on its way down moves through
+    # the curve of f(h); its trend bends, and must not be taken for a jump.
     expected = s.value + s.trend
-    # A head on its way down moves through the curve of f(h): its trend bends, and must not be taken for a jump.
-    jumps = abs(sample - expected) > p.jump * slope + 0.5 * abs(s.trend) and s.held < p.hold
+    off = abs(sample - expected) > p.jump * slope + 0.5 * abs(s.trend)
+    jumps = off and s.held >= 0.0 and s.held < p.hold
+    outlasted = off and s.held >= p.hold
     anti = expected if jumps else sample
-    trend = s.trend if jumps else s.trend + TREND * (sample - s.value - s.trend)
+    learned = 0.0 if outlasted else s.trend + TREND * (sample - s.value - s.trend)
+    trend = s.trend if jumps else learned
+    opened = -OPEN if outlasted else min(s.held + 1.0, 0.0)
+    held = s.held + 1.0 if jumps else (opened if off or s.held < 0.0 else 0.0)
 
     variance = s.variance + p.trust
     gain = variance / (variance + 1.0)
@@ -157,4 +167,4 @@ def finish(p, s, windowed, sample, slope):
 
     recursive = lag if p.kind == LAG else (anti if p.kind == ANTI_IMPULSE else kalman)
     value = recursive if p.kind >= LAG else windowed
-    return State(value, (1.0 - gain) * variance, s.held + 1.0 if jumps else 0.0, trend), value
+    return State(value, (1.0 - gain) * variance, held, trend), value

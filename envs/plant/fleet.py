@@ -61,6 +61,7 @@ class Fleet:
         every = np.arange(size)
         for name, (_, cls) in machine.PLACES.items():
             self.put(name, every, cls())
+        self.put_filter(every, filters.Params())
         self.clear_features(every)
         self.put_law(every, law.Params())
 

@@ -308,12 +308,12 @@ def clip(x, low, high):
 
 @part
 def sine(x):
-    """sin(x) to 2e-9 for |x| < 1e5, by a polynomial that vectorises."""
+    """sin(x) to 3e-11 for |x| < 1e5, by a polynomial that vectorises."""
     k = np.floor(x * 0.3183098861837907 + 0.5)
     y = (x - k * 3.1415926218032837) - k * 3.178650954705639e-08
     y2 = y * y
-    odd = -1.9841253163e-4 + y2 * (2.7555368e-6 - y2 * 2.4745e-8)
-    s = y * (1.0 + y2 * (-1.6666666664e-1 + y2 * (8.3333329385e-3 + y2 * odd)))
+    odd = -1.9840804039010531e-4 + y2 * (2.752261884662379e-6 - y2 * 2.3846693895829946e-8)
+    s = y * (1.0 + y2 * (-1.6666666606466932e-1 + y2 * (8.3333304956694724e-3 + y2 * odd)))
     return s * (1.0 - 2.0 * (k - 2.0 * np.floor(k * 0.5)))
 
 

@@ -105,8 +105,8 @@ PLACES = {
     "gate": (P_GATE, sensor.Gate), "filter": (P_FILTER, filters.Params), "table": (P_TABLE, calibration.Params),
     "z": (P_Z, z_axis.Params), "guard": (P_GUARD, supervisor.Params), "job": (JOB, supervisor.Job),
     "start": (START, Start), "hand": (HAND, Hand), "signals": (SIGNALS, Privileged), "course": (COURSE, Course),
-    "moment": (MOMENT, Moment), "tally": (TALLY, Tally), "supervisor": (S_GUARD, supervisor.State), "motion": (S_Z, z_axis.State),
-    "drive": (DRIVE, z_axis.Drive), "journey": (S_PATH, path.State),
+    "moment": (MOMENT, Moment), "tally": (TALLY, Tally), "supervisor": (S_GUARD, supervisor.State),
+    "motion": (S_Z, z_axis.State), "drive": (DRIVE, z_axis.Drive), "journey": (S_PATH, path.State),
 }  # fmt: skip
 """Offset and class of each part that Python reads or writes."""
 
@@ -239,8 +239,10 @@ def travel_all(block, at, n, tick, deck):
                 load(sheet.State, block, a + S_SHEET),
                 load(path.State, block, a + S_PATH),
             )
-            block[middle + lane] += sheet.bulge(p, s, where.middle_x, where.middle_y)
+            before = s.grown
             s = sheet.grow(p, s)
+            half = sheet.State(0.5 * (before + s.grown), s.level, s.upcoming, s.current)
+            block[middle + lane] += sheet.bulge(p, half, where.middle_x, where.middle_y)
             block[end + lane] += sheet.bulge(p, s, where.x, where.y)
             store(block, a + S_SHEET, s)
     for i in range(deck[D_WAVES]):
@@ -306,9 +308,9 @@ def prepare_all(block, at, n, tick):
             load(sensor.Gate, block, a + P_GATE),
         )
         radius = sensor.sensing_radius(load(sensor.Params, block, a + P_SENSOR), max(m.gap, 0.0))
-        share = gate.length * (1e-3 / PERIOD)
+        counted = max(1.0, np.rint(gate.length * (1e-3 / PERIOD) * SUBSTEPS))  # substeps within the gate
         store(block, a + COURSE, Course(
-            c.surface, c.slope, c.bend, opens=1.0 - share + 1e-9, weight=1.0 / (share * SUBSTEPS),
+            c.surface, c.slope, c.bend, opens=1.0 - counted / SUBSTEPS + 1e-9, weight=1.0 / counted,
             cover=sheet.coverage(feature, here, radius), open=sheet.over_void(feature, here, sheet.FOOTPRINT),
             scored=block[a + BEAM] > 0.5 and not sheet.over_void(feature, here, 0.0),
         ))  # fmt: skip
@@ -572,7 +574,10 @@ def begin(deck, machine, key):
     keys[machine] = key - (tick + U1) * _WORDS * GOLD
     start, feed = load(Start, block, at + START), load(path.Params, block, at + P_PATH).feed
 
-    store(block, at + S_SHEET, sheet.State(0.0, 0.0, 1.0, load(sheet.Feature, block, at + FEATURES)))
+    growth = load(sheet.Params, block, at + P_SHEET).bulge_growth  # the prefill's first step grows it to 0 at time 0
+    store(block, at + S_SHEET, sheet.State(
+        growth / (growth - 1.0), 0.0, 1.0, load(sheet.Feature, block, at + FEATURES)
+    ))  # fmt: skip
     store(block, at + S_SENSOR, sensor.State(0.0, 0.0, 0.0, 0.0))
     follows = load(supervisor.Job, block, at + JOB).request == supervisor.FOLLOW
     store(block, at + S_GUARD, supervisor.State(

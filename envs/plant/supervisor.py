@@ -54,7 +54,7 @@ class Params(NamedTuple):
     plan: Annotated[float, Quantity("1", 0.1, 1.0, "share α of the acceleration that planned moves use")] = 0.5
     acceleration: Annotated[float, Quantity("mm/s²", 1e3, 5e4, "acceleration a that planned moves count on")] = 1e4
     fastest: Annotated[float, Quantity("mm/s", 1.0, 500.0, "fastest planned move")] = 150.0
-    delay: Annotated[float, Quantity("ms", 0.0, 50.0, "delay of the whole loop that planned moves count on")] = 16.0
+    delay: Annotated[float, Quantity("ms", 0.0, 50.0, "delay of the whole loop that planned moves count on")] = 25.0
     capture: Annotated[float, Quantity("mm", 0.01, 2.0, "error at which an approach is over")] = 0.1
     rise: Annotated[
         float, Quantity("mm", 0.02, 5.0, "apparent fall of the sheet in 5 ms that trips the hole guard")
@@ -76,7 +76,7 @@ class Job(NamedTuple):
     target: float = 50.0  # mm, of a move
     set_height: float = 1.0  # mm
     hole_guard: bool = False
-    switch: float = 100.0  # mm, height of the home switch
+    switch: float = 95.0  # mm, height of the home switch
     low: float = -38.0  # mm, limit alarms
     high: float = 108.0  # mm
 
@@ -133,14 +133,14 @@ def follow(p, s, job, x):
 
     late = p.alarm_error > 0.0 and s.captured and abs(e) > p.alarm_error
     trips = job.hole_guard and s.captured and e > p.error and x.fall > p.rise
-    captured = s.captured or e < p.capture
+    captured = (s.captured or e < p.capture) and job.request != HOLD  # after a pause it approaches again
     passed = x.wish if captured else max(x.wish, planned(p, -max(e, 0.0)))
     alarmed = s.ticks >= 100.0 and not holding
 
     if holding:
         mode = FOLLOW if released or expired else HOLD
         ticks = 0.0 if released or expired else s.ticks + 1.0
-        captured = released or not expired
+        captured = (released or not expired) and job.request != HOLD
         u = x.wish if released else planned(p, s.refuge - x.head_position)
     else:
         mode = HOLD if trips else (ALARM if alarmed else FOLLOW)
@@ -180,7 +180,7 @@ def _home(p, phase, job, x):
     else:
         u = -2.0
         phase = 4.0 if indexed else 3.0
-    return u, phase, LEAD * np.rint(x.encoder / LEAD) - x.encoder
+    return u, phase
 
 
 @part
@@ -208,10 +208,10 @@ def errand(p, s, job, x, u):
         u = 0.0
     if mode == MOVE:
         u = planned(p, job.target - x.head_position)
-    elif mode == HOME:
-        u, phase, correction = _home(p, phase, job, x)
+    elif mode == HOME and phase < 4.0:
+        u, phase = _home(p, phase, job, x)
         if phase == 4.0:
-            mode, phase, u, offset = STOP, 0.0, 0.0, correction
+            u, offset = 0.0, 0.0  # the drive latches its counter at the index pulse
     elif mode == CALIBRATE and phase == 0.0:
         u = -TOUCH_SPEED
         if not x.valid:

@@ -6,7 +6,7 @@ The drive's velocity loop is of second order. Its motor obeys, with u the delaye
 
 Speed and travel are kept by barriers rather than by stops, so that none of the others is ever broken: near the top
 speed the acceleration is held below ``(speed − v)·jerk/acceleration``, near an end of travel the command below
-``distance·acceleration/speed``.
+``distance/τ``, where τ is the time to brake from top speed and to get the braking going.
 
 The head hangs on the motor through a backlash that gravity closes (it opens only while the motor accelerates downward
 faster than g), and through a structural mode that carries the share ``compliance`` of the load path::
@@ -99,6 +99,7 @@ def accept(p, d, command):
 def pace(p, d, dt):
     """The coming period's :class:`Pace` under the commands ``d``, for substeps of ``dt`` seconds."""
     whole = np.floor(p.dead_time)
+    x, xr = p.omega * dt, p.omega_r * dt
     older = d.c1 if whole < 1.0 else (d.c2 if whole < 2.0 else (d.c3 if whole < 3.0 else d.c4))
     newer = (
         d.c0 if whole < 1.0 else (d.c1 if whole < 2.0 else (d.c2 if whole < 3.0 else (d.c3 if whole < 4.0 else d.c4)))
@@ -106,15 +107,15 @@ def pace(p, d, dt):
     return Pace(
         before=older,
         after=newer,
-        change=p.dead_time - whole,
-        stiff=p.omega * p.omega * dt,
-        damp=2.0 * p.zeta * p.omega * dt,
-        near_end=0.8 * p.acceleration / p.speed,
+        change=p.dead_time - whole + 1e-9,
+        stiff=p.omega * x * (1.0 - p.zeta * x),
+        damp=2.0 * p.zeta * x - (2.0 * p.zeta * p.zeta - 0.5) * x * x,
+        near_end=1.0 / (p.speed / (0.8 * p.acceleration) + 3.0 * (2.0 * p.zeta / p.omega + p.acceleration / p.jerk)),
         soft=0.9 * p.jerk / p.acceleration,
         drag=p.friction / p.creep,
         jolt=p.jerk * dt,
-        mode_stiff=p.omega_r * p.omega_r * dt,
-        mode_damp=2.0 * p.zeta_r * p.omega_r * dt,
+        mode_stiff=p.omega_r * xr * (1.0 - p.zeta_r * xr),
+        mode_damp=2.0 * p.zeta_r * xr * (1.0 - p.zeta_r * xr),
     )
 
 
@@ -137,8 +138,8 @@ def step(p, r, s, share, dt):
     least = max(-p.acceleration, -r.soft * (p.speed + s.velocity))
     bounded = clip(s.acceleration + wanted, least, most)
     acceleration = s.acceleration + clip(bounded - s.acceleration, -r.jolt, r.jolt)
-    velocity = s.velocity + dt * acceleration
-    position = s.position + dt * velocity
+    velocity = s.velocity + 0.5 * dt * (s.acceleration + acceleration)
+    position = s.position + 0.5 * dt * (s.velocity + velocity)
 
     # Free play: the head lies on the lower flank (play 0) and rises to the upper one (play = backlash) only while the
     # motor falls away from under it.
@@ -146,7 +147,7 @@ def step(p, r, s, share, dt):
     play = clip(s.play + dt * falling, 0.0, p.backlash)
     carried = position + play
 
-    mode_velocity = s.mode_velocity + r.mode_stiff * (carried - s.mode) - r.mode_damp * s.mode_velocity
+    mode_velocity = s.mode_velocity + r.mode_stiff * (s.position + s.play - s.mode) - r.mode_damp * s.mode_velocity
     mode = s.mode + dt * mode_velocity
     head = carried + p.compliance * (mode - carried)
     free = play > 0.0 and play < p.backlash

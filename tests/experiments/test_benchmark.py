@@ -1,4 +1,4 @@
-"""Benchmark: the grid and its folder, interruption, what is concluded from runs, and what the shipped controllers reach."""
+"""Benchmark: the grid and its folder, interruption, what is concluded, and what the shipped controllers reach."""
 
 import contextlib
 import importlib.util

@@ -43,7 +43,8 @@ def here(tmp_path, monkeypatch):
 def kerfgym_(folder, *words):
     """The command in a process of its own."""
     return subprocess.run(
-        [sys.executable, "-m", "kerfgym.experiments.cli", *words], cwd=folder, capture_output=True, text=True, timeout=280,
+        [sys.executable, "-m", "kerfgym.experiments.cli", *words], cwd=folder, capture_output=True, text=True,
+        timeout=280,
         env={**os.environ, "PYTHONIOENCODING": "utf-8", "COLUMNS": "200"},
     )  # fmt: skip
 

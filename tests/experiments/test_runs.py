@@ -20,10 +20,15 @@ FRAME = pd.DataFrame({"controller": ["pid", "ü"], "rms": [1.0 / 3.0, float("nan
 def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(tmp_path):
     path = tmp_path / "run.json"
     write_json(path, {"old": 1})
-    with pytest.raises(RuntimeError), atomic(path) as part:
-        part.write_text("half of the new", encoding="utf-8")
-        assert json.loads(path.read_text(encoding="utf-8")) == {"old": 1}
-        raise RuntimeError
+
+    def fails():
+        with atomic(path) as part:
+            part.write_text("half of the new", encoding="utf-8")
+            assert json.loads(path.read_text(encoding="utf-8")) == {"old": 1}
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        fails()
     assert json.loads(path.read_text(encoding="utf-8")) == {"old": 1}
     assert os.listdir(tmp_path) == ["run.json"]
 

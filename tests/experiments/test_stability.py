@@ -58,8 +58,8 @@ def test_the_sensitivity_of_a_p_law_is_that_of_the_linear_loop(kv):
     assert measured.magnitude.shape == (16, 40)
     expected = np.array([linear(kv, FREQUENCIES, corner) for corner in CORNERS])
     assert measured.magnitude == pytest.approx(expected, rel=0.03, abs=0.005)
-    assert measured.peak == pytest.approx(expected.max(), rel=0.01)
-    assert measured.worst == pytest.approx(expected.max(axis=0), rel=0.02, abs=0.005)
+    assert measured.peak == pytest.approx(expected.max(), rel=0.03)
+    assert measured.worst == pytest.approx(expected.max(axis=0), rel=0.03, abs=0.005)
 
 
 def test_a_moving_average_of_n_samples_adds_half_its_length_of_delay():
