@@ -1,4 +1,4 @@
-"""The package as a whole: what importing costs, who imports whom, what is documented, and caches that know their age."""
+"""The package as a whole: what importing costs, who imports whom, what is documented, caches that know their age."""
 
 import ast
 import importlib

@@ -320,9 +320,12 @@ def test_a_failed_run_makes_the_score_nan_and_is_counted():
 
 def test_collisions_where_they_are_expected_are_counted_apart():
     runs = [
-        ("pid", "a", 0, 5.0, {"collision": 1.0}), ("pid", "a", 1, 5.0), ("pid", "b", 0, 5.0), ("pid", "wall", 0, 900.0, {"collision": 1.0}),
+        ("pid", "a", 0, 5.0, {"collision": 1.0}),
+        ("pid", "a", 1, 5.0),
+        ("pid", "b", 0, 5.0),
+        ("pid", "wall", 0, 900.0, {"collision": 1.0}),
         ("pid", "wall", 1, 900.0, {"collision": 1.0}),
-    ]  # fmt: skip
+    ]
     row = results_of(runs, exempt=("wall",)).summary().loc["pid"]
     assert (row["collisions"], row["collision_runs"], row["exempt_collisions"]) == (1, 3, 2)
     rates = results_of(runs, exempt=("wall",)).collision_rates()
