@@ -2,8 +2,8 @@
 
 The sheet under the nozzle is ``head position − height``. A Kalman-like observer with three states (level, speed,
 acceleration of the surface) follows it; what an innovation exceeds ``gate`` by is cut off, so impulses hardly move it.
-The command is the predicted speed of the surface, ``lead`` ahead to make up for dead time and servo lag, and a proportional
-term that brings the head to the set height above the predicted level.
+The command is the predicted speed of the surface, ``lead`` ahead to make up for dead time and servo lag, and a
+proportional term that brings the head to the set height above the predicted level.
 """
 
 from typing import Annotated, NamedTuple

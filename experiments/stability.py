@@ -2,8 +2,8 @@
 
 A sine of 20 µm on an otherwise level and undisturbed sheet, at 40 frequencies from 1 to 200 Hz, on 16 corner plants
 (the extremes of loop bandwidth, damping, dead time and resonance). The ratio of the true gap's amplitude to the
-sheet's is |S|, the sensitivity; its largest value is Ms. Nothing about the controller needs to be known, so a learned policy
-is measured as a classical one is.
+sheet's is |S|, the sensitivity; its largest value is Ms. Nothing about the controller needs to be known, so a learned
+policy is measured as a classical one is.
 """
 
 import itertools

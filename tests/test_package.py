@@ -226,7 +226,7 @@ def test_an_edit_anywhere_is_seen_by_the_next_run_and_nothing_else_is_compiled(t
     assert fresh
     assert all("_stage" in name and "mine" in name for name in fresh)  # nothing but the law's own loop
 
-    edited(package / "envs" / "plant" / "z_axis.py", " damp=2.0 * p.zeta * p.omega", " damp=2.3 * p.zeta * p.omega")
+    edited(package / "envs" / "plant" / "z_axis.py", "clip(command, -p.speed", "clip(0.9 * command, -p.speed")
     after_part, cache_after_part = run()
     assert after_part not in (first, after_law)
     renewed = {n for n, t in cache_after_part.items() if cache_after_law.get(n) != t}
