@@ -30,11 +30,11 @@ _CATALOGUE: dict[str, tuple[str, str, dict, bool]] = {
     ),
     "pid": (
         "pid", "PID with derivative filter and anti-windup behind an anti-impulse filter, tuned",
-        {"filter.kind": "anti-impulse", "filter.hold": 4}, True,
+        {"filter.kind": "anti-impulse", "filter.hold": 4, "guard.rise": 0.05}, True,
     ),
     "observer": (
         "observer", "surface observer with feed-forward behind an anti-impulse filter, tuned",
-        {"filter.kind": "anti-impulse", "filter.hold": 4}, True,
+        {"filter.kind": "anti-impulse", "filter.hold": 4, "guard.rise": 0.05}, True,
     ),
     "preview-5ms": ("preview", "knows the sheet 5 ms ahead, tuned: score 1", {}, True),
 }  # fmt: skip

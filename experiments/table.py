@@ -24,7 +24,7 @@ def print_summary(results: Results) -> None:
     table = Table(title=f"RMS of the true gap error, µm · {results.meta['seed_count']} seeds per scenario")
     table.add_column("controller", no_wrap=True)
     for title in ("score", f"× {REFERENCE}", "reported", "Ms", *core, "jitter", "collisions", "failed", "class"):
-        table.add_column(title, justify="right")
+        table.add_column(title, justify="right", no_wrap=True)
     order = {"sensor": 0, "preview": 1, "privileged": 2}
     rows = sorted(summary.iterrows(), key=lambda r: (order[r[1]["information"]], r[1]["score"]))
     last = None
@@ -37,7 +37,7 @@ def print_summary(results: Results) -> None:
             *(_number(_cell(pooled, name, s), "{:.1f}") for s in core), _number(row["jitter"]),
             f"{row['collisions']}/{row['collision_runs']}", str(row["failed"]), str(row["information"]),
         )  # fmt: skip
-    console = Console(width=max(Console().width, 150))
+    console = Console(width=max(Console().width, 170))
     console.print(table)
     exempt = f" ({', '.join(results.exempt)} left out)" if results.exempt else ""
     console.print(

@@ -164,12 +164,15 @@ def test_there_are_numbers_to_tune():
 # ------------------------------------------------------------------------------------------------------------- caches
 
 ROLL = """
-import hashlib, json, sys, kerfgym
+import hashlib, json, sys, gymnasium, kerfgym
 from kerfgym.envs import scenarios, stack
 from kerfgym.experiments import rollout
 scenario = scenarios.load("wavy").varied(duration=0.2, settle=0.0, head={"nominal": True})
 record = rollout.roll(scenario, stack.resolve(sys.argv[1]), [1000])
-print(json.dumps([kerfgym.__file__, hashlib.sha256(record["gap"].tobytes()).hexdigest()]))
+env = gymnasium.make("kerfgym/HeightFollowing-v0", scenario="wavy", machine={"head": {"nominal": True}})
+env.reset(seed=0)
+results = hashlib.sha256(record["gap"].tobytes()).hexdigest(), env.step([0.5])[1]
+print(json.dumps([kerfgym.__file__, *results]))
 """
 
 LAW = """
@@ -211,23 +214,31 @@ def test_an_edit_anywhere_is_seen_by_the_next_run_and_nothing_else_is_compiled(t
     law.write_text(LAW, encoding="utf-8")
 
     def run():
-        file, result = python(ROLL, f"{law}:Mine", cwd=tmp_path, path=tmp_path)
+        file, gaps, reward = python(ROLL, f"{law}:Mine", cwd=tmp_path, path=tmp_path)
         assert Path(file).parent == package
-        return result, compiled(package)
+        return gaps, reward, compiled(package)
 
-    first, cache = run()
-    assert run() == (first, cache)  # the same bits, nothing compiled
+    def renewed(before, after):
+        assert set(before) <= set(after)
+        return {name for name, age in after.items() if before.get(name) != age}
+
+    gaps, reward, cache = run()
+    assert run() == (gaps, reward, cache)  # the same bits, nothing compiled
 
     edited(law, "-50.0 * (", "-55.0 * (")
-    after_law, cache_after_law = run()
-    assert after_law != first
-    assert {n: t for n, t in cache_after_law.items() if n in cache} == cache
-    fresh = set(cache_after_law) - set(cache)
-    assert fresh
-    assert all("_stage" in name and "mine" in name for name in fresh)  # nothing but the law's own loop
+    gaps_law, reward_law, cache_law = run()
+    assert gaps_law != gaps
+    assert reward_law == reward
+    assert renewed(cache, cache_law)
+    assert all("_stage" in name and "mine" in name for name in renewed(cache, cache_law))  # the law's own loop alone
+
+    edited(package / "envs" / "height_following.py", "TOLERANCE = 0.002", "TOLERANCE = 0.004")
+    gaps_env, reward_env, cache_env = run()
+    assert gaps_env == gaps_law
+    assert reward_env != reward
+    assert all(name.startswith("height_following.") for name in renewed(cache_law, cache_env))
 
     edited(package / "envs" / "plant" / "z_axis.py", "clip(command, -p.speed", "clip(0.9 * command, -p.speed")
-    after_part, cache_after_part = run()
-    assert after_part not in (first, after_law)
-    renewed = {n for n, t in cache_after_part.items() if cache_after_law.get(n) != t}
-    assert any(name.startswith("machine.advance") for name in renewed)
+    gaps_part, _, cache_part = run()
+    assert gaps_part not in (gaps, gaps_law)
+    assert any(name.startswith("machine.advance") for name in renewed(cache_env, cache_part))
