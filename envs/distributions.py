@@ -11,7 +11,7 @@ import hashlib
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
 
 from .plant.lanes import mix
 from .plant.quantity import did_you_mean
@@ -73,20 +73,38 @@ class Choice(_Frozen):
         return min(self.choice), max(self.choice)
 
 
+_KINDS = {"uniform": "Uniform", "log_uniform": "LogUniform", "choice": "Choice"}
+
+
 def _plain(value: object) -> object:
     if isinstance(value, bool):
         raise ValueError("a number or a distribution is needed, not true or false")
     if isinstance(value, str):
         raise ValueError(f"a number or a distribution is needed, not '{value}'")
     if isinstance(value, dict):
-        known = ("uniform", "log_uniform", "choice", "sign")
+        known = (*_KINDS, "sign")
         unknown = [key for key in value if key not in known]
         if unknown:
             raise ValueError(f"unknown distribution '{unknown[0]}'; {did_you_mean(unknown[0], known)}")
+        if len(set(value) & set(_KINDS)) != 1:
+            raise ValueError(f"a distribution has exactly one of {', '.join(_KINDS)}")
     return value
 
 
-Number = Annotated[float | Uniform | LogUniform | Choice, BeforeValidator(_plain)]
+def _kind(value: object) -> str:
+    if isinstance(value, dict):
+        return next(kind for key, kind in _KINDS.items() if key in value)
+    return type(value).__name__ if isinstance(value, _Frozen) else "float"
+
+
+Number = Annotated[
+    Annotated[float, Tag("float")]
+    | Annotated[Uniform, Tag("Uniform")]
+    | Annotated[LogUniform, Tag("LogUniform")]
+    | Annotated[Choice, Tag("Choice")],
+    Discriminator(_kind),
+    BeforeValidator(_plain),
+]
 """A fixed number or a distribution."""
 
 

@@ -312,6 +312,8 @@ class HeightFollowingEnv(gym.Env):
         self.base = stacks.resolve("idle" if control == "direct" else base)
         if self.base.python is not None:
             raise InvalidInput(f"base controller '{self.base.name}' is plain Python; a base must be a compiled law")
+        if max_steps is not None and max_steps < 1:
+            raise InvalidInput(f"max_steps = {max_steps} is out of range; at least 1")
         self.max_steps = max_steps
         self.weights = _weights(reward)
         self._fleet = Fleet(1, self.base.law, heads.POOL)

@@ -46,8 +46,10 @@ def get(name: str) -> Metric:
 
 
 def evaluate(recording: Recording) -> dict[str, np.ndarray]:
-    """Every metric of a recording, by name."""
-    return {name: metric.function(recording) for name, metric in METRICS.items()}
+    """Every metric of a recording, by name; a failed run has no figure but its collision."""
+    broken = failed(recording)
+    figures = {name: metric.function(recording) for name, metric in METRICS.items()}
+    return {name: f if name == "collision" else np.where(broken, np.nan, f) for name, f in figures.items()}
 
 
 def failed(recording: Recording) -> np.ndarray:

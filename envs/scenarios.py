@@ -261,25 +261,42 @@ def _validated(data: dict, where: str, text: str = "") -> Scenario:
     try:
         return Scenario.model_validate(data)
     except ValidationError as error:
-        first = error.errors()[0]
-        location = [k for k in first["loc"] if k not in ("float", "Uniform", "LogUniform", "Choice")]
+        # A misspelt key explains the missing one that usually comes with it.
+        first = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
+        location = tuple(k for k in first["loc"] if k not in ("float", "Uniform", "LogUniform", "Choice"))
         key = ".".join(str(k) for k in location)
-        about = first["msg"].removeprefix("Value error, ").split(" = ")[0]  # a range error names its own key
-        line = _line_of(text, about) or _line_of(text, str(location[-1]) if location else "")
+        said = first["msg"].removeprefix("Value error, ")
+        about = (said.split(" = ")[0],) if " = " in said else ()  # a range error names its own key
+        line = _line_of(text, location + about)
         if first["type"] == "extra_forbidden":
-            model = _model_at(tuple(location[:-1]))
+            model = _model_at(location[:-1])
             known = list(model.model_fields) if model else ["uniform", "log_uniform", "choice", "sign"]
             message = f"unknown key '{key}'; {did_you_mean(str(location[-1]), known)}"
         else:
-            message = f"{key}: {first['msg'].removeprefix('Value error, ')}" if key else first["msg"]
+            message = f"{key}: {said}" if key else said
         raise InvalidInput(f"{where}{line}: {message}") from None
 
 
-def _line_of(text: str, key: str) -> str:
-    for number, line in enumerate(text.splitlines(), start=1):
-        if line.split("=")[0].strip(" []").split(".")[-1] == key:
-            return f", line {number}"
-    return ""
+def _line_of(text: str, location: tuple) -> str:
+    """Line of the key, or of the nearest table around it, in TOML text."""
+    best, found = 0, ""
+    table: tuple = ()
+    seen: dict[tuple, int] = {}
+    for number, raw in enumerate(text.splitlines(), start=1):
+        line = raw.strip()
+        if line.startswith("["):
+            table = tuple(line.split("]")[0].strip("[] ").split("."))
+            if line.startswith("[["):
+                seen[table] = seen.get(table, -1) + 1
+                table = (*table, seen[table])
+            path = table
+        elif "=" in line and not line.startswith("#"):
+            path = (*table, *line.split("=")[0].strip().split("."))
+        else:
+            continue
+        if len(path) > best and location[: len(path)] == path:
+            best, found = len(path), f", line {number}"
+    return found
 
 
 def parse(text: str, where: str = "scenario") -> Scenario:

@@ -7,6 +7,7 @@ source (:class:`Quantity`). ``pid:law.kp=80,filter.window=9`` is the stack ``pid
 (:func:`resolve`). A stack fills a slot of the machine; ``z`` commands the head's velocity at 1 kHz.
 """
 
+import copy
 import importlib
 import importlib.util
 import inspect
@@ -18,7 +19,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from .plant import calibration, filters, idle, sensor, supervisor
-from .plant.controller import SLOTS, Law, make_law
+from .plant.controller import SLOTS, Law, make_law, source_of
 from .plant.fleet import Fleet
 from .plant.quantity import InvalidInput, Quantity, checked, did_you_mean, quantities
 from .sources import SOURCES
@@ -65,6 +66,7 @@ class Stack:
     values: dict[str, Any] = field(default_factory=dict)
     python: Callable[[], PythonController] | None = None
     provenance: dict[str, Any] = field(default_factory=dict)
+    source: str = ""  # text of a plain-Python controller's file
 
     def __post_init__(self) -> None:
         for group in {name.split(".")[0] for name in self.values}:
@@ -191,6 +193,8 @@ def resolve(spec: "str | Stack") -> Stack:
         stack, overrides = _import(pieces[0], pieces[1]), pieces[2:]
     else:
         stack, overrides = get(pieces[0]), pieces[1:]
+    if len(overrides) > 1:
+        raise InvalidInput(f"'{spec}': overrides are separated by commas, as in pid:law.kp=80,filter.window=9")
     if stack.slot != slot:
         raise InvalidInput(f"'{spec}': controller '{stack.name}' drives slot '{stack.slot}', not '{slot}'")
     if not overrides:
@@ -231,11 +235,12 @@ def _import(module: str, attribute: str) -> Stack:
 def _import_file(path: Path) -> Any:
     if not path.is_file():
         raise InvalidInput(f"no file '{path}'")
-    spec = importlib.util.spec_from_file_location(path.stem, path)
+    spec = importlib.util.spec_from_file_location(f"kerfgym_user_{path.stem}", path)
     assert spec
     assert spec.loader
     space = importlib.util.module_from_spec(spec)
-    sys.modules[path.stem] = space
+    # Under a name of its own: a user's json.py must not take the place of the library's.
+    sys.modules[spec.name] = space
     spec.loader.exec_module(space)
     return space
 
@@ -250,8 +255,10 @@ def as_stack(thing: Any, name: str) -> Stack:
         return thing
     if hasattr(thing, "control") and hasattr(thing, "reset"):
         doc = (inspect.getdoc(thing) or "").split("\n")[0]
-        make = thing if isinstance(thing, type) else lambda: thing
-        return python_stack(make, name, doc)
+        make = thing if isinstance(thing, type) else lambda: copy.deepcopy(thing)
+        return replace(
+            python_stack(make, name, doc), source=source_of(thing if isinstance(thing, type) else type(thing))
+        )
     if hasattr(thing, "control") or hasattr(thing, "Params"):
         law = make_law(thing, name, getattr(thing, "INFORMATION", "sensor"), getattr(thing, "SLOT", "z"))
         return Stack(name, law.summary, law, dict(getattr(thing, "DEFAULTS", {})))

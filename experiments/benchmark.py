@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from .. import __version__
 from ..envs import metrics, scenarios
 from ..envs import stack as stacks
-from ..envs.plant import machine
+from ..envs.plant import lanes, machine
 from ..envs.plant.controller import PERIOD
 from ..envs.plant.path import SPACING
 from ..envs.plant.quantity import InvalidInput, did_you_mean
@@ -40,7 +41,11 @@ class Case:
     @property
     def key(self) -> str:
         """Name of the task's file; it changes with anything the result depends on."""
-        text = json.dumps([self.controller, self.scenario.to_toml() if self.scenario else None, self.seeds, self.trace])
+        stack = stacks.resolve(self.controller)
+        parameters = {name: p.value for name, p in stack.parameters().items()}
+        physics = self.scenario.to_toml() if self.scenario else None
+        program = [__version__, lanes.STAMP, stack.law.source, stack.source]
+        text = json.dumps([self.controller, parameters, program, physics, self.seeds, self.trace])
         return hashlib.sha256(text.encode()).hexdigest()[:20]
 
 
@@ -135,6 +140,10 @@ def run(
     """
     if jobs < 1:
         raise InvalidInput(f"--jobs {jobs} is out of range; at least 1")
+    for what, given in (("controller", controllers), ("scenario", [s.name for s in chosen])):
+        twice = [name for name in given if given.count(name) > 1]
+        if twice:
+            raise InvalidInput(f"{what} '{twice[0]}' is given twice")
     known = {name: stacks.resolve(name) for name in controllers}  # errors before anything is written
     runs.open_folder(folder, overwrite, resume)
     started = time.time()

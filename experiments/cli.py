@@ -84,13 +84,14 @@ def benchmark(
     from ..envs import scenarios
     from . import benchmark as bench
 
+    scenarios.suite(suite)  # an unknown one is an error even where it is not needed
     if path is not None:
         chosen = [scenarios.load(s).along(path) for s in scenario or ["drawing"]]
         core: tuple[str, ...] = tuple(s.name for s in chosen)
     elif scenario:
         chosen, core = (
             [scenarios.load(s) for s in scenario],
-            scenarios.core(suite) if suite in scenarios.suites() else (),
+            scenarios.core(suite),
         )
     else:
         chosen, core = list(scenarios.suite(suite).values()), scenarios.core(suite)

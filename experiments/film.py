@@ -24,6 +24,8 @@ def film(
     """
     if out.suffix not in (".mp4", ".gif", ".png"):
         raise InvalidInput(f"cannot write '{out}'; allowed: .mp4, .gif, .png")
+    if seed < 0:
+        raise InvalidInput(f"--seed {seed} is out of range; 0 and up")
     if slow <= 0 or (seconds is not None and seconds <= 0):
         raise InvalidInput("--slow and --seconds must be above 0")
     stack = stacks.resolve(controller)
@@ -31,7 +33,7 @@ def film(
     fleet = rollout.fleet_for(case, stack, [seed])
     reel = Film(case, stack.name, seed)
     every = max(1, round(1000 / slow / FRAMES_PER_SECOND))
-    steps = case.steps if seconds is None else min(round(seconds * 1000), case.steps)
+    steps = case.steps if seconds is None else min(max(1, round(seconds * 1000)), case.steps)
     frames = []
     for step in rollout.periods(fleet, stack, steps):
         reel.take(fleet)

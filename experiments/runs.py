@@ -4,6 +4,7 @@ import contextlib
 import json
 import os
 import platform
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -93,14 +94,22 @@ def open_folder(path: Path, overwrite: bool = False, resume: bool = False) -> Pa
     Raises:
         InvalidInput: it exists already and neither ``overwrite`` nor ``resume`` was asked for.
     """
+    if path.exists() and not path.is_dir():
+        raise InvalidInput(f"run folder '{path}' is a file; use another --name")
+    finished = (path / "run.json").is_file()
+    if resume and finished and not overwrite:
+        raise InvalidInput(f"run folder '{path}' is finished; use --overwrite to replace it, or another --name")
     if path.exists() and any(path.iterdir()) and not (overwrite or resume):
-        unfinished = not (path / "run.json").is_file()
+        unfinished = not finished
         hint = "--resume to finish it, " if unfinished else ""
         raise InvalidInput(f"run folder '{path}' exists; use {hint}--overwrite to replace it, or another --name")
-    if overwrite and path.exists():
-        if not ((path / "run.json").is_file() or (path / "parts").is_dir()):
+    if overwrite and path.exists() and any(path.iterdir()):
+        if not (finished or (path / "parts").is_dir()):
             raise InvalidInput(f"'{path}' is not a run folder; it is not overwritten")
-        for file in sorted(path.rglob("*"), reverse=True):
-            file.rmdir() if file.is_dir() else file.unlink()
+        for file in path.iterdir():
+            if file.is_dir() and not file.is_symlink():
+                shutil.rmtree(file)
+            else:
+                file.unlink()
     path.mkdir(parents=True, exist_ok=True)
     return path

@@ -214,12 +214,12 @@ def make_law(space: Any, name: str, information: str = "sensor", slot: str = "z"
         name=name, summary=doc.split("\n")[0], information=information, slot=slot, Params=space.Params,
         State=space.State, init=_compiled(space.init), control=_compiled(space.control),
         tables=np.zeros(0) if tables is None else np.ascontiguousarray(tables, np.float64).ravel(),
-        source=_source(space),
+        source=source_of(space),
     )  # fmt: skip
 
 
-def _source(space: Any) -> str:
-    """Text of the file that holds a law; enters the stamp of its compiled code."""
+def source_of(space: Any) -> str:
+    """Text of the file that holds a controller; enters the stamp of its compiled code."""
     try:
         path = inspect.getsourcefile(space)
         return Path(path).read_text(encoding="utf-8") if path else ""

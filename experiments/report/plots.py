@@ -332,6 +332,7 @@ def heat(results: Results) -> Figure:
     axes = figure.add_subplot()
     ordinary = [s for s in order if s not in results.exempt] or order
     low, high = _log_limits(pooled.loc[rows, ordinary].to_numpy(float).ravel(), 1.0, 1.0)
+    low = min(max(low, 0.1), 0.1 * high)  # one controller that is almost perfect must not wash out the others
     high = max(high, 1.01 * low)
     norm = LogNorm(low, high, clip=True)
     colours = colormaps["cividis"].reversed()
