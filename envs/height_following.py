@@ -87,6 +87,7 @@ class _Io(NamedTuple):
 (_ACTIONS, _OBSERVATIONS, _REWARDS, _INFOS, _WEIGHTS, _CONTROL, _RAW, _SIZE, _WIDTH) = (
     range(len(_Io._fields))
 )  # fmt: skip
+_COST, _WEIGHTED = INFO.index("cost"), INFO.index("weighted_error")
 _ANY = U(2**40)
 _INFO = U(len(INFO))
 
@@ -332,6 +333,7 @@ class HeightFollowingEnv(gym.Env):
             self._weights.ctypes.data, CONTROLS.index(control), int(observation == "raw"), self._observation.size, count,
         ), np.uint64)  # fmt: skip
         self._fleet.hook(stage_address(act), stage_address(observe), self._io)
+        self._advance, self._shape = self._fleet.stepper(), self._actions.shape
         self._episode, self._seed, self._left = 0, 0, 0
         self._film: Film | None = None
 
@@ -365,23 +367,23 @@ class HeightFollowingEnv(gym.Env):
         if self._left <= 0:
             raise InvalidInput("the episode is over; call reset() before step()")
         a = action if isinstance(action, np.ndarray) else np.asarray(action, np.float32)
-        if a.shape != self._actions.shape:
-            raise InvalidInput(f"the action has shape {a.shape}; it must be {self._actions.shape}")
+        if a.shape != self._shape:
+            raise InvalidInput(f"the action has shape {a.shape}; it must be {self._shape}")
         for x in a.tolist():
-            if x - x != 0.0:
+            if x - x != 0.0:  # NaN or infinite
                 raise InvalidInput(f"the action {action} is not finite; allowed: -1 to 1")
         self._actions[:] = a
-        self._fleet.advance_once()
+        self._advance()
         self._left -= 1
         if self._film is not None:
             self._film.take(self._fleet)
-        info = dict(zip(INFO, self._info.tolist(), strict=True))
-        terminated = info["cost"] > 0.5
+        values = self._info.tolist()
+        terminated = values[_COST] > 0.5
         truncated = self._left <= 0 and not terminated
         if terminated:
             self._left = 0
-        reward = info["weighted_error"] + info["weighted_rate"] + info["weighted_collision"]
-        return self._observation.copy(), reward, terminated, truncated, info
+        reward = values[_WEIGHTED] + values[_WEIGHTED + 1] + values[_WEIGHTED + 2]
+        return self._observation.copy(), reward, terminated, truncated, dict(zip(INFO, values, strict=True))
 
     def render(self) -> np.ndarray | None:
         """The machine now: sheet, nozzle, gap, set height, and the last second of true and reported error."""

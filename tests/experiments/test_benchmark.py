@@ -183,6 +183,19 @@ def test_a_resumed_run_forgets_what_an_earlier_version_of_a_controller_did(tmp_p
     pd.testing.assert_frame_equal(resumed.runs, fresh.runs)
 
 
+def test_an_edit_of_the_controllers_file_during_a_run_does_not_lose_the_run(tmp_path, own, monkeypatch):
+    done = []
+
+    def edits(case, *rest):
+        done.append(case)
+        if len(done) == 2:
+            (tmp_path / "mine.py").write_text(OWN + "# a later thought\n", encoding="utf-8")
+        return compute(case, *rest)
+
+    monkeypatch.setattr(benchmark, "compute", edits)
+    assert len(go(tmp_path / "run", [own]).runs) == 2 * 4
+
+
 def test_a_tasks_name_changes_with_everything_its_result_depends_on():
     seeds = (1000, 1001)
     tasks = [

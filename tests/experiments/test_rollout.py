@@ -108,7 +108,7 @@ def test_one_period_at_a_time_gives_the_bits_of_all_at_once(whole):
     for _ in range(PERIODS // 2):
         fleet.advance()
     for _ in range(PERIODS // 2):
-        fleet.advance_once()
+        fleet.stepper()()
     assert np.array_equal(state(fleet), whole[:, order])
 
 
