@@ -38,10 +38,8 @@ class Case:
     seeds: tuple[int, ...]
     trace: int | None
 
-    @property
-    def key(self) -> str:
-        """Name of the task's file; it changes with anything the result depends on."""
-        stack = stacks.resolve(self.controller)
+    def key(self, stack: stacks.Stack) -> str:
+        """Name of the task's file when ``stack`` does it; it changes with anything the result depends on."""
         parameters = {name: p.value for name, p in stack.parameters().items()}
         physics = self.scenario.to_toml() if self.scenario else None
         program = [__version__, lanes.STAMP, stack.law.source, stack.source]
@@ -63,9 +61,8 @@ def split_seeds(count: int, split: str = "test") -> range:
     return seeds[:count]
 
 
-def compute(case: Case, stack: stacks.Stack | None = None) -> dict[str, pd.DataFrame]:
+def compute(case: Case, stack: stacks.Stack) -> dict[str, pd.DataFrame]:
     """Tables ``runs``, ``traces`` and ``sensitivity`` of one task, with its cost in ``ledger``."""
-    stack = stack or stacks.resolve(case.controller)
     start, steps = time.process_time(), 0
     tables: dict[str, pd.DataFrame] = {}
     if case.scenario is None:
@@ -136,7 +133,7 @@ def run(
     """Runs the grid, writes the folder, returns the results.
 
     Raises:
-        InvalidInput: unknown controller or scenario, or the folder exists.
+        InvalidInput: unknown controller or scenario, the folder exists, or a controller's file was edited meanwhile.
     """
     if jobs < 1:
         raise InvalidInput(f"--jobs {jobs} is out of range; at least 1")
@@ -148,15 +145,21 @@ def run(
     runs.open_folder(folder, overwrite, resume)
     started = time.time()
     parts = folder / "parts"
-    todo = cases(controllers, chosen, seeds, with_ms)
-    missing = [case for case in todo if not (parts / f"{case.key}.json").is_file()]
-    _warm(known, missing)
-    _run_all(missing, parts, jobs, quiet)
+    todo = {case.key(known[case.controller]): case for case in cases(controllers, chosen, seeds, with_ms)}
+
+    def missing() -> list[Case]:
+        return [case for key, case in todo.items() if not (parts / f"{key}.json").is_file()]
+
+    _warm(known, missing())
+    _run_all(missing(), parts, jobs, quiet)
+    if left := missing():
+        edited = ", ".join(sorted({f"'{case.controller}'" for case in left}))
+        raise InvalidInput(f"{edited} was edited during the run; --resume computes what the edit has changed")
 
     tables: dict[str, list[pd.DataFrame]] = {}
-    for case in todo:
-        for name in json.loads((parts / f"{case.key}.json").read_text(encoding="utf-8")):
-            tables.setdefault(name, []).append(pd.read_parquet(parts / f"{case.key}.{name}.parquet"))
+    for key in todo:
+        for name in json.loads((parts / f"{key}.json").read_text(encoding="utf-8")):
+            tables.setdefault(name, []).append(pd.read_parquet(parts / f"{key}.{name}.parquet"))
     joined = {name: pd.concat(frames, ignore_index=True) for name, frames in tables.items()}
     order = {name: i for i, name in enumerate(controllers)}
     frame = joined["runs"]
@@ -201,10 +204,11 @@ def _warm(known: dict[str, stacks.Stack], missing: list[Case]) -> None:
 
 
 def _work(case: Case, parts: Path) -> None:
-    tables = compute(case)
+    stack = stacks.resolve(case.controller)
+    key, tables = case.key(stack), compute(case, stack)
     for name, frame in tables.items():
-        runs.write_table(parts, f"{case.key}.{name}", frame, csv=False)
-    runs.write_json(parts / f"{case.key}.json", list(tables))
+        runs.write_table(parts, f"{key}.{name}", frame, csv=False)
+    runs.write_json(parts / f"{key}.json", list(tables))
 
 
 def _run_all(missing: list[Case], parts: Path, jobs: int, quiet: bool) -> None:

@@ -114,17 +114,17 @@ AGAIN = {
 @pytest.mark.parametrize("scenario", ["wavy", "impulses", "holes", "descent"])
 @pytest.mark.parametrize("spec", AGAIN)
 def test_the_compiled_law_wishes_what_a_second_implementation_does(spec, scenario):
-    p, signals, wishes = lived(spec, scenario, 1003, 1500)
+    p, signals, wishes = lived(spec, scenario, 1003, 900)
     again = np.array(AGAIN[spec](p, signals))
     assert np.ptp(wishes) > 1e-4
     assert wishes == pytest.approx(again, rel=1e-6, abs=1e-6)
 
 
 def test_those_runs_held_over_holes_and_approached_from_above():
-    _, over_holes, _ = lived("pid", "holes", 1003, 1500)
-    _, from_above, _ = lived("pid", "descent", 1003, 1500)
-    assert 10 < sum(x.mode == supervisor.HOLD for x in over_holes) < 1500
-    assert 10 < sum(not x.captured for x in from_above) < 1500
+    _, over_holes, _ = lived("pid", "holes", 1003, 900)
+    _, from_above, _ = lived("pid", "descent", 1003, 900)
+    assert 10 < sum(x.mode == supervisor.HOLD for x in over_holes) < 900
+    assert 10 < sum(not x.captured for x in from_above) < 900
     assert any(x.override for x in from_above)
 
 

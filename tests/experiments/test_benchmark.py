@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from kerfgym.envs import stack
 from kerfgym.envs.metrics import METRICS
 from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.envs.scenarios import core, load, suite
@@ -183,7 +184,7 @@ def test_a_resumed_run_forgets_what_an_earlier_version_of_a_controller_did(tmp_p
     pd.testing.assert_frame_equal(resumed.runs, fresh.runs)
 
 
-def test_an_edit_of_the_controllers_file_during_a_run_does_not_lose_the_run(tmp_path, own, monkeypatch):
+def test_an_edit_of_the_controllers_file_during_a_run_never_mixes_versions(tmp_path, own, monkeypatch):
     done = []
 
     def edits(case, *rest):
@@ -193,7 +194,15 @@ def test_an_edit_of_the_controllers_file_during_a_run_does_not_lose_the_run(tmp_
         return compute(case, *rest)
 
     monkeypatch.setattr(benchmark, "compute", edits)
-    assert len(go(tmp_path / "run", [own]).runs) == 2 * 4
+    with pytest.raises(InvalidInput, match=r"mine.py:Mine' was edited during the run; --resume computes what"):
+        go(tmp_path / "run", [own, "pid"])
+    resumed = go(tmp_path / "run", [own, "pid"], resume=True).runs
+    assert len(done) == 4 + 1  # only what the edit has changed is computed again
+    pd.testing.assert_frame_equal(resumed, go(tmp_path / "fresh", [own, "pid"]).runs)
+
+
+def key(task):
+    return task.key(stack.resolve(task.controller))
 
 
 def test_a_tasks_name_changes_with_everything_its_result_depends_on():
@@ -203,8 +212,8 @@ def test_a_tasks_name_changes_with_everything_its_result_depends_on():
         Case("pid", SHORT[0], (1000, 1002), 1000), Case("pid", SHORT[0], seeds, None), Case("pid", None, (), None),
         Case("pid", SHORT[0].varied(feed=201), seeds, 1000), Case("pid:law.kp=40", SHORT[0], seeds, 1000),
     ]  # fmt: skip
-    assert len({task.key for task in tasks}) == len(tasks)
-    assert Case("pid", load("wavy").varied(duration=0.5), seeds, 1000).key == tasks[0].key
+    assert len({key(task) for task in tasks}) == len(tasks)
+    assert key(Case("pid", load("wavy").varied(duration=0.5), seeds, 1000)) == key(tasks[0])
 
 
 def test_the_grid_holds_every_seed_of_every_pair_once():
@@ -376,7 +385,7 @@ def standard():
     for name in SAFE:
         scenario = suite("following")[name]
         for controller in ("xi2023-tuned", "pid", "observer") if name in core("following") else ("pid", "observer"):
-            frames.append(compute(Case(controller, scenario, SEEDS, None))["runs"])
+            frames.append(compute(Case(controller, scenario, SEEDS, None), stack.resolve(controller))["runs"])
     runs = pd.concat(frames, ignore_index=True)
     return Results(runs, pd.DataFrame(), pd.DataFrame(), {"seed_count": len(SEEDS)}, core("following"), ())
 
