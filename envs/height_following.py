@@ -28,6 +28,9 @@ LEAST_GAIN, LARGEST_GAIN = 0.2, 3.0
 TOLERANCE = 0.002
 """mm; errors are felt in multiples of it."""
 
+LARGEST = 3.4e38
+"""Largest finite action (float32)."""
+
 LIMIT = 10.0
 """Bound of every normalised feature."""
 
@@ -325,6 +328,7 @@ class HeightFollowingEnv(gym.Env):
         self.action_space = gym.spaces.Box(-1.0, 1.0, (count,), np.float32)
         self.observation_space = _observation_space(observation)
         self._actions = np.zeros(count, np.float32)
+        self._view = self._actions.data  # writes a number three times as fast as the array does
         self._observation = np.zeros(self.observation_space.shape, np.float32)
         self._reward, self._info = np.zeros(1), np.zeros(len(INFO))
         self._weights = np.array(self.weights)
@@ -334,6 +338,7 @@ class HeightFollowingEnv(gym.Env):
         ), np.uint64)  # fmt: skip
         self._fleet.hook(stage_address(act), stage_address(observe), self._io)
         self._advance, self._shape = self._fleet.stepper(), self._actions.shape
+        self._observed, self._values = self._observation.copy, self._info.tolist
         self._episode, self._seed, self._left = 0, 0, 0
         self._film: Film | None = None
 
@@ -356,7 +361,7 @@ class HeightFollowingEnv(gym.Env):
         if self.render_mode:
             self._film = Film(self.scenario, self.base.name, scenario_seed)
             self._film.take(self._fleet)
-        return self._observation.copy(), dict(zip(INFO, self._info.tolist(), strict=True))
+        return self._observed(), _named(self._values())
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict]:
         """One control period of 1 ms.
@@ -369,21 +374,21 @@ class HeightFollowingEnv(gym.Env):
         a = action if isinstance(action, np.ndarray) else np.asarray(action, np.float32)
         if a.shape != self._shape:
             raise InvalidInput(f"the action has shape {a.shape}; it must be {self._shape}")
-        for x in a.tolist():
-            if x - x != 0.0:  # NaN or infinite
+        for i, x in enumerate(a.tolist()):
+            if not -LARGEST <= x <= LARGEST:  # NaN neither
                 raise InvalidInput(f"the action {action} is not finite; allowed: -1 to 1")
-        self._actions[:] = a
+            self._view[i] = x
         self._advance()
         self._left -= 1
         if self._film is not None:
             self._film.take(self._fleet)
-        values = self._info.tolist()
+        values = self._values()
         terminated = values[_COST] > 0.5
         truncated = self._left <= 0 and not terminated
         if terminated:
             self._left = 0
         reward = values[_WEIGHTED] + values[_WEIGHTED + 1] + values[_WEIGHTED + 2]
-        return self._observation.copy(), reward, terminated, truncated, dict(zip(INFO, values, strict=True))
+        return self._observed(), reward, terminated, truncated, _named(values)
 
     def render(self) -> np.ndarray | None:
         """The machine now: sheet, nozzle, gap, set height, and the last second of true and reported error."""
@@ -404,6 +409,16 @@ class HeightFollowingEnv(gym.Env):
         if self.split == "train":
             return seeds.start + int(lanes.mix(self._seed, self._episode) % np.uint64(len(seeds)))
         return seeds.start + (self._seed + self._episode) % len(seeds)
+
+
+def _named(values: list[float]) -> dict[str, float]:
+    """``dict(zip(INFO, values))`` in half the time; a step is too short for more."""
+    gap, height, error, reported, cost, scored, mode, override, distance, e, r, c, we, wr, wc = values
+    return {
+        "true_gap": gap, "measured_height": height, "true_error": error, "reported_error": reported, "cost": cost,
+        "scored": scored, "mode": mode, "override": override, "distance": distance, "reward_error": e,
+        "reward_rate": r, "reward_collision": c, "weighted_error": we, "weighted_rate": wr, "weighted_collision": wc,
+    }  # fmt: skip
 
 
 def _scenarios(scenario: Any, changes: dict[str, Any] | None) -> list[Scenario]:

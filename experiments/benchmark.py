@@ -13,7 +13,7 @@ import pandas as pd
 from .. import __version__
 from ..envs import metrics, scenarios
 from ..envs import stack as stacks
-from ..envs.plant import lanes, machine
+from ..envs.plant import kernels, machine
 from ..envs.plant.controller import PERIOD
 from ..envs.plant.path import SPACING
 from ..envs.plant.quantity import InvalidInput, did_you_mean
@@ -42,7 +42,7 @@ class Case:
         """Name of the task's file when ``stack`` does it; it changes with anything the result depends on."""
         parameters = {name: p.value for name, p in stack.parameters().items()}
         physics = self.scenario.to_toml() if self.scenario else None
-        program = [__version__, lanes.STAMP, stack.law.source, stack.source]
+        program = [__version__, kernels.STAMP, stack.law.source, stack.source]
         text = json.dumps([self.controller, parameters, program, physics, self.seeds, self.trace])
         return hashlib.sha256(text.encode()).hexdigest()[:20]
 

@@ -15,8 +15,9 @@ import numpy as np
 
 from ..envs import scenarios
 from ..envs import stack as stacks
-from ..envs.plant import lanes, machine
+from ..envs.plant import machine
 from ..envs.plant.fleet import Fleet
+from ..envs.plant.kernels import Kernel
 from ..envs.plant.lanes import U0, U1, UW, call, doubles, load, part, store, words
 from ..envs.scenarios import Scenario
 from . import rollout
@@ -37,8 +38,9 @@ def _move_one(block, a):
     store(block, a + machine.MOMENT, m)
 
 
-def _registers(deck):
+def _registers(deck_address):
     """The same machine, one after the other, nothing to vectorise: what the lanes are compared with."""
+    deck = words(deck_address, machine.U(machine.DECK))
     machines = deck[machine.D_MACHINES]
     blocks = (machines + UW - U1) // UW
     block = doubles(deck[machine.D_BLOCK], blocks * machine.STRIDE)
@@ -62,7 +64,7 @@ def _registers(deck):
     deck[machine.D_TICK] += deck[machine.D_STEPS]
 
 
-_registers_kernel = lanes.kernel(_registers)
+_registers_kernel = Kernel(_registers)
 
 
 @dataclass(frozen=True)

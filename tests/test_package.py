@@ -58,12 +58,11 @@ def test_importing_the_package_is_cheap_and_registers_its_environments():
 
 
 def test_environments_and_baselines_need_no_library_for_learning_or_tables():
-    loaded = python(
-        "import gymnasium, kerfgym; gymnasium.make('kerfgym/HeightFollowing-v0', scenario='flat').reset(seed=0);"
-        + LOADED
-    )
-    assert "numba" in loaded
+    code = "import gymnasium, kerfgym; gymnasium.make('kerfgym/HeightFollowing-v0', scenario='flat').reset(seed=0);"
+    loaded = python(code + LOADED)
+    assert "llvmlite" in loaded
     assert not {"torch", "optuna", "pandas", "stable_baselines3", "matplotlib", "joblib"} & set(loaded)
+    assert "numba" not in python(code + LOADED)  # what is compiled needs no compiler any more
 
 
 def imported(module, path):
@@ -204,7 +203,7 @@ def edited(path, old, new):
 
 def compiled(package):
     """Names and ages of everything in the caches of a copy."""
-    return {p.name: p.stat().st_mtime_ns for p in package.rglob("*.nb[ic]")}
+    return {p.name: p.stat().st_mtime_ns for p in package.rglob("__pycache__/*.o")}
 
 
 def test_an_edit_anywhere_is_seen_by_the_next_run_and_nothing_else_is_compiled(tmp_path):
@@ -221,7 +220,6 @@ def test_an_edit_anywhere_is_seen_by_the_next_run_and_nothing_else_is_compiled(t
         return gaps, reward, compiled(package)
 
     def renewed(before, after):
-        assert set(before) <= set(after)
         return {name for name, age in after.items() if before.get(name) != age}
 
     gaps, reward, cache = run()
@@ -243,4 +241,4 @@ def test_an_edit_anywhere_is_seen_by_the_next_run_and_nothing_else_is_compiled(t
     edited(package / "envs" / "plant" / "z_axis.py", "clip(command, -p.speed", "clip(0.9 * command, -p.speed")
     gaps_part, _, cache_part = run("without")
     assert gaps_part not in (gaps, gaps_law)
-    assert any(name.startswith("machine.advance") for name in renewed(cache_env, cache_part))
+    assert any(name.startswith("machine._advance") for name in renewed(cache_env, cache_part))

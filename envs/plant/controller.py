@@ -23,6 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from . import lanes
+from .kernels import Kernel, specialise
 from .lanes import doubles, load, part, store
 from .quantity import InvalidInput, did_you_mean
 
@@ -171,12 +172,12 @@ def stage_of(law: Law, rows: dict[str, np.uint64]) -> int:
     digest = hashlib.sha256(law.source.encode()).hexdigest()[:12]
     name = f"{law.name}.{digest}".replace("-", "_").replace(":", "_")
     if name not in _stages:
-        _stages[name] = lanes.specialise(
+        _stages[name] = specialise(
             _stage, name, law.source, _init=law.init, _control=law.control, _Params=law.Params, _State=law.State,
             _Signals=law.signals, _P=rows["params"], _S=rows["state"], _X=rows["signals"], _WISH=rows["wish"],
             _SIZE=lanes.U(2**40),
         )  # fmt: skip
-    return lanes.address_of(_stages[name])
+    return _stages[name].address
 
 
 def stage_address(function: Callable[..., None]) -> int:
@@ -185,12 +186,12 @@ def stage_address(function: Callable[..., None]) -> int:
     if name not in _stages:
         path = inspect.getsourcefile(function)
         text = Path(path).read_text(encoding="utf-8") if path else ""
-        _stages[name] = lanes.kernel(function, text)
-    return lanes.address_of(_stages[name])
+        _stages[name] = Kernel(function, text)
+    return _stages[name].address
 
 
 def _compiled(function: Callable[..., Any]) -> Any:
-    return function if hasattr(function, "py_func") else part(function)
+    return part(getattr(function, "py_func", function))  # a user may have compiled it already
 
 
 def make_law(space: Any, name: str, information: str = "sensor", slot: str = "z", tables: Any = None) -> Law:

@@ -1,6 +1,5 @@
 """A fleet: any number of machines in blocks, as Python sees them. Owns the memory, knows no physics."""
 
-import functools
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -45,6 +44,7 @@ class Fleet:
         self._keys = np.zeros(self.blocks * W, np.uint64)
         self._owned: dict[int, np.ndarray] = {}
         self._deck = np.zeros(machine.DECK, np.uint64)
+        self._at = self._deck.ctypes.data
         self._deck[machine.D_MACHINES] = size
         self._deck[machine.D_LAST] = self.blocks
         self._deck[machine.D_STEPS] = 1
@@ -219,33 +219,33 @@ class Fleet:
     def begin(self, machines: Any, keys: Any) -> None:
         """Starts an episode on ``machines`` (whose parameters are written), with one random stream each."""
         for index, key in zip(np.atleast_1d(machines), np.atleast_1d(keys), strict=True):
-            machine.begin(self._deck, np.uint64(index), np.uint64(key))
+            machine.begin(self._at, int(index), int(key))
 
     def advance(self, steps: int = 1) -> None:
         """``steps`` control periods of every machine; the result does not depend on the number of threads."""
         self._deck[machine.D_STEPS] = steps
         if self.threads == 1 or self.blocks == 1:
-            machine.advance(self._deck)
+            machine.advance(self._at)
         else:
             edges = np.linspace(0, self.blocks, min(4 * self.threads, self.blocks) + 1).astype(int)
             runs = []
             for low, high in zip(edges[:-1], edges[1:], strict=True):
                 deck = self._deck.copy()
                 deck[machine.D_FIRST], deck[machine.D_LAST] = low, high
-                runs.append(_pool(self.threads).submit(machine.advance, deck))
-            for run in runs:
+                runs.append((_pool(self.threads).submit(machine.advance, deck.ctypes.data), deck))
+            for run, _ in runs:
                 run.result()
             self._deck[machine.D_TICK] += np.uint64(steps)
         self._deck[machine.D_STEPS] = 1
 
     def stepper(self) -> Callable[[], None]:
         """A function that advances every machine by one control period, in the caller's thread, as fast as can be."""
-        return functools.partial(machine.advance, self._deck)
+        return machine.advance.bound(self._at)
 
     def run_kernel(self, kernel: Any, steps: int) -> None:
         """``steps`` control periods by another kernel with the deck's contract, such as one to compare speed with."""
         self._deck[machine.D_STEPS] = steps
-        kernel(self._deck)
+        kernel(self._at)
         self._deck[machine.D_STEPS] = 1
 
     def start_recording(self, steps: int) -> np.ndarray:

@@ -8,22 +8,14 @@ so parts are written as scalar functions that know nothing of any of this.
 What keeps the lane loops vectorised, all found by measurement: unsigned indices, no gathers and no libm calls in them
 (:func:`sine` and :func:`logarithm` are polynomials), integers and flags kept as floats, no fast-math (it would give
 the last lanes of a block other bits than the first). ``kerfgym speed`` shows when one of these is lost.
-
-Kernels are cached on disk. Numba looks only at a kernel's own file to decide whether its cache is stale, so
-:func:`kernel` stamps each entry with a hash of all sources it can contain.
 """
 
-import hashlib
-import pathlib
-import types as python_types
+import ctypes
+import functools
 from collections.abc import Callable, Iterable
-from typing import Any, get_type_hints
+from typing import Any, TypeVar, get_type_hints
 
 import numpy as np
-from llvmlite import ir
-from numba import carray, njit, types
-from numba.core import cgutils
-from numba.extending import intrinsic
 
 W = 32
 """Lanes in a block."""
@@ -32,11 +24,38 @@ U = np.uint64
 UW = U(W)
 U0, U1, U2, U3, U4 = U(0), U(1), U(2), U(3), U(4)
 
-part = njit(forceinline=True, error_model="numpy")
-"""Decorator of every function of a part: compiled, and inlined into the loop that calls it."""
+PARTS: set[Callable[..., Any]] = set()
+"""Functions that compiled code may call."""
+
+_F = TypeVar("_F", bound=Callable[..., Any])
+
+
+def part(function: _F) -> _F:
+    """Decorator of every function of a part: compiled, and inlined into the loop of the kernel that calls it.
+
+    In Python it stays what it is.
+    """
+    PARTS.add(function)
+    return function
+
+
+STAGES: set[Callable[..., Any]] = set()
+"""Parts that are loops over the lanes of a block."""
+
+
+def stage(function: _F) -> _F:
+    """Decorator of a loop over the lanes: compiled by itself, because the vectoriser gives up in larger functions."""
+    STAGES.add(function)
+    return part(function)
 
 
 # ---------------------------------------------------------------------------------------------- parts in a column
+
+
+@functools.cache
+def kinds(cls: Any) -> tuple[Any, ...]:
+    """Types of a part's fields, in order."""
+    return tuple(get_type_hints(cls).values())
 
 
 def is_part(kind: Any) -> bool:
@@ -46,13 +65,13 @@ def is_part(kind: Any) -> bool:
 
 def rows(cls: Any) -> int:
     """Number of rows that a part's NamedTuple takes."""
-    return sum(rows(kind) if is_part(kind) else 1 for kind in get_type_hints(cls).values())
+    return sum(rows(kind) if is_part(kind) else 1 for kind in kinds(cls))
 
 
 def fields(cls: Any, prefix: str = "") -> list[str]:
     """Dotted names of a part's numbers in row order: ``["window", "trim"]``, ``["sheet.tilt", …]``."""
     names: list[str] = []
-    for name, kind in get_type_hints(cls).items():
+    for name, kind in zip(cls._fields, kinds(cls), strict=True):
         names += fields(kind, f"{prefix}{name}.") if is_part(kind) else [prefix + name]
     return names
 
@@ -68,7 +87,7 @@ def unflat(cls: Any, numbers: Iterable[float]) -> Any:
 
     def build(kind: Any) -> Any:
         if is_part(kind):
-            return kind(*(build(k) for k in get_type_hints(kind).values()))
+            return kind(*(build(k) for k in kinds(kind)))
         return kind(next(stream))
 
     return build(cls)
@@ -86,182 +105,53 @@ class Layout:
         return U(here * W)
 
 
-# Written as instructions rather than as functions, because Numba would compile a function for every class.
+# ------------------------------------------------------------------------------------------------ instructions
+
+# Compiled code gets instructions of the processor in their place (:mod:`compiler`); in Python they are what they say.
 
 
-def _numba_type(cls: Any) -> Any:
-    kinds = get_type_hints(cls).values()
-    inner = [_numba_type(k) if is_part(k) else (types.boolean if k is bool else types.float64) for k in kinds]
-    return types.BaseTuple.from_types(inner, cls)
+def load(cls: Any, block: Any, at: Any) -> Any:
+    """The part ``cls`` from the column at ``at``."""
+    return unflat(cls, block[int(at) : int(at) + rows(cls) * W : W].tolist())
 
 
-def _cell(builder, data, at, row):
-    # The compiler prefers 256-bit vectors where 512-bit ones slow the clock down a little; lane loops gain more.
-    set.add(builder.function.attributes, '"prefer-vector-width"="512"')
-    return builder.gep(data, [builder.add(at, ir.Constant(ir.IntType(64), row * W))])
+def store(block: Any, at: Any, value: Any) -> None:
+    """Writes a part into the column at ``at``."""
+    numbers = flat(value)
+    block[int(at) : int(at) + len(numbers) * W : W] = numbers
 
 
-def _read(context, builder, cls, data, at, row):
-    """Instructions that read ``cls`` from ``row`` on; returns its value and the next free row."""
-    values = []
-    for kind in get_type_hints(cls).values():
-        if is_part(kind):
-            value, row = _read(context, builder, kind, data, at, row)
-        else:
-            value, row = builder.load(_cell(builder, data, at, row)), row + 1
-            if kind is bool:
-                value = builder.fcmp_unordered("!=", value, ir.Constant(ir.DoubleType(), 0.0))
-        values.append(value)
-    return context.make_tuple(builder, _numba_type(cls), values), row
+# Unboxing an array costs Python 0.2 µs a piece, so a kernel gets addresses and makes its own views.
 
 
-def _write(context, builder, cls, data, at, row, value):
-    """Instructions that write ``value`` from ``row`` on; returns the next free row."""
-    parts = cgutils.unpack_tuple(builder, value)
-    for kind, x in zip(get_type_hints(cls).values(), parts, strict=True):
-        if is_part(kind):
-            row = _write(context, builder, kind, data, at, row, x)
-        else:
-            if kind is bool:
-                x = builder.uitofp(x, ir.DoubleType())
-            builder.store(x, _cell(builder, data, at, row))
-            row += 1
-    return row
-
-
-@intrinsic
-def load(typingctx, cls, block, at):
-    """The part ``cls`` from the column at ``at`` (compiled code only; in Python see ``Fleet.get``)."""
-    kind = cls.instance_class
-
-    def codegen(context, builder, signature, args):
-        data = context.make_array(block)(context, builder, args[1]).data
-        return _read(context, builder, kind, data, args[2], 0)[0]
-
-    return _numba_type(kind)(cls, block, types.uint64), codegen
-
-
-@intrinsic
-def store(typingctx, block, at, value):
-    """Writes a part into the column at ``at`` (compiled code only; in Python see ``Fleet.put``)."""
-    kind = value.instance_class
-    whole = _numba_type(kind)
-
-    def codegen(context, builder, signature, args):
-        data = context.make_array(block)(context, builder, args[0]).data
-        _write(context, builder, kind, data, args[1], 0, args[2])
-        return context.get_dummy_value()
-
-    return types.none(block, types.uint64, whole), codegen
-
-
-# ------------------------------------------------------------------------------------------------- addresses
-
-# Unboxing an array costs Python 0.2 µs a piece, so a kernel gets one array of addresses and makes its own views.
-
-
-@intrinsic
-def _doubles(typingctx, address):
-    def codegen(context, builder, signature, args):
-        return builder.inttoptr(args[0], ir.DoubleType().as_pointer())
-
-    return types.CPointer(types.float64)(types.uint64), codegen
-
-
-@intrinsic
-def _singles(typingctx, address):
-    def codegen(context, builder, signature, args):
-        return builder.inttoptr(args[0], ir.FloatType().as_pointer())
-
-    return types.CPointer(types.float32)(types.uint64), codegen
-
-
-@intrinsic
-def _words(typingctx, address):
-    def codegen(context, builder, signature, args):
-        return builder.inttoptr(args[0], ir.IntType(64).as_pointer())
-
-    return types.CPointer(types.uint64)(types.uint64), codegen
-
-
-@part
-def doubles(address, size):
+def doubles(address: Any, size: Any) -> Any:
     """The float64 array of ``size`` numbers at ``address``."""
-    return carray(_doubles(address), (size,))
+    return np.ctypeslib.as_array((ctypes.c_double * int(size)).from_address(int(address)))
 
 
-@part
-def singles(address, size):
+def singles(address: Any, size: Any) -> Any:
     """The float32 array of ``size`` numbers at ``address``."""
-    return carray(_singles(address), (size,))
+    return np.ctypeslib.as_array((ctypes.c_float * int(size)).from_address(int(address)))
 
 
-@part
-def words(address, size):
+def words(address: Any, size: Any) -> Any:
     """The uint64 array of ``size`` numbers at ``address``."""
-    return carray(_words(address), (size,))
+    return np.ctypeslib.as_array((ctypes.c_uint64 * int(size)).from_address(int(address)))
 
 
-@intrinsic
-def call(typingctx, function, block, at, n, tables, size):
+def call(function: Any, block: Any, at: Any, n: Any, tables: Any, size: Any) -> None:
     """Calls the compiled stage at address ``function`` with five unsigned integers."""
-    word = ir.IntType(64)
-
-    def codegen(context, builder, signature, args):
-        kind = ir.FunctionType(ir.VoidType(), [word] * 5)
-        builder.call(builder.inttoptr(args[0], kind.as_pointer()), args[1:])
-        return context.get_dummy_value()
-
-    return types.none(*([types.uint64] * 6)), codegen
+    ctypes.CFUNCTYPE(None, *[ctypes.c_uint64] * 5)(int(function))(int(block), int(at), int(n), int(tables), int(size))
 
 
-# -------------------------------------------------------------------------------------------- kernels and their cache
+def as_bits(x: Any) -> Any:
+    """The 64 bits of a number."""
+    return np.float64(x).view(np.uint64)
 
 
-def _stamp() -> str:
-    digest = hashlib.sha256(str(W).encode())
-    for path in sorted(pathlib.Path(__file__).parent.glob("*.py")):
-        digest.update(path.name.encode() + b"\0" + path.read_bytes())
-    return digest.hexdigest()
-
-
-STAMP = _stamp()
-"""Hash of all sources of the plant, which any kernel may contain."""
-
-
-def kernel(function: Callable[..., Any], extra: str = "") -> Any:
-    """``function`` compiled at its first call, cached on disk, and compiled anew when a source has changed.
-
-    ``extra`` is the text of whatever else the kernel contains: a controller, an environment's observation.
-    """
-    compiled = njit(error_model="numpy", nogil=True, cache=True)(function)
-    compiled._cache._cache_file._source_stamp = STAMP + hashlib.sha256(extra.encode()).hexdigest()
-    return compiled
-
-
-def specialise(template: Callable[..., Any], name: str, extra: str = "", **filled: Any) -> Any:
-    """``template`` compiled with other globals, under a name, and so a cache file, of its own.
-
-    A kernel that takes a function as an argument or from a closure is never cached, hence this.
-    """
-    assert isinstance(template, python_types.FunctionType)
-    function = python_types.FunctionType(
-        template.__code__, {**template.__globals__, **filled}, template.__name__, template.__defaults__
-    )
-    function.__module__ = template.__module__
-    function.__qualname__ = f"{template.__name__}.{name}"
-    return kernel(function, extra)
-
-
-STAGE = types.void(*([types.uint64] * 5))
-"""Signature of a stage that is called by address: block, at, lanes, tables, size of the tables."""
-
-
-def address_of(stage: Any) -> int:
-    """Address of a compiled stage (see :data:`STAGE`) for :func:`call`."""
-    stage.compile(STAGE.args)
-    overload_ = stage.overloads[STAGE.args]
-    return overload_.library.get_pointer_to_function(overload_.fndesc.llvm_cfunc_wrapper_name)
+def as_number(z: Any) -> Any:
+    """The number with these 64 bits."""
+    return np.uint64(z).view(np.float64)
 
 
 # --------------------------------------------------------------------------------- random numbers, functions
@@ -317,31 +207,15 @@ def sine(x):
     return s * (1.0 - 2.0 * (k - 2.0 * np.floor(k * 0.5)))
 
 
-@intrinsic
-def _as_bits(typingctx, x):
-    def codegen(context, builder, signature, args):
-        return builder.bitcast(args[0], ir.IntType(64))
-
-    return types.uint64(types.float64), codegen
-
-
-@intrinsic
-def _as_number(typingctx, z):
-    def codegen(context, builder, signature, args):
-        return builder.bitcast(args[0], ir.DoubleType())
-
-    return types.float64(types.uint64), codegen
-
-
 _EXPONENT, _MANTISSA, _ONE, _S52 = U(0x7FF), U(0x000FFFFFFFFFFFFF), U(0x3FF0000000000000), U(52)
 
 
 @part
 def logarithm(x):
     """ln(x) to 1e-10 for normal x > 0, by a series that vectorises."""
-    z = _as_bits(x)
+    z = as_bits(x)
     exponent = np.float64(np.int64((z >> _S52) & _EXPONENT)) - 1023.0
-    mantissa = _as_number((z & _MANTISSA) | _ONE)
+    mantissa = as_number((z & _MANTISSA) | _ONE)
     high = mantissa > 1.4142135623730951
     m = mantissa * 0.5 if high else mantissa
     e = exponent + 1.0 if high else exponent

@@ -14,7 +14,8 @@ import numpy as np
 
 from . import calibration, filters, path, sensor, sheet, supervisor, z_axis
 from .controller import AHEAD, LAW_PARAMS, LAW_STATE, PERIOD, Privileged
-from .lanes import GOLD, U0, U1, U2, UW, Layout, U, W, call, doubles, kernel, load, part, rows, singles, store, words
+from .kernels import Kernel
+from .lanes import GOLD, U0, U1, U2, UW, Layout, U, W, call, doubles, load, part, rows, singles, stage, store, words
 
 SUBSTEPS = 20
 _AT_ONCE = 5
@@ -123,6 +124,7 @@ the period counts as cutting; distance along the path, mm; whether the superviso
  D_CONTOUR_X, D_CONTOUR_Y, D_CONTOUR_ON, D_CONTOURS, D_PROFILE, D_PROFILES, D_LAW, D_LAW_TABLES, D_LAW_SIZE, D_ACT,
  D_OBSERVE, D_IO, D_RECORD, D_RECORD_TICK, D_FIRST, D_LAST, D_STEPS) = range(28)  # fmt: skip
 DECK = 28
+_DECK = U(DECK)
 
 F_CONTOURS, F_FEATURES, F_PROFILES, F_BULGES, F_RANKS = (U(2**i) for i in range(5))
 """Flags: what at least one of the machines uses; the rest is skipped, which changes no bit of the others."""
@@ -155,7 +157,7 @@ def _view(block, a, surface, refuge):
     )  # fmt: skip
 
 
-@part
+@stage
 def supervise_all(block, at, n, tick):
     """Supervisor and drive: the law's wish becomes a command that is on its way."""
     past = at + ((tick - U1 - _RISE) & HISTORY_LAST) * UW
@@ -194,7 +196,7 @@ def supervise_all(block, at, n, tick):
         block[now + lane] = block[at + lane + PASSED]
 
 
-@part
+@stage
 def travel_all(block, at, n, tick, deck):
     """Path and sheet: the surface in the middle and at the end of the period that lies AHEAD ms ahead."""
     flags = deck[D_FLAGS]
@@ -286,7 +288,7 @@ def travel_all(block, at, n, tick, deck):
                 block[end + lane] += path.sample(profile, p.profile, p.profile_samples, p.profile_spacing, s.distance)
 
 
-@part
+@stage
 def prepare_all(block, at, n, tick):
     """What the substeps of this period need: the surface's course, the drive's pace, the gate."""
     s0 = at + SURFACES + ((tick + tick - U1) & SURFACES_LAST) * UW
@@ -329,7 +331,7 @@ def substep(p, pace, course, z, m, share):
     return z, Moment(gap, head, m.gate_gap + weight * gap, m.gate_motor + weight * z.position, min(m.lowest, gap))
 
 
-@part
+@stage
 def move_all(block, at, n, k):
     """Substeps ``k`` … ``k + 4`` of the period; five at once, so that a state stays in registers for a while."""
     first = np.float64(np.int64(k))
@@ -350,7 +352,7 @@ def move_all(block, at, n, k):
         store(block, a + MOMENT, m)
 
 
-@part
+@stage
 def sense_all(block, at, n, tick, keys, first):
     """Sensor: one count, put into the ring of samples; a count that is not valid leaves the last one there."""
     now = at + SAMPLES + (tick & SAMPLES_LAST) * UW
@@ -374,7 +376,7 @@ def sense_all(block, at, n, tick, keys, first):
         block[now + lane] = f if f > 0.0 else block[last + lane]
 
 
-@part
+@stage
 def filter_all(block, at, n, tick, window, ranks):
     """Filter over the ring of samples; the result lies in ``FOLD``'s first row."""
     for lane in range(n):
@@ -402,7 +404,7 @@ def filter_all(block, at, n, tick, window, ranks):
         block[a + FOLD] = f
 
 
-@part
+@stage
 def rank_all(block, at, n, tick, window):
     """Trims of two and more, and medians: a sample is kept if enough others lie below and above it."""
     total, rank = KEPT, KEPT + UW
@@ -432,7 +434,7 @@ def rank_all(block, at, n, tick, window):
         block[a + FOLD] = block[a + total] / (p.window - 2.0 * p.trim) if many else block[a + FOLD]
 
 
-@part
+@stage
 def look_up_all(block, at, n, tick, deck):
     """Table: filtered and newest frequency to heights. Gathers, so a stage of its own."""
     frequencies, heights = doubles(deck[D_FREQUENCIES], deck[D_TABLES]), doubles(deck[D_HEIGHTS], deck[D_TABLES])
@@ -450,7 +452,7 @@ def look_up_all(block, at, n, tick, deck):
         block[a + SIGNALS + UW] = calibration.between(p, frequencies, heights, j, raw)[0]
 
 
-@part
+@stage
 def report_all(block, at, n, tick):
     """Signals of this period for the law, the supervisor, the history and the recorder."""
     here = U(0)
@@ -486,7 +488,7 @@ def _surface(tick, ahead):
     return ((tick + tick + U1 + ahead + ahead) & SURFACES_LAST) * UW
 
 
-@part
+@stage
 def record_all(block, at, n, tick, record, where, machines):
     """The channels of this period into the recorder, lanes side by side."""
     for lane in range(n):
@@ -525,12 +527,14 @@ def sense_and_control(block, at, n, tick, keys, first, deck):
     call(deck[D_LAW], deck[D_BLOCK], at, n, deck[D_LAW_TABLES], deck[D_LAW_SIZE])
 
 
-def advance(deck):
+def _advance(deck_address):
     """Some control periods of some blocks, as the deck says; one call, with a deck of its own, per thread.
 
     Args:
-        deck: uint64 array of addresses and counts, see :class:`fleet.Fleet`; its tick moves on by the periods.
+        deck_address: of the uint64 array of addresses and counts, see :class:`fleet.Fleet`; its tick moves on by the
+            periods.
     """
+    deck = words(deck_address, _DECK)
     machines = deck[D_MACHINES]
     blocks = (machines + UW - U1) // UW
     block = doubles(deck[D_BLOCK], blocks * STRIDE)
@@ -558,12 +562,13 @@ def advance(deck):
     deck[D_TICK] += deck[D_STEPS]
 
 
-def begin(deck, machine, key):
+def _begin(deck_address, machine, key):
     """Starts an episode on one machine whose parameters lie in its column; the others are left alone.
 
     The head stands at the starting gap over the sheet; the sheet ahead is known, the filter is filled with one reading,
     and the law has seen its first signals. ``key`` is the episode's random stream.
     """
+    deck = words(deck_address, _DECK)
     b, lane = machine // UW, machine % UW
     blocks = (deck[D_MACHINES] + UW - U1) // UW
     block = doubles(deck[D_BLOCK], blocks * STRIDE)
@@ -620,5 +625,5 @@ def begin(deck, machine, key):
         call(deck[D_OBSERVE], deck[D_BLOCK], at, U1, deck[D_IO], machine)
 
 
-advance = kernel(advance)
-begin = kernel(begin)
+advance = Kernel(_advance)
+begin = Kernel(_begin).together_with(advance)

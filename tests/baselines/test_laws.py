@@ -133,9 +133,9 @@ def test_those_runs_held_over_holes_and_approached_from_above():
 
 def steps(law, params, signals):
     """Wishes of a law written in Python over a list of signals."""
-    state, out = law.init.py_func(params), []
+    state, out = law.init(params), []
     for x in signals:
-        state, wish = law.control.py_func(params, state, x, ())
+        state, wish = law.control(params, state, x, ())
         out.append(wish)
     return np.array(out)
 
@@ -197,10 +197,10 @@ def test_the_integral_stops_at_its_limit_and_leaves_it_at_once():
 def states(p, surface, heads_=None):
     """The observer's estimates while the surface passes under a standing head."""
     head = np.zeros(len(surface)) if heads_ is None else heads_
-    state, out = observer.init.py_func(p), []
+    state, out = observer.init(p), []
     for z, position in zip(surface, head, strict=True):
         x = Sensed(height=position - z, head_position=position, set_height=0.8, captured=True, mode=supervisor.FOLLOW)
-        state, _ = observer.control.py_func(p, state, x, ())
+        state, _ = observer.control(p, state, x, ())
         out.append(state)
     return np.array(out)
 
@@ -230,13 +230,13 @@ def test_the_observer_tracks_a_ramp_and_a_bend_without_a_steady_error(order):
 @pytest.mark.parametrize(("feed", "lag"), [(1.0, 0.0), (0.0, 4.0 / 60.0), (0.5, 2.0 / 60.0)])
 def test_feeding_the_sheets_speed_forward_takes_the_lag_of_a_ramp_away(feed, lag):
     p = WIDE._replace(kp=60.0, feed=feed, lead=0.0)
-    state, head = observer.init.py_func(p), 0.8
+    state, head = observer.init(p), 0.8
     for i in range(3000):
         surface = 4.0 * i * T
         x = Sensed(
             height=head - surface, head_position=head, set_height=0.8, captured=True, mode=supervisor.FOLLOW
         )  # fmt: skip
-        state, wish = observer.control.py_func(p, state, x, ())
+        state, wish = observer.control(p, state, x, ())
         head += wish * T
     error = x.height - x.set_height
     assert -error == pytest.approx(lag, abs=1e-6)  # the head stays below its place on a sheet that rises
@@ -261,9 +261,9 @@ def test_the_observer_stands_still_over_a_hole_and_starts_afresh_after_an_approa
     p = WIDE
     state = observer.State(0.3, 5.0, 100.0)
     x = Sensed(height=2.0, head_position=1.0, set_height=0.8, captured=True, mode=supervisor.HOLD)
-    held, _ = observer.control.py_func(p, state, x, ())
+    held, _ = observer.control(p, state, x, ())
     assert tuple(held) == (0.3, 0.0, 0.0)
-    far, wish = observer.control.py_func(p, state, x._replace(mode=supervisor.FOLLOW, captured=False), ())
+    far, wish = observer.control(p, state, x._replace(mode=supervisor.FOLLOW, captured=False), ())
     assert tuple(far) == (-1.0, 0.0, 0.0)
     assert wish == pytest.approx(-p.kp * (2.0 - 0.8))
 
@@ -276,7 +276,7 @@ def test_the_preview_interpolates_between_the_points_it_knows():
     points = rng.normal(size=6)
     x = Preview(**{f"surface_{i}": z for i, z in enumerate(points)})
     for ms in np.linspace(-1.0, 6.0, 141):
-        assert preview._at.py_func(x, ms) == pytest.approx(np.interp(ms, range(6), points), abs=1e-5)
+        assert preview._at(x, ms) == pytest.approx(np.interp(ms, range(6), points), abs=1e-5)
 
 
 def test_the_preview_feeds_a_ramps_speed_forward_whatever_its_lead():
@@ -284,7 +284,7 @@ def test_the_preview_feeds_a_ramps_speed_forward_whatever_its_lead():
     for lead in (0.5, 1.2, 2.0, 3.3, 4.5):
         p = preview.Params(lead=lead, sharpen=2.0)
         x = Preview(head_position=0.8, height=0.8, set_height=0.8, fresh=True, **ramp)
-        _, wish = preview.control.py_func(p, preview.init.py_func(p), x, ())
+        _, wish = preview.control(p, preview.init(p), x, ())
         assert wish == pytest.approx(4.0, rel=1e-3)  # mm/s: 4 µm in 1 ms
 
 

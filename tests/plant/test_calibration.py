@@ -8,13 +8,12 @@ from scipy import optimize
 
 from kerfgym.envs.plant import calibration, filters, heads, idle, sensor
 from kerfgym.envs.plant.calibration import POINTS, CalibrationRefused
+from kerfgym.envs.plant.compiler import for_python
 from kerfgym.envs.plant.controller import make_law
 from kerfgym.envs.plant.fleet import Fleet
-from kerfgym.envs.plant.lanes import kernel
 from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.envs.plant.sensor import EQ3, Gate
 
-TEXT = Path(__file__).read_text(encoding="utf-8")
 IDLE = make_law(idle, "idle")
 QUIET = EQ3._replace(noise=0.0, jitter=0.0)
 ALL_HEADS = heads.HEADS * len(heads.OSCILLATORS)
@@ -30,7 +29,7 @@ def _brackets(table, first, wanted, out):
         out[i] = calibration.bracket(table, first, wanted[i])
 
 
-heights_of, brackets = kernel(_heights, TEXT), kernel(_brackets, TEXT)
+heights_of, brackets = for_python(_heights), for_python(_brackets)
 
 
 def look_up(kind: str, frequencies, heights, first: int, wanted) -> tuple[np.ndarray, np.ndarray]:

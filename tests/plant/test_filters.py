@@ -1,19 +1,16 @@
 """Filters: every kind, as it runs in the machine, against numpy and scipy on the same samples."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy import signal
 
 from kerfgym.envs.plant import filters, heads, idle, machine, sensor
+from kerfgym.envs.plant.compiler import for_python
 from kerfgym.envs.plant.controller import make_law
 from kerfgym.envs.plant.filters import Params
 from kerfgym.envs.plant.fleet import Fleet
-from kerfgym.envs.plant.lanes import kernel
 from kerfgym.envs.plant.quantity import InvalidInput, checked
 
-TEXT = Path(__file__).read_text(encoding="utf-8")
 IDLE = make_law(idle, "idle")
 STEPS = 300
 ROUNDING = 1e-5
@@ -32,7 +29,7 @@ def _filtered(p, x, start, slope, out):
         s, out[n] = filters.finish(p, s, filters.mean(p, fold), x[n], slope)
 
 
-filtered = kernel(_filtered, TEXT)
+filtered = for_python(_filtered)
 
 SLOPE = 127e3
 """Hz/mm, of the table at 1 mm (PHYSICS §1)."""

@@ -1,6 +1,5 @@
 """Columns of a block, and the functions and random numbers that vectorise."""
 
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -8,9 +7,8 @@ import pytest
 from scipy import stats
 
 from kerfgym.envs.plant import lanes
-from kerfgym.envs.plant.lanes import W, bits, gauss, kernel, load, logarithm, mix, sine, store, uniform
-
-TEXT = Path(__file__).read_text(encoding="utf-8")
+from kerfgym.envs.plant.compiler import for_python
+from kerfgym.envs.plant.lanes import W, bits, gauss, load, logarithm, mix, sine, store, uniform
 
 
 class Inner(NamedTuple):
@@ -66,7 +64,7 @@ def _gausses(key, out):
 
 
 copied, changed, sines, logarithms, words, uniforms, gausses = (
-    kernel(f, TEXT) for f in (_copied, _changed, _sines, _logarithms, _words, _uniforms, _gausses)
+    for_python(f) for f in (_copied, _changed, _sines, _logarithms, _words, _uniforms, _gausses)
 )
 
 

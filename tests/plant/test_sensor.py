@@ -1,16 +1,14 @@
 """Sensor: capacitance, oscillator, counter and disturbances, against closed forms and the table of PHYSICS §1."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy import stats
 
 from kerfgym.envs.plant import sensor
-from kerfgym.envs.plant.lanes import kernel, mix
+from kerfgym.envs.plant.compiler import for_python
+from kerfgym.envs.plant.lanes import mix
 from kerfgym.envs.plant.sensor import CLOCK, EQ1, EQ3, Gate, Params, State
 
-TEXT = Path(__file__).read_text(encoding="utf-8")
 QUIET = EQ3._replace(noise=0.0, jitter=0.0)
 TOTAL_1MS = Gate(1.0, 0.0)
 
@@ -31,7 +29,7 @@ def _samples(p, gate, gap, cover, key, out):
         s, out[i] = sensor.step(p, s, gate, gap, cover, key, np.uint64(i))
 
 
-frequencies, counts, samples = (kernel(f, TEXT) for f in (_frequencies, _counts, _samples))
+frequencies, counts, samples = (for_python(f) for f in (_frequencies, _counts, _samples))
 
 
 def c5(h, p: Params = EQ3):

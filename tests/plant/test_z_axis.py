@@ -1,18 +1,14 @@
 """Z axis: its linear behaviour against python-control and scipy, its limits, friction, backlash and quantisation."""
 
-from pathlib import Path
-
 import control
 import numpy as np
 import pytest
 from scipy import integrate, signal
 
 from kerfgym.envs.plant import z_axis
-from kerfgym.envs.plant.lanes import kernel
+from kerfgym.envs.plant.compiler import for_python
 from kerfgym.envs.plant.machine import DT, SUBSTEPS
 from kerfgym.envs.plant.z_axis import GRAVITY, Drive, Params
-
-TEXT = Path(__file__).read_text(encoding="utf-8")
 
 LINEAR = Params(
     speed=1e9, acceleration=1e12, jerk=1e18, dac=0.0, encoder=0.0, friction=0.0, backlash=0.0, low=-1e12, high=1e12
@@ -51,7 +47,7 @@ def _extremes(p, commands, start, most):
             most[5] = min(most[5], s.play)
 
 
-driven, extremes = kernel(_driven, TEXT), kernel(_extremes, TEXT)
+driven, extremes = for_python(_driven), for_python(_extremes)
 
 
 def response(p: Params, commands, start: float = 0.0) -> np.ndarray:

@@ -1,0 +1,427 @@
+"""From the parts to machine code, by Numba; imported only when a kernel is not in the cache yet.
+
+Numba compiles each function as something that Python may call: wrapped, optimised, linked, loaded. Parts only ever run
+inside a kernel. Here they are lowered once, by the few passes that scalar code needs; then a kernel is linked with all
+parts it calls, optimised and turned into an object file, once.
+"""
+
+import contextlib
+import types as python_types
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple, cast
+
+from llvmlite import ir
+from numba import njit, types
+from numba.core import cgutils, codegen, errors, untyped_passes
+from numba.core import ir as numba_ir
+from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.compiler_machinery import PassManager, register_pass
+from numba.core.dispatcher import Dispatcher
+from numba.core.registry import cpu_target
+from numba.core.typed_passes import (
+    IRLegalization,
+    NativeLowering,
+    NoPythonBackend,
+    NopythonTypeInference,
+    PreLowerStripPhis,
+)
+from numba.extending import intrinsic
+from numba.np.arrayobj import populate_array
+
+from . import lanes
+from .kernels import symbol
+
+PACKAGE = __name__.split(".")[0]
+
+
+class Object(NamedTuple):
+    """Compiled kernels."""
+
+    code: bytes  # an object file
+    runtime: bool  # whether it needs Numba's own run-time library (it allocates, say)
+
+
+# -------------------------------------------------------------------------------------- instructions of `lanes`
+
+# Written as instructions rather than as functions, because Numba would compile a function for every class.
+
+
+def _numba_type(cls: Any) -> Any:
+    inner = [
+        _numba_type(k) if lanes.is_part(k) else (types.boolean if k is bool else types.float64)
+        for k in lanes.kinds(cls)
+    ]
+    return types.BaseTuple.from_types(inner, cls)
+
+
+def _cell(builder, data, at, row):
+    # The compiler prefers 256-bit vectors where 512-bit ones slow the clock down a little; lane loops gain more.
+    set.add(builder.function.attributes, '"prefer-vector-width"="512"')
+    return builder.gep(data, [builder.add(at, ir.Constant(ir.IntType(64), row * lanes.W))])
+
+
+def _read(context, builder, cls, data, at, row):
+    """Instructions that read ``cls`` from ``row`` on; returns its value and the next free row."""
+    values = []
+    for kind in lanes.kinds(cls):
+        if lanes.is_part(kind):
+            value, row = _read(context, builder, kind, data, at, row)
+        else:
+            value, row = builder.load(_cell(builder, data, at, row)), row + 1
+            if kind is bool:
+                value = builder.fcmp_unordered("!=", value, ir.Constant(ir.DoubleType(), 0.0))
+        values.append(value)
+    return context.make_tuple(builder, _numba_type(cls), values), row
+
+
+def _write(context, builder, cls, data, at, row, value):
+    """Instructions that write ``value`` from ``row`` on; returns the next free row."""
+    parts = cgutils.unpack_tuple(builder, value)
+    for kind, x in zip(lanes.kinds(cls), parts, strict=True):
+        if lanes.is_part(kind):
+            row = _write(context, builder, kind, data, at, row, x)
+        else:
+            if kind is bool:
+                x = builder.uitofp(x, ir.DoubleType())
+            builder.store(x, _cell(builder, data, at, row))
+            row += 1
+    return row
+
+
+@intrinsic
+def _load(typingctx, cls, block, at):
+    kind = cls.instance_class
+
+    def codegen(context, builder, signature, args):
+        data = context.make_array(block)(context, builder, args[1]).data
+        return _read(context, builder, kind, data, args[2], 0)[0]
+
+    return _numba_type(kind)(cls, block, types.uint64), codegen
+
+
+@intrinsic
+def _store(typingctx, block, at, value):
+    kind = value.instance_class
+    whole = _numba_type(kind)
+
+    def codegen(context, builder, signature, args):
+        data = context.make_array(block)(context, builder, args[0]).data
+        _write(context, builder, kind, data, args[1], 0, args[2])
+        return context.get_dummy_value()
+
+    return types.none(block, types.uint64, whole), codegen
+
+
+def _view(number: Any, word: ir.Type) -> Any:
+    """The instruction that takes an address for an array."""
+    kind = types.Array(number, 1, "C")
+
+    @intrinsic
+    def view(typingctx, address, size):
+        def codegen(context, builder, signature, args):
+            array = context.make_array(kind)(context, builder)
+            count = builder.bitcast(args[1], ir.IntType(64))
+            populate_array(
+                array, data=builder.inttoptr(args[0], word.as_pointer()), shape=[count],
+                strides=[context.get_constant(types.intp, number.bitwidth // 8)],
+                itemsize=context.get_constant(types.intp, number.bitwidth // 8), meminfo=None,
+            )  # fmt: skip
+            return array._getvalue()
+
+        return kind(types.uint64, types.uint64), codegen
+
+    return view
+
+
+@intrinsic
+def _call(typingctx, function, block, at, n, tables, size):
+    word = ir.IntType(64)
+
+    def codegen(context, builder, signature, args):
+        kind = ir.FunctionType(ir.VoidType(), [word] * 5)
+        builder.call(builder.inttoptr(args[0], kind.as_pointer()), args[1:])
+        return context.get_dummy_value()
+
+    return types.none(*([types.uint64] * 6)), codegen
+
+
+@intrinsic
+def _as_bits(typingctx, x):
+    def codegen(context, builder, signature, args):
+        return builder.bitcast(args[0], ir.IntType(64))
+
+    return types.uint64(types.float64), codegen
+
+
+@intrinsic
+def _as_number(typingctx, z):
+    def codegen(context, builder, signature, args):
+        return builder.bitcast(args[0], ir.DoubleType())
+
+    return types.float64(types.uint64), codegen
+
+
+_INSTRUCTIONS = {
+    lanes.load: _load, lanes.store: _store, lanes.call: _call, lanes.as_bits: _as_bits, lanes.as_number: _as_number,
+    lanes.doubles: _view(types.float64, ir.DoubleType()), lanes.singles: _view(types.float32, ir.FloatType()),
+    lanes.words: _view(types.uint64, ir.IntType(64)),
+}  # fmt: skip
+
+
+# ----------------------------------------------------------------------------------- functions as Numba wants them
+
+_dispatchers: dict[Any, Any] = {}
+_views: dict[Any, Any] = {}
+
+
+class _View(python_types.ModuleType):
+    """A module of ours as compiled code sees it: its parts are compiled functions."""
+
+    def __init__(self, module: python_types.ModuleType) -> None:
+        super().__init__(module.__name__)
+        self.__dict__["_module"] = module
+
+    def __getattr__(self, name: str) -> Any:
+        value = _translated(getattr(self._module, name))
+        self.__dict__[name] = value
+        return value
+
+
+def _translated(value: Any) -> Any:
+    """What a name means in compiled code."""
+    if isinstance(value, Dispatcher):  # a user's own, which stays callable from Python as it is
+        value = lanes.part(value.py_func)
+    if isinstance(value, python_types.FunctionType):
+        value = cast(Any, _INSTRUCTIONS).get(value, value)
+        if value not in lanes.PARTS:
+            return value
+        return (
+            _dispatchers[value] if value in _dispatchers else _dispatcher(value, forceinline=value not in lanes.STAGES)
+        )
+    if isinstance(value, python_types.ModuleType) and _holds_parts(value):
+        if value not in _views:
+            _views[value] = _View(value)
+        return _views[value]
+    return value
+
+
+def _holds_parts(module: python_types.ModuleType) -> bool:
+    if module.__name__.split(".")[0] == PACKAGE:
+        return True
+    return any(
+        isinstance(v, Dispatcher | python_types.FunctionType) and v in lanes.PARTS for v in vars(module).values()
+    )
+
+
+def _dispatcher(function: Callable[..., Any], forceinline: bool) -> Any:
+    """The function as compiled code calls it; nothing is compiled yet."""
+    copy = _copied(function)
+    lean = function.__module__.split(".")[0] == PACKAGE
+    _dispatchers[function] = njit(
+        error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True,
+        pipeline_class=_Lean if lean else _Full, _nrt=not lean, forceinline=forceinline,
+    )(copy)  # fmt: skip
+    _translate_globals(copy)  # only now, because an attribute may have the name of the function itself
+    return _dispatchers[function]
+
+
+def for_python(function: Callable[..., Any]) -> Any:
+    """The function compiled so that Python can call it with whatever arguments, to try parts out."""
+    copy = _copied(function)
+    _translate_globals(copy)
+    return njit(error_model="numpy")(copy)
+
+
+def _copied(function: Callable[..., Any]) -> Any:
+    """The function with globals of its own."""
+    copy = python_types.FunctionType(
+        function.__code__, dict(function.__globals__), function.__name__, function.__defaults__, function.__closure__
+    )
+    copy.__module__, copy.__qualname__ = function.__module__, function.__qualname__
+    return copy
+
+
+def _translate_globals(function: Any) -> None:
+    space = function.__globals__
+    for name in {name for code in _codes(function.__code__) for name in code.co_names if name in space}:
+        space[name] = _translated(space[name])
+
+
+def _codes(code: python_types.CodeType) -> list[python_types.CodeType]:
+    return [code] + [c for k in code.co_consts if isinstance(k, python_types.CodeType) for c in _codes(k)]
+
+
+# ----------------------------------------------------------------------------------------------- Numba's pipeline
+
+
+class _Library(codegen.CPUCodeLibrary):
+    """Code of one part: kept as it was lowered, to be optimised within the kernels that call it."""
+
+    stages: tuple[str, ...] = ()  # its functions that are not to be inlined
+
+    def add_llvm_module(self, ll_module):
+        self._final_module.link_in(ll_module)
+
+    def finalize(self):
+        """For code that is not a kernel: together with all that it needs."""
+        for library in self.everything({}):
+            if library is not self:
+                self._final_module.link_in(_shared(library), preserve=True)
+        self._finalized = True
+
+    def everything(self, seen: dict) -> dict:
+        """This library and all that it needs, each once."""
+        if self not in seen:
+            seen[self] = None
+            for library in self._linking_libraries:
+                library.everything(seen) if isinstance(library, _Library) else seen.setdefault(library)
+        return seen
+
+
+def _shared(library: codegen.CPUCodeLibrary) -> Any:
+    """A copy of a library's own code that may be linked more than once."""
+    if not isinstance(library, _Library):
+        return library._get_module_for_linking()
+    module = library._final_module.clone()
+    for f in module.functions:
+        if not f.is_declaration:
+            f.linkage = "linkonce_odr"
+    return module
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _Lowering(NativeLowering):
+    """Lowers into a :class:`_Library`, and makes nothing that Python could call."""
+
+    _name = "kerfgym_lowering"
+
+    def run_pass(self, state):
+        for block in state.func_ir.blocks.values():
+            for raised in block.find_insts((numba_ir.Raise, numba_ir.StaticRaise, numba_ir.DynamicRaise)):
+                raise errors.UnsupportedError("a compiled law runs inside the machine, so it cannot raise", raised.loc)
+        state.library = _Library(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.flags.no_compile = True
+        super().run_pass(state)
+        if not state.flags.forceinline:
+            state.library.stages = (state["cr"].fndesc.mangled_name,)
+        key: Any = [].append  # any built-in function; calls find the code by it
+        lowered = state["cr"]
+        state["cr"] = lowered._replace(cfunc=key)
+        state.targetctx.insert_user_function(key, lowered.fndesc, [state.library])
+        return True
+
+
+class _Full(CompilerBase):
+    """All of Numba's passes, for laws of users."""
+
+    def define_pipelines(self):
+        passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
+        passes.add_pass_after(_Lowering, NativeLowering)
+        passes.passes = [p for p in passes.passes if p[0] is not NativeLowering]
+        passes.finalize()
+        return [passes]
+
+
+class _Passes(PassManager):
+    """Passes one after the other; the checks between them are for code that is less plain."""
+
+    def _runPass(self, index, pss, internal_state):
+        pss.analysis = self._analysis
+        pss.run_pass(internal_state)
+
+
+class _Lean(CompilerBase):
+    """The passes that the package's own scalar code needs."""
+
+    def define_pipelines(self):
+        passes = _Passes("kerfgym")
+        for each in (
+            untyped_passes.TranslateByteCode, untyped_passes.FixupArgs, untyped_passes.IRProcessing,
+            untyped_passes.GenericRewrites, untyped_passes.ReconstructSSA, NopythonTypeInference, PreLowerStripPhis,
+            IRLegalization, _Lowering, NoPythonBackend,
+        ):  # fmt: skip
+            passes.add_pass(each, each.__name__)
+        passes.finalize()
+        return [passes]
+
+
+# --------------------------------------------------------------------------------------------------------- kernels
+
+
+_PLAIN = frozenset((types.float64, types.float32, types.int64, types.uint64, types.boolean))
+
+
+@contextlib.contextmanager
+def _remembering() -> Iterator[None]:
+    """What an operator gives for plain numbers is found once, not every time anew among all kinds of arrays."""
+    found: dict[Any, Any] = {}
+    plain = types.Function.get_call_type
+
+    def get_call_type(self: Any, context: Any, args: tuple, kws: Any) -> Any:
+        if kws or not all(a in _PLAIN for a in args):
+            return plain(self, context, args, kws)
+        if (self, args) not in found:
+            found[self, args] = plain(self, context, args, kws)
+        return found[self, args]
+
+    types.Function.get_call_type = get_call_type
+    try:
+        yield
+    finally:
+        types.Function.get_call_type = plain
+
+
+def compiled(functions: Sequence[Callable[..., None]]) -> Object:
+    """Machine code of kernels that belong together: functions of unsigned 64-bit integers that return nothing."""
+    context = cpu_target.target_context
+    whole = codegen.CPUCodeLibrary(context.codegen(), "kerfgym")
+    module = whole.create_ir_module("entries")
+    needed: dict[Any, None] = {}
+    with _remembering():
+        for function in functions:
+            needed = _entry(function, module, context).everything(needed)
+    whole.add_ir_module(module)
+    stages: list[str] = []
+    for library in needed:
+        whole._final_module.link_in(_shared(library), preserve=True)
+        stages += library.stages if isinstance(library, _Library) else []
+    for name in stages:
+        whole._final_module.get_function(name).add_function_attribute("noinline")
+    entries = {symbol(function) + end for function in functions for end in ("", ".bound")}
+    for f in whole._final_module.functions:
+        if not f.is_declaration and f.name not in entries:
+            f.linkage = "internal"
+    whole._optimize_final_module()
+    whole._final_module.verify()
+    needs = (f.name for f in whole._final_module.functions if f.is_declaration)
+    runtime = any(name.startswith(("NRT_", "numba_")) for name in needs)
+    return Object(whole.codegen._tm.emit_object(whole._final_module), runtime)
+
+
+def _entry(function: Callable[..., None], module: ir.Module, context: Any) -> _Library:
+    """Puts the C function that calls a kernel into ``module``; returns the kernel's code."""
+    dispatcher = _dispatcher(function, forceinline=True)
+    arguments = (types.uint64,) * function.__code__.co_argcount
+    dispatcher.compile(types.void(*arguments))
+    result = dispatcher.overloads[arguments]
+    kind = ir.FunctionType(ir.VoidType(), [ir.IntType(64)] * len(arguments))
+    entry = ir.Function(module, kind, symbol(function))
+    builder = ir.IRBuilder(entry.append_basic_block())
+    inner = context.declare_function(module, result.fndesc)
+    context.call_conv.call_function(builder, inner, types.none, arguments, list(entry.args))
+    builder.ret_void()
+    if len(arguments) == 1:
+        _bound_entry(entry, module)
+    return result.library
+
+
+def _bound_entry(entry: ir.Function, module: ir.Module) -> None:
+    """A method without arguments, as Python calls it fastest: ``self`` is a Python int, the kernel's argument."""
+    word, thing = ir.IntType(64), ir.IntType(8).as_pointer()
+    method = ir.Function(module, ir.FunctionType(thing, [thing, thing]), f"{entry.name}.bound")
+    builder = ir.IRBuilder(method.append_basic_block())
+    number = ir.Function(module, ir.FunctionType(word, [thing]), "PyLong_AsUnsignedLongLong")
+    keep = ir.Function(module, ir.FunctionType(ir.VoidType(), [thing]), "Py_IncRef")
+    builder.call(entry, [builder.call(number, [method.args[0]])])
+    builder.call(keep, [method.args[0]])
+    builder.ret(method.args[0])

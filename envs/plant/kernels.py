@@ -1,0 +1,197 @@
+"""Kernels: compiled functions, kept on disk as object files, so that a program starts without the compiler.
+
+A kernel is a function of addresses and counts (unsigned 64-bit integers) that returns nothing. Its object file lies
+beside its module's byte code. The file's name tells the processor and a hash of all sources that the kernel can
+contain; when one of them changes, the kernel is compiled anew (:mod:`compiler`, which imports Numba).
+"""
+
+import ctypes
+import functools
+import hashlib
+import inspect
+import json
+import os
+import pathlib
+import platform
+import tempfile
+import types as python_types
+from collections.abc import Callable, Iterable
+from importlib.metadata import version
+from typing import Any
+
+from .lanes import W
+
+
+def _stamp() -> str:
+    digest = hashlib.sha256(str(W).encode())
+    for path in sorted(pathlib.Path(__file__).parent.glob("*.py")):
+        digest.update(path.name.encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
+
+
+STAMP = _stamp()
+"""Hash of all sources of the plant, which any kernel may contain."""
+
+
+class Kernel:
+    """A function of unsigned 64-bit integers, compiled at its first use and kept on disk.
+
+    Args:
+        function: calls parts and instructions of :mod:`lanes` only.
+        extra: text of whatever else it contains: a controller, an environment's observation.
+    """
+
+    def __init__(self, function: Callable[..., None], extra: str = "") -> None:
+        self.function, self.extra = function, extra
+        self.__doc__ = function.__doc__
+        self._together: tuple[Kernel, ...] = (self,)
+
+    def together_with(self, other: "Kernel") -> "Kernel":
+        """Shares an object file with ``other``, for kernels that contain the same parts; returns itself."""
+        self._together = other._together = (*other._together, self)
+        return self
+
+    @functools.cached_property
+    def _addresses(self) -> tuple[int, int]:
+        return _addresses(self._together)[self]
+
+    @property
+    def address(self) -> int:
+        """Of the machine code."""
+        return self._addresses[0]
+
+    @functools.cached_property
+    def _call(self) -> Any:
+        words = [ctypes.c_uint64] * self.function.__code__.co_argcount
+        return ctypes.CFUNCTYPE(None, *words)(self.address)
+
+    def __call__(self, *words: int) -> None:
+        """Runs it without holding Python's lock, so that other threads go on."""
+        self._call(*words)
+
+    @functools.cached_property
+    def _method(self) -> "_Method":
+        return _Method(b"kernel", self._addresses[1], _NO_ARGUMENTS, None)
+
+    def bound(self, word: int) -> Callable[[], Any]:
+        """The kernel with its only argument given, as a function whose call costs Python next to nothing."""
+        return _new_method(ctypes.byref(self._method), word, None)
+
+
+class _Method(ctypes.Structure):
+    """Python's ``PyMethodDef``."""
+
+    _fields_ = (
+        ("name", ctypes.c_char_p), ("function", ctypes.c_void_p), ("flags", ctypes.c_int), ("doc", ctypes.c_char_p),
+    )  # fmt: skip
+
+
+_NO_ARGUMENTS = 4
+_new_method = ctypes.pythonapi.PyCFunction_NewEx
+_new_method.restype, _new_method.argtypes = ctypes.py_object, (ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p)
+
+
+def symbol(function: Callable[..., None]) -> str:
+    """Name of a kernel in its object file."""
+    return f"kerfgym.{function.__qualname__}"
+
+
+def _addresses(kernels: tuple[Kernel, ...]) -> dict[Kernel, tuple[int, int]]:
+    """Addresses of kernels (and of their bound entries) that share an object file, from the disk or the compiler."""
+    file, names = _file(kernels), [symbol(kernel.function) for kernel in kernels]
+    if file.is_file():
+        head, _, code = file.read_bytes().partition(b"\n")
+        entry = json.loads(head)
+        if entry["bytes"] == len(code):
+            return dict(zip(kernels, _load(code, names, entry["runtime"]), strict=True))
+    from . import compiler
+
+    compiled = compiler.compiled([kernel.function for kernel in kernels])
+    entry = {"runtime": compiled.runtime, "bytes": len(compiled.code)}
+    _keep(file, json.dumps(entry).encode() + b"\n" + compiled.code)
+    return dict(zip(kernels, _load(compiled.code, names, compiled.runtime), strict=True))
+
+
+def _file(kernels: tuple[Kernel, ...]) -> pathlib.Path:
+    first = kernels[0].function
+    name = f"{first.__module__.split('.')[-1]}.{first.__qualname__}"
+    source = hashlib.sha256((STAMP + "".join(kernel.extra for kernel in kernels)).encode()).hexdigest()
+    return _folder(inspect.getsourcefile(first) or __file__) / f"{name}-{_machine()}-{source[:16]}.o"
+
+
+def specialise(template: Callable[..., None], name: str, extra: str = "", **filled: Any) -> Kernel:
+    """``template`` as a kernel with other globals, under a name of its own."""
+    assert isinstance(template, python_types.FunctionType)
+    function = python_types.FunctionType(
+        template.__code__, {**template.__globals__, **filled}, template.__name__, template.__defaults__
+    )
+    function.__module__ = template.__module__
+    function.__qualname__ = f"{template.__name__}.{name}"
+    return Kernel(function, extra)
+
+
+# ------------------------------------------------------------------------------------------------ on disk
+
+
+@functools.cache
+def _machine() -> str:
+    """What else machine code depends on: the processor and the compiler."""
+    from llvmlite import binding as llvm
+
+    about = (
+        llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten(), platform.python_version(),
+        version("llvmlite"), version("numba"),
+    )  # fmt: skip
+    return hashlib.sha256("\0".join(about).encode()).hexdigest()[:8]
+
+
+@functools.cache
+def _folder(source: str) -> pathlib.Path:
+    """``__pycache__`` beside the source, or where the user's caches lie if that cannot be written."""
+    beside = pathlib.Path(source).resolve().parent / "__pycache__"
+    try:
+        beside.mkdir(exist_ok=True)
+        if os.access(beside, os.W_OK):
+            return beside
+    except OSError:
+        pass
+    caches = pathlib.Path(os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache")
+    own = caches / "kerfgym" / hashlib.sha256(str(beside).encode()).hexdigest()[:16]
+    try:
+        own.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        own = pathlib.Path(tempfile.mkdtemp(prefix="kerfgym-"))  # compiled for this process only
+    return own
+
+
+def _keep(file: pathlib.Path, content: bytes) -> None:
+    """Writes a kernel's file whole or not at all, and removes those of earlier sources."""
+    handle, part = tempfile.mkstemp(dir=file.parent, prefix=file.stem, suffix=".part")
+    with os.fdopen(handle, "wb") as out:
+        out.write(content)
+    os.replace(part, file)
+    for old in file.parent.glob(f"{file.name[: -len('0123456789abcdef.o')]}*.o"):
+        if old != file:
+            old.unlink(missing_ok=True)
+
+
+# ------------------------------------------------------------------------------------------------ in memory
+
+_engines: list[Any] = []  # own the machine code
+
+
+def _load(code: bytes, symbols: Iterable[str], runtime: bool) -> list[tuple[int, int]]:
+    from llvmlite import binding as llvm
+
+    if runtime:
+        from numba.core.registry import cpu_target
+
+        assert cpu_target.target_context  # makes the symbols of Numba's run-time library known
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    machine = llvm.Target.from_default_triple().create_target_machine(codemodel="jitdefault")
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
+    engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+    engine.finalize_object()
+    _engines.append(engine)
+    return [(engine.get_function_address(s), engine.get_function_address(f"{s}.bound")) for s in symbols]
