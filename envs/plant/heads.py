@@ -57,8 +57,9 @@ def run(params: sensor.Params, seed: int = 0, gate: sensor.Gate | None = None) -
         fleet.row("supervisor.phase"), fleet.row("signals.frequency"), fleet.row("signals.head_position"),
     )  # fmt: skip
     samples: list[tuple[float, float]] = []
+    advance = fleet.stepper()
     for _ in range(LONGEST_RUN):
-        fleet.advance()
+        advance()
         if phase[0] == 1.0:
             samples.append((frequency[0], position[0]))
         if phase[0] == 2.0:

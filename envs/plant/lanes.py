@@ -55,7 +55,10 @@ def stage(function: _F) -> _F:
 @functools.cache
 def kinds(cls: Any) -> tuple[Any, ...]:
     """Types of a part's fields, in order."""
-    return tuple(get_type_hints(cls).values())
+    given = tuple(cls.__annotations__.values())
+    if any(isinstance(kind, str) for kind in given):
+        return tuple(get_type_hints(cls).values())
+    return tuple(getattr(kind, "__origin__", kind) for kind in given)  # the same, but quicker
 
 
 def is_part(kind: Any) -> bool:
