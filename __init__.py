@@ -12,6 +12,7 @@ def _register() -> None:
     gymnasium.register(
         id="kerfgym/HeightFollowing-v0",
         entry_point="kerfgym.envs.height_following:HeightFollowingEnv",
+        vector_entry_point="kerfgym.envs.vector:HeightFollowingVectorEnv",
     )
 
 

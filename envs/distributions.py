@@ -5,24 +5,59 @@ In TOML: ``feed = 200``, ``amplitude = { uniform = [0.3, 0.7] }``, ``tilt = { un
 
 A draw depends on the seed and on the number's own name alone, so it is the same in whatever order or company it is
 made, and a new number in a scenario leaves the others as they were.
+
+Numbers that users write are validated by pydantic, which is imported only then: it takes 0.2 s.
 """
 
 import hashlib
-from typing import Annotated, Literal
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, model_validator
 
 from .plant.lanes import mix
 from .plant.quantity import did_you_mean
 
 
-class _Frozen(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
+@dataclass(frozen=True)
+class _Checked:
+    """Has pydantic call ``check`` on one field, so that an error names the field; called on construction as well."""
+
+    check: Callable[[tuple[float, ...]], tuple[float, ...]]
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        from pydantic_core import core_schema
+
+        return core_schema.no_info_after_validator_function(self.check, handler(source))
 
 
-class _Between(_Frozen):
+def _positive(ends: tuple[float, ...]) -> tuple[float, ...]:
+    if not all(end > 0 for end in ends):
+        raise ValueError("both ends must be greater than 0")
+    return ends
+
+
+def _some(values: tuple[float, ...]) -> tuple[float, ...]:
+    if not values:
+        raise ValueError("at least 1 item is needed")
+    return values
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Between:
     sign: Literal["+", "±"] = "+"
+
+    __pydantic_config__ = {"extra": "forbid"}  # unknown keys are errors
+
+    def __post_init__(self) -> None:
+        if self.sign not in ("+", "±"):
+            raise ValueError(f"sign = {self.sign!r} is not allowed; allowed: '+' or '±'")
+        if len(self.ends()) != 2:
+            raise ValueError(f"a range has two ends, not {len(self.ends())}")
+        low, high = self.ends()
+        if not low <= high:
+            raise ValueError(f"the range [{low}, {high}] must rise")
 
     def ends(self) -> tuple[float, float]:
         """Least and greatest magnitude."""
@@ -34,38 +69,47 @@ class _Between(_Frozen):
         low, high = self.ends()
         return (-high, high) if self.sign == "±" else (low, high)
 
-    @model_validator(mode="after")
-    def _ordered(self) -> "_Between":
-        low, high = self.ends()
-        if not low <= high:
-            raise ValueError(f"the range [{low}, {high}] must rise")
-        return self
 
-
+@dataclass(frozen=True, kw_only=True)
 class Uniform(_Between):
     """Uniform between two ends; with ``sign = "±"`` either sign, equally likely."""
 
     uniform: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "uniform", _floats(self.uniform))
+        super().__post_init__()
 
     def ends(self) -> tuple[float, float]:
         """Least and greatest magnitude."""
         return self.uniform
 
 
+@dataclass(frozen=True, kw_only=True)
 class LogUniform(_Between):
     """Uniform in the logarithm, between two positive ends."""
 
-    log_uniform: tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]]
+    log_uniform: Annotated[tuple[float, float], _Checked(_positive)]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "log_uniform", _positive(_floats(self.log_uniform)))
+        super().__post_init__()
 
     def ends(self) -> tuple[float, float]:
         """Least and greatest magnitude."""
         return self.log_uniform
 
 
-class Choice(_Frozen):
+@dataclass(frozen=True, kw_only=True)
+class Choice:
     """One of a list, equally likely."""
 
-    choice: Annotated[tuple[float, ...], Field(min_length=1)]
+    choice: Annotated[tuple[float, ...], _Checked(_some)]
+
+    __pydantic_config__ = {"extra": "forbid"}  # unknown keys are errors
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "choice", _some(_floats(self.choice)))
 
     @property
     def bounds(self) -> tuple[float, float]:
@@ -73,10 +117,14 @@ class Choice(_Frozen):
         return min(self.choice), max(self.choice)
 
 
-_KINDS = {"uniform": "Uniform", "log_uniform": "LogUniform", "choice": "Choice"}
+def _floats(values: Any) -> tuple[float, ...]:
+    return tuple(float(value) for value in values)
 
 
-def _plain(value: object) -> object:
+_KINDS = {"uniform": Uniform, "log_uniform": LogUniform, "choice": Choice}
+
+
+def _plain(value: Any) -> Any:
     if isinstance(value, bool):
         raise ValueError("a number or a distribution is needed, not true or false")
     if isinstance(value, str):
@@ -92,20 +140,39 @@ def _plain(value: object) -> object:
 
 
 def _kind(value: object) -> str:
+    kind = type(value)
     if isinstance(value, dict):
-        return next(kind for key, kind in _KINDS.items() if key in value)
-    return type(value).__name__ if isinstance(value, _Frozen) else "float"
+        kind = next(kind for key, kind in _KINDS.items() if key in value)
+    return kind.__name__ if kind in _KINDS.values() else "float"
 
 
-Number = Annotated[
-    Annotated[float, Tag("float")]
-    | Annotated[Uniform, Tag("Uniform")]
-    | Annotated[LogUniform, Tag("LogUniform")]
-    | Annotated[Choice, Tag("Choice")],
-    Discriminator(_kind),
-    BeforeValidator(_plain),
-]
+class _OneOf:
+    """Tells pydantic the kinds of a :data:`Number` apart by key, so that an error is about the one that was meant."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        from pydantic_core import core_schema
+
+        kinds = {kind.__name__: handler.generate_schema(kind) for kind in get_args(source)}
+        return core_schema.no_info_before_validator_function(_plain, core_schema.tagged_union_schema(kinds, _kind))
+
+
+Number = Annotated[float | Uniform | LogUniform | Choice, _OneOf()]
 """A fixed number or a distribution."""
+
+
+def as_number(value: Any) -> Number:
+    """A fixed number or a distribution from what stands for it in TOML, or from itself.
+
+    Raises:
+        ValueError: neither; says what is allowed.
+    """
+    value = _plain(value)
+    try:
+        if isinstance(value, dict):
+            return next(kind for key, kind in _KINDS.items() if key in value)(**value)
+        return value if isinstance(value, Uniform | LogUniform | Choice) else float(value)
+    except TypeError:
+        raise ValueError(f"a number or a distribution is needed, not {value!r}") from None
 
 
 def bounds(number: Number) -> tuple[float, float]:

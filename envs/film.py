@@ -43,10 +43,10 @@ class Film:
         x, journey, course = self._scout.get("signals"), self._scout.get("journey"), self._scout.get("course")
         self._sheet.append((journey.distance - x.feed * machine.AHEAD_S, x.surface_0, not course.scored))
 
-    def take(self, fleet: Fleet) -> None:
-        """Adds the present period."""
+    def take(self, fleet: Fleet, index: int = 0) -> None:
+        """Adds the present period of a machine."""
         self._look()
-        self._now = (fleet.get("signals"), fleet.get("tally"), fleet.get("journey"))
+        self._now = (fleet.get("signals", index), fleet.get("tally", index), fleet.get("journey", index))
         x, tally, _ = self._now
         self._trace.append((tally.ticks * PERIOD, x.gap - x.set_height, x.height - x.set_height))
 

@@ -2,21 +2,26 @@
 
 A scenario is physics only; what a user tunes belongs to the controller's stack. It is frozen and validated; unknown or
 misspelt keys and values out of range are errors that name what is allowed. :func:`load` reads one from TOML,
-:meth:`Scenario.to_toml` writes it, :data:`SUITES` holds the frozen suites.
+:meth:`Scenario.to_toml` writes it, :func:`suite` gives the frozen suites.
+
+What users write is validated by pydantic, which is imported only then: it takes 0.2 s. What is made in Python checks
+itself, with plainer messages, and so do the shipped suites.
 
 Seeds: tune 0–999, train 10 000 and up, test 1000–1199 (report) and 1200–1999 (reserve). They are disjoint, and a seed
 fixes an episode completely: machine, sheet, and every random number of its noise.
 """
 
+# ruff: noqa: RUF009  (the distributions that are defaults are frozen)
+
 import functools
 import tomllib
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal, get_args, get_origin
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
-from .distributions import Number, bounds, draw, fraction
+from .distributions import Choice, LogUniform, Number, Uniform, as_number, bounds, draw, fraction
 from .plant import heads, sensor, sheet, z_axis
 from .plant.calibration import read_columns
 from .plant.controller import PERIOD
@@ -34,35 +39,66 @@ SPLITS = {
 """Seeds of each split."""
 
 
-class _Section(BaseModel):
-    """A table of a scenario: frozen, no unknown keys, every number within its declared range."""
+@dataclass(frozen=True, kw_only=True)
+class _Section:
+    """A table of a scenario: frozen, no unknown keys, every field of its kind, every number within its declared range.
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    Fields may be given as TOML has them: tables, arrays, whole numbers.
+    """
 
-    @model_validator(mode="after")
-    def _within(self) -> "_Section":
-        for name, info in type(self).model_fields.items():
-            for quantity in info.metadata:
-                if isinstance(quantity, Quantity):
-                    for end in bounds(getattr(self, name)):
-                        quantity.check(end, name)
-        return self
+    __pydantic_config__ = {"extra": "forbid"}  # unknown keys are errors
 
-
-def _q(unit: str, low: float, high: float, doc: str, source: str = "[A]") -> Any:
-    return Quantity(unit, low, high, doc, source)
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            object.__setattr__(self, field.name, _fitting(field.type, getattr(self, field.name), field.name))
 
 
+def _fitting(kind: Any, value: Any, name: str) -> Any:
+    """``value`` as the field ``name`` of type ``kind`` holds it.
+
+    Raises:
+        InvalidInput: not of that kind, or out of its range.
+    """
+    inner = get_args(kind)
+    if get_origin(kind) is Annotated:
+        what, *_, quantity = inner
+        if what in (int, float):
+            return what(quantity.check(value, name))
+        try:
+            value = as_number(value)
+        except ValueError as error:
+            raise InvalidInput(f"{name}: {error}") from None
+        for end in bounds(value):
+            quantity.check(end, name)
+        return value
+    if type(None) in inner:
+        return None if value is None else _fitting(inner[0], value, name)
+    if get_origin(kind) is tuple and isinstance(value, list | tuple):
+        return tuple(_fitting(inner[0], each, name) for each in value)
+    if isinstance(value, dict) and isinstance(kind, type) and issubclass(kind, _Section):
+        return kind(**value)
+    literal, plain = get_origin(kind) is Literal, get_origin(kind) or kind
+    if not (value in inner if literal else isinstance(value, plain)):
+        allowed = " or ".join(map(repr, inner)) if literal else plain.__name__
+        raise InvalidInput(f"{name} = {value!r} is not allowed; allowed: {allowed}")
+    return value
+
+
+def _q(unit: str, low: float, high: float, doc: str, source: str = "[A]", whole: bool = False) -> Any:
+    return Quantity(unit, low, high, doc, source, whole)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Axis(_Section):
     """The Z axis; defaults are the following suite's plants (DESIGN §4, PHYSICS §2)."""
 
-    bandwidth: Annotated[Number, _q("Hz", 5, 500, "velocity loop")] = {"uniform": (50, 120)}  # type: ignore[assignment]
-    zeta: Annotated[Number, _q("1", 0.2, 2, "its damping ratio")] = {"uniform": (0.6, 1.0)}  # type: ignore[assignment]
-    dead_time: Annotated[Number, _q("s", 0, 0.004, "command to drive")] = {"choice": (0.001, 0.002)}  # type: ignore[assignment]
-    acceleration: Annotated[Number, _q("mm/s²", 500, 1e5, "limit")] = {"uniform": (10_000, 18_000)}  # type: ignore[assignment]
+    bandwidth: Annotated[Number, _q("Hz", 5, 500, "velocity loop")] = Uniform(uniform=(50, 120))
+    zeta: Annotated[Number, _q("1", 0.2, 2, "its damping ratio")] = Uniform(uniform=(0.6, 1.0))
+    dead_time: Annotated[Number, _q("s", 0, 0.004, "command to drive")] = Choice(choice=(0.001, 0.002))
+    acceleration: Annotated[Number, _q("mm/s²", 500, 1e5, "limit")] = Uniform(uniform=(10_000, 18_000))
     jerk: Annotated[Number, _q("mm/s³", 1e4, 1e8, "limit of the drive")] = 2e6
     speed: Annotated[Number, _q("mm/s", 10, 2000, "limit", "Xi2023")] = 500.0
-    resonance: Annotated[Number, _q("Hz", 10, 1000, "structural mode")] = {"uniform": (60, 150)}  # type: ignore[assignment]
+    resonance: Annotated[Number, _q("Hz", 10, 1000, "structural mode")] = Uniform(uniform=(60, 150))
     resonance_zeta: Annotated[Number, _q("1", 0.005, 1, "its damping ratio")] = 0.05
     compliance: Annotated[Number, _q("1", 0, 1, "its share of the load path")] = 0.1
     friction: Annotated[Number, _q("mm/s²", 0, 1e4, "Coulomb friction over mass")] = 800.0
@@ -70,13 +106,12 @@ class Axis(_Section):
     encoder: Annotated[Number, _q("mm", 0, 0.1, "per count; 0: ideal")] = 1e-3
     dac_bits: Annotated[Number, _q("bit", 0, 24, "of ±speed; 0: ideal")] = 16.0
 
-    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
 
-
+@dataclass(frozen=True, kw_only=True)
 class Head(_Section):
     """The sensor's noise and disturbances (PHYSICS §1); the head itself comes from the pool of calibrated heads."""
 
-    noise: Annotated[Number, _q("pF", 0, 1, "capacitance noise, sigma")] = {"log_uniform": (5e-4, 5e-3)}  # type: ignore[assignment]
+    noise: Annotated[Number, _q("pF", 0, 1, "capacitance noise, sigma")] = LogUniform(log_uniform=(5e-4, 5e-3))
     jitter: Annotated[Number, _q("1", 0, 1e-3, "relative oscillator noise per sample, sigma")] = 1e-6
     drift: Annotated[Number, _q("1", -0.05, 0.05, "relative change of L·C when warm")] = 0.0
     warming: Annotated[Number, _q("s", 1, 1e5, "time constant of the drift")] = 600.0
@@ -94,9 +129,8 @@ class Head(_Section):
     oscillator: Literal["eq3", "eq1"] = "eq3"
     nominal: bool = False
 
-    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
 
-
+@dataclass(frozen=True, kw_only=True)
 class Wave(_Section):
     """A sine of the sheet's shape; amplitude · (wavelength/reference)^exponent."""
 
@@ -107,6 +141,7 @@ class Wave(_Section):
     reference: Annotated[Number, _q("mm", 1, 1e5, "wavelength at which the factor is 1")] = 60.0
 
 
+@dataclass(frozen=True, kw_only=True)
 class Vibration(_Section):
     """A sine in time that moves the whole sheet."""
 
@@ -114,14 +149,16 @@ class Vibration(_Section):
     amplitude: Annotated[Number, _q("mm", 0, 5, "")]
 
 
+@dataclass(frozen=True, kw_only=True)
 class Steps(_Section):
     """Steps along the path."""
 
-    count: Annotated[int, _q("", 1, sheet.FEATURES, "steps")] = 12
+    count: Annotated[int, _q("", 1, sheet.FEATURES, "steps", whole=True)] = 12
     height: Annotated[Number, _q("mm", -5, 5, "of each")]
     spacing: Annotated[Number, _q("mm", 5, 1e4, "from step to step")]
 
 
+@dataclass(frozen=True, kw_only=True)
 class Holes(_Section):
     """Voids or raised parts along the path, one in each ``pitch``, beginning within its first half."""
 
@@ -130,9 +167,10 @@ class Holes(_Section):
     length: Annotated[Number, _q("mm", 0.5, 1e4, "along the path")]
     round: bool = False
     rise: Annotated[Number, _q("mm", 0, 20, "a part standing proud instead of a void; 0: a void")] = 0.0
-    count: Annotated[int, _q("", 1, sheet.FEATURES, "at most")] = sheet.FEATURES
+    count: Annotated[int, _q("", 1, sheet.FEATURES, "at most", whole=True)] = sheet.FEATURES
 
 
+@dataclass(frozen=True, kw_only=True)
 class Bulge(_Section):
     """A thermal bulge."""
 
@@ -143,6 +181,7 @@ class Bulge(_Section):
     y: Annotated[Number, _q("mm", -1e4, 1e4, "centre")] = 0.0
 
 
+@dataclass(frozen=True, kw_only=True)
 class Profile(_Section):
     """A measured surface: CSV with the columns ``position_mm`` and ``height_mm``."""
 
@@ -150,6 +189,7 @@ class Profile(_Section):
     spacing: Annotated[float, _q("mm", 0.01, 100, "to which it is resampled")] = 0.1
 
 
+@dataclass(frozen=True, kw_only=True)
 class Sheet(_Section):
     """The sheet's shape and motion."""
 
@@ -162,17 +202,17 @@ class Sheet(_Section):
     bulge: Bulge | None = None
     profile: Profile | None = None
 
-    @model_validator(mode="after")
-    def _few_enough(self) -> "Sheet":
+    def __post_init__(self) -> None:
+        super().__post_init__()
         if len(self.waves) > sheet.WAVES:
             raise ValueError(f"{len(self.waves)} waves; at most {sheet.WAVES}")
         if len(self.vibrations) > sheet.VIBRATIONS:
             raise ValueError(f"{len(self.vibrations)} vibrations; at most {sheet.VIBRATIONS}")
         if self.steps and self.holes:
             raise ValueError("steps and holes exclude each other in one sheet")
-        return self
 
 
+@dataclass(frozen=True, kw_only=True)
 class Scenario(_Section):
     """A frozen scenario; see the module's text."""
 
@@ -182,7 +222,7 @@ class Scenario(_Section):
     duration: Annotated[float, _q("s", 0.05, 600, "of an episode")] = 3.0
     settle: Annotated[float, _q("s", 0, 60, "at the start, not scored")] = 0.3
     feed: Annotated[Number, _q("mm/s", 0, 2000, "along the path")] = 200.0
-    set_height: Annotated[Number, _q("mm", 0.05, 9, "")] = {"choice": (0.5, 0.8, 1.0)}  # type: ignore[assignment]
+    set_height: Annotated[Number, _q("mm", 0.05, 9, "")] = Choice(choice=(0.5, 0.8, 1.0))
     start_above: Annotated[Number, _q("mm", 0, 30, "head above the set height at the start")] = 0.0
     guard: bool = False
     exempt: bool = False
@@ -190,8 +230,6 @@ class Scenario(_Section):
     axis: Axis = Axis()
     head: Head = Head()
     sheet: Sheet = Sheet()
-
-    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
 
     @property
     def steps(self) -> int:
@@ -221,11 +259,11 @@ class Scenario(_Section):
         """The scenario as TOML that :func:`parse` reads back to an equal scenario."""
         import tomli_w
 
-        return tomli_w.dumps(_without_none(self.model_dump(mode="json")))
+        return tomli_w.dumps(_without_none(asdict(self)))
 
     def varied(self, **changes: Any) -> "Scenario":
         """A copy with some fields changed, validated anew: ``varied(feed=400, head={"noise": 0.01})`` merges tables."""
-        return _validated(_merged(self.model_dump(), changes), self.name)
+        return _validated(_merged(asdict(self), changes), self.name)
 
 
 def _merged(base: dict, changes: dict) -> dict:
@@ -240,37 +278,46 @@ def _merged(base: dict, changes: dict) -> dict:
 def _without_none(value: Any) -> Any:
     if isinstance(value, dict):
         return {k: _without_none(v) for k, v in value.items() if v is not None}
-    return [_without_none(v) for v in value] if isinstance(value, list) else value
+    return [_without_none(v) for v in value] if isinstance(value, list | tuple) else value
 
 
 # ---------------------------------------------------------------------------------------------------- reading
 
 
-def _model_at(location: tuple) -> Any:
-    """The section whose key an error is about."""
-    model: Any = Scenario
+def _section_at(location: tuple) -> type[_Section] | None:
+    """The section whose key an error is about; None: it is a distribution's."""
+    section: type[_Section] | None = Scenario
     for key in location:
-        if isinstance(key, str) and model is not None and key in model.model_fields:
-            kinds = [model.model_fields[key].annotation, *get_args(model.model_fields[key].annotation)]
-            models = [k for k in kinds if isinstance(k, type) and issubclass(k, _Section)]
-            model = models[0] if models else None
-    return model
+        kind = next((f.type for f in fields(section) if f.name == key), None) if section else None
+        if kind is not None:
+            kinds = [k for k in (kind, *get_args(kind)) if isinstance(k, type) and issubclass(k, _Section)]
+            section = kinds[0] if kinds else None
+    return section
+
+
+@functools.cache
+def _validator() -> Any:
+    from pydantic import TypeAdapter
+
+    return TypeAdapter(Scenario)
 
 
 def _validated(data: dict, where: str, text: str = "") -> Scenario:
+    from pydantic import ValidationError
+
     try:
-        return Scenario.model_validate(data)
+        return _validator().validate_python(data)
     except ValidationError as error:
         # A misspelt key explains the missing one that usually comes with it.
-        first = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
+        first = min(error.errors(), key=lambda e: e["type"] != "unexpected_keyword_argument")
         location = tuple(k for k in first["loc"] if k not in ("float", "Uniform", "LogUniform", "Choice"))
         key = ".".join(str(k) for k in location)
         said = first["msg"].removeprefix("Value error, ")
         about = (said.split(" = ")[0],) if " = " in said else ()  # a range error names its own key
         line = _line_of(text, location + about)
-        if first["type"] == "extra_forbidden":
-            model = _model_at(location[:-1])
-            known = list(model.model_fields) if model else ["uniform", "log_uniform", "choice", "sign"]
+        if first["type"] == "unexpected_keyword_argument":
+            section = _section_at(location[:-1])
+            known = [f.name for f in fields(section)] if section else ["uniform", "log_uniform", "choice", "sign"]
             message = f"unknown key '{key}'; {did_you_mean(str(location[-1]), known)}"
         else:
             message = f"{key}: {said}" if key else said
@@ -538,7 +585,8 @@ def _suite(name: str) -> tuple[tuple[str, Scenario], ...]:
 
 @functools.cache
 def _shipped(group: str, name: str) -> Scenario:
-    return read(_SUITES / group / f"{name}.toml")
+    # Without pydantic, so that a start does without it; tests compare this with what :func:`read` makes of the file.
+    return Scenario(**tomllib.loads((_SUITES / group / f"{name}.toml").read_text(encoding="utf-8")))
 
 
 @functools.cache

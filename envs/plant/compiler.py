@@ -55,8 +55,6 @@ def _numba_type(cls: Any) -> Any:
 
 
 def _cell(builder, data, at, row):
-    # The compiler prefers 256-bit vectors where 512-bit ones slow the clock down a little; lane loops gain more.
-    set.add(builder.function.attributes, '"prefer-vector-width"="512"')
     return builder.gep(data, [builder.add(at, ir.Constant(ir.IntType(64), row * lanes.W))])
 
 
@@ -145,26 +143,58 @@ def _call(typingctx, function, block, at, n, tables, size):
     return types.none(*([types.uint64] * 6)), codegen
 
 
-@intrinsic
-def _as_bits(typingctx, x):
+@intrinsic(prefer_literal=True)
+def _scratch(typingctx, size):
+    if not isinstance(size, types.IntegerLiteral):
+        raise errors.TypingError("the size of a scratch array is known when compiling")
+    count, kind = size.literal_value, types.Array(types.float64, 1, "C")
+
     def codegen(context, builder, signature, args):
-        return builder.bitcast(args[0], ir.IntType(64))
+        array = context.make_array(kind)(context, builder)
+        with builder.goto_entry_block():
+            room = builder.alloca(ir.ArrayType(ir.DoubleType(), count))  # not zeroed
+            room.align = 64  # a vector must not straddle two cache lines
+        populate_array(
+            array, data=builder.bitcast(room, ir.DoubleType().as_pointer()),
+            shape=[context.get_constant(types.intp, count)], strides=[context.get_constant(types.intp, 8)],
+            itemsize=context.get_constant(types.intp, 8), meminfo=None,
+        )  # fmt: skip
+        return array._getvalue()
 
-    return types.uint64(types.float64), codegen
+    return kind(size), codegen
 
 
 @intrinsic
-def _as_number(typingctx, z):
+def _take(typingctx, array, i):
     def codegen(context, builder, signature, args):
-        return builder.bitcast(args[0], ir.DoubleType())
+        data = context.make_array(array)(context, builder, args[0]).data
+        return builder.atomic_rmw("add", builder.gep(data, [args[1]]), ir.Constant(ir.IntType(64), 1), "seq_cst")
 
-    return types.float64(types.uint64), codegen
+    return types.uint64(array, types.uint64), codegen
+
+
+def _same_bits(given: Any, wanted: Any, word: ir.Type) -> Any:
+    """The instruction that takes the bits of one kind of number for another's."""
+
+    @intrinsic
+    def same_bits(typingctx, x):
+        def codegen(context, builder, signature, args):
+            return builder.bitcast(args[0], word)
+
+        return wanted(given), codegen
+
+    return same_bits
 
 
 _INSTRUCTIONS = {
-    lanes.load: _load, lanes.store: _store, lanes.call: _call, lanes.as_bits: _as_bits, lanes.as_number: _as_number,
+    lanes.load: _load, lanes.store: _store, lanes.call: _call,
+    lanes.as_bits: _same_bits(types.float64, types.uint64, ir.IntType(64)),
+    lanes.as_number: _same_bits(types.uint64, types.float64, ir.DoubleType()),
+    lanes.as_bits32: _same_bits(types.float32, types.uint32, ir.IntType(32)),
+    lanes.as_number32: _same_bits(types.uint32, types.float32, ir.FloatType()),
+    lanes.take: _take, lanes.scratch: _scratch, lanes.words: _view(types.uint64, ir.IntType(64)),
     lanes.doubles: _view(types.float64, ir.DoubleType()), lanes.singles: _view(types.float32, ir.FloatType()),
-    lanes.words: _view(types.uint64, ir.IntType(64)),
+    lanes.flags: _view(types.uint8, ir.IntType(8)),
 }  # fmt: skip
 
 
@@ -259,6 +289,12 @@ class _Library(codegen.CPUCodeLibrary):
 
     stages: tuple[str, ...] = ()  # its functions that are not to be inlined
 
+    def add_ir_module(self, ir_module):
+        # The compiler prefers 256-bit vectors where 512-bit ones slow the clock down a little; lane loops gain more.
+        for function in ir_module.functions:
+            set.add(function.attributes, '"prefer-vector-width"="512"')
+        super().add_ir_module(ir_module)
+
     def add_llvm_module(self, ll_module):
         self._final_module.link_in(ll_module)
 
@@ -348,7 +384,7 @@ class _Lean(CompilerBase):
 # --------------------------------------------------------------------------------------------------------- kernels
 
 
-_PLAIN = frozenset((types.float64, types.float32, types.int64, types.uint64, types.boolean))
+_PLAIN = frozenset((types.float64, types.float32, types.int64, types.uint64, types.int32, types.uint32, types.boolean))
 
 
 @contextlib.contextmanager
@@ -420,8 +456,8 @@ def _bound_entry(entry: ir.Function, module: ir.Module) -> None:
     word, thing = ir.IntType(64), ir.IntType(8).as_pointer()
     method = ir.Function(module, ir.FunctionType(thing, [thing, thing]), f"{entry.name}.bound")
     builder = ir.IRBuilder(method.append_basic_block())
-    number = ir.Function(module, ir.FunctionType(word, [thing]), "PyLong_AsUnsignedLongLong")
-    keep = ir.Function(module, ir.FunctionType(ir.VoidType(), [thing]), "Py_IncRef")
+    number = cgutils.get_or_insert_function(module, ir.FunctionType(word, [thing]), "PyLong_AsUnsignedLongLong")
+    keep = cgutils.get_or_insert_function(module, ir.FunctionType(ir.VoidType(), [thing]), "Py_IncRef")
     builder.call(entry, [builder.call(number, [method.args[0]])])
     builder.call(keep, [method.args[0]])
     builder.ret(method.args[0])

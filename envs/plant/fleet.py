@@ -1,7 +1,6 @@
 """A fleet: any number of machines in blocks, as Python sees them. Owns the memory, knows no physics."""
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -11,15 +10,14 @@ from .calibration import Pool
 from .controller import Law, stage_of
 from .lanes import W, fields, flat, rows, unflat
 from .quantity import InvalidInput
+from .workers import workers
 
-_pools: dict[int, ThreadPoolExecutor] = {}
 
-
-def _pool(threads: int) -> ThreadPoolExecutor:
-    """Worker threads sleep while they wait, so a busy machine does not slow the others down."""
-    if threads not in _pools:
-        _pools[threads] = ThreadPoolExecutor(threads, thread_name_prefix="kerfgym")
-    return _pools[threads]
+def aligned(size: int) -> np.ndarray:
+    """``size`` zeros from a 64-byte boundary on: a vector must not straddle two cache lines."""
+    room = np.zeros(size + 8)
+    start = -room.ctypes.data % 64 // 8
+    return room[start : start + size]
 
 
 class Fleet:
@@ -39,14 +37,15 @@ class Fleet:
             raise InvalidInput(f"num_threads = {threads}; at least 1")
         self.size, self.law, self.threads = size, law, threads
         self.blocks = -(-size // W)
-        self._block = np.zeros(self.blocks * machine.ROWS * W)
+        self._block = aligned(self.blocks * machine.ROWS * W)
         self._view = self._block.reshape(self.blocks, machine.ROWS, W)
         self._keys = np.zeros(self.blocks * W, np.uint64)
         self._owned: dict[int, np.ndarray] = {}
+        self._contours: dict[int, tuple[path.Contour, int]] = {}  # with the index of their first sample
+        self._profiles: dict[int, tuple[np.ndarray, int]] = {}
         self._deck = np.zeros(machine.DECK, np.uint64)
         self._at = self._deck.ctypes.data
         self._deck[machine.D_MACHINES] = size
-        self._deck[machine.D_LAST] = self.blocks
         self._deck[machine.D_STEPS] = 1
         self._point(machine.D_BLOCK, self._block)
         self._point(machine.D_KEYS, self._keys)
@@ -184,20 +183,27 @@ class Fleet:
 
     def put_contours(self, contours: list[path.Contour], which: Any, machines: Any) -> None:
         """Machine ``machines[i]`` travels ``contours[which[i]]``."""
-        first = np.cumsum([0] + [len(c.x) for c in contours])
-        self._point(machine.D_CONTOUR_X, np.concatenate([c.x for c in contours]))
-        self._point(machine.D_CONTOUR_Y, np.concatenate([c.y for c in contours]))
-        self._point(machine.D_CONTOUR_ON, np.concatenate([c.cutting for c in contours]))
-        self._deck[machine.D_CONTOURS] = first[-1]
+        for contour in contours:
+            if id(contour) not in self._contours:
+                self._contours[id(contour)] = (contour, sum(len(c.x) for c, _ in self._contours.values()))
+                known = [c for c, _ in self._contours.values()]
+                self._point(machine.D_CONTOUR_X, np.concatenate([c.x for c in known]))
+                self._point(machine.D_CONTOUR_Y, np.concatenate([c.y for c in known]))
+                self._point(machine.D_CONTOUR_ON, np.concatenate([c.cutting for c in known]))
+                self._deck[machine.D_CONTOURS] = sum(len(c.x) for c in known)
+        first = np.array([self._contours[id(contour)][1] for contour in contours])
         self.set("path.contour", machines, first[which])
-        self.set("path.samples", machines, np.diff(first)[which])
+        self.set("path.samples", machines, np.array([len(contour.x) for contour in contours])[which])
         self.use(machine.F_CONTOURS)
 
     def put_profile(self, heights: np.ndarray, spacing: float, machines: Any) -> None:
         """A measured profile along the path, mm, sampled every ``spacing`` mm, for ``machines``."""
-        self._point(machine.D_PROFILE, np.ascontiguousarray(heights, np.float64))
-        self._deck[machine.D_PROFILES] = len(heights)
-        self.set("path.profile", machines, 0)
+        if id(heights) not in self._profiles:
+            self._profiles[id(heights)] = (heights, sum(len(h) for h, _ in self._profiles.values()))
+            known = [h for h, _ in self._profiles.values()]
+            self._point(machine.D_PROFILE, np.concatenate(known, dtype=np.float64))
+            self._deck[machine.D_PROFILES] = sum(len(h) for h in known)
+        self.set("path.profile", machines, self._profiles[id(heights)][1])
         self.set("path.profile_samples", machines, len(heights))
         self.set("path.profile_spacing", machines, spacing)
         self.use(machine.F_PROFILES)
@@ -227,20 +233,17 @@ class Fleet:
         if self.threads == 1 or self.blocks == 1:
             machine.advance(self._at)
         else:
-            edges = np.linspace(0, self.blocks, min(4 * self.threads, self.blocks) + 1).astype(int)
-            runs = []
-            for low, high in zip(edges[:-1], edges[1:], strict=True):
-                deck = self._deck.copy()
-                deck[machine.D_FIRST], deck[machine.D_LAST] = low, high
-                runs.append((_pool(self.threads).submit(machine.advance, deck.ctypes.data), deck))
-            for run, _ in runs:
-                run.result()
+            self._deck[machine.D_NEXT] = 0
+            workers(self.threads).share(self._share)
             self._deck[machine.D_TICK] += np.uint64(steps)
         self._deck[machine.D_STEPS] = 1
 
-    def stepper(self) -> Callable[[], None]:
-        """A function that advances every machine by one control period, in the caller's thread, as fast as can be."""
-        return machine.advance.bound(self._at)
+    def _share(self) -> None:
+        machine.share(self._at)
+
+    def stepper(self) -> Callable[[], Any]:
+        """A function that advances every machine by one control period, as quickly as can be."""
+        return machine.advance.bound(self._at) if self.threads == 1 or self.blocks == 1 else self.advance
 
     def run_kernel(self, kernel: Any, steps: int) -> None:
         """``steps`` control periods by another kernel with the deck's contract, such as one to compare speed with."""

@@ -48,7 +48,9 @@ class Kernel:
 
     def together_with(self, other: "Kernel") -> "Kernel":
         """Shares an object file with ``other``, for kernels that contain the same parts; returns itself."""
-        self._together = other._together = (*other._together, self)
+        together = (*other._together, self)
+        for kernel in together:
+            kernel._together = together
         return self
 
     @functools.cached_property

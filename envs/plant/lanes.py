@@ -137,6 +137,11 @@ def singles(address: Any, size: Any) -> Any:
     return np.ctypeslib.as_array((ctypes.c_float * int(size)).from_address(int(address)))
 
 
+def flags(address: Any, size: Any) -> Any:
+    """The uint8 array of ``size`` numbers at ``address``."""
+    return np.ctypeslib.as_array((ctypes.c_uint8 * int(size)).from_address(int(address)))
+
+
 def words(address: Any, size: Any) -> Any:
     """The uint64 array of ``size`` numbers at ``address``."""
     return np.ctypeslib.as_array((ctypes.c_uint64 * int(size)).from_address(int(address)))
@@ -145,6 +150,18 @@ def words(address: Any, size: Any) -> Any:
 def call(function: Any, block: Any, at: Any, n: Any, tables: Any, size: Any) -> None:
     """Calls the compiled stage at address ``function`` with five unsigned integers."""
     ctypes.CFUNCTYPE(None, *[ctypes.c_uint64] * 5)(int(function))(int(block), int(at), int(n), int(tables), int(size))
+
+
+def scratch(size: Any) -> Any:
+    """A float64 array of ``size`` numbers (known when compiling) that lives until the function ends."""
+    return np.empty(int(size))
+
+
+def take(array: Any, i: Any) -> Any:
+    """``array[i]``, which one thread at a time counts up by 1."""
+    value = array[i]
+    array[i] += U1
+    return value
 
 
 def as_bits(x: Any) -> Any:
@@ -210,6 +227,16 @@ def sine(x):
     return s * (1.0 - 2.0 * (k - 2.0 * np.floor(k * 0.5)))
 
 
+def as_bits32(x: Any) -> Any:
+    """The 32 bits of a single-precision number."""
+    return np.float32(x).view(np.uint32)
+
+
+def as_number32(z: Any) -> Any:
+    """The single-precision number with these 32 bits."""
+    return np.uint32(z).view(np.float32)
+
+
 _EXPONENT, _MANTISSA, _ONE, _S52 = U(0x7FF), U(0x000FFFFFFFFFFFFF), U(0x3FF0000000000000), U(52)
 
 
@@ -226,6 +253,30 @@ def logarithm(x):
     q = s * s
     series = 1.0 + q * (1 / 3 + q * (1 / 5 + q * (1 / 7 + q * (1 / 9 + q * (1 / 11 + q * (1 / 13))))))
     return 2.0 * s * series + e * 0.6931471805599453
+
+
+F32 = np.float32
+_LN2, _SQRT2, _HALF = F32(0.6931472), F32(1.4142135), F32(0.5)
+_EXPONENT32, _MANTISSA32, _ONE32, _S23 = np.uint32(0xFF), np.uint32(0x007FFFFF), np.uint32(0x3F800000), np.uint32(23)
+_C3, _C4, _C5 = F32(3.3333331174e-1), F32(-2.4999993993e-1), F32(2.0000714765e-1)
+_C6, _C7, _C8 = F32(-1.6668057665e-1), F32(1.4249322787e-1), F32(-1.2420140846e-1)
+_C9, _C10, _C11 = F32(1.1676998740e-1), F32(-1.1514610310e-1), F32(7.0376836292e-2)
+
+
+@part
+def logarithm32(x):
+    """ln(x) for normal single-precision x ≥ 1, to single precision (polynomial of Cephes' logf, Moshier 1989)."""
+    z = as_bits32(x)
+    exponent = np.float32(np.int32((z >> _S23) & _EXPONENT32)) - F32(127.0)
+    mantissa = as_number32((z & _MANTISSA32) | _ONE32)
+    upper = mantissa > _SQRT2
+    m = (mantissa * _HALF if upper else mantissa) - F32(1.0)
+    e = exponent + F32(1.0) if upper else exponent
+    m2 = m * m
+    m4 = m2 * m2  # the polynomial in pairs, which do not wait for one another
+    low, high = (_C3 + m * _C4) + m2 * (_C5 + m * _C6), (_C7 + m * _C8) + m2 * (_C9 + m * _C10)
+    p = low + m4 * (high + m4 * _C11)
+    return m + (m2 * (m * p - _HALF) + e * _LN2)
 
 
 def mix(*numbers: Any) -> np.ndarray:

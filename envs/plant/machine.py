@@ -15,7 +15,26 @@ import numpy as np
 from . import calibration, filters, path, sensor, sheet, supervisor, z_axis
 from .controller import AHEAD, LAW_PARAMS, LAW_STATE, PERIOD, Privileged
 from .kernels import Kernel
-from .lanes import GOLD, U0, U1, U2, UW, Layout, U, W, call, doubles, load, part, rows, singles, stage, store, words
+from .lanes import (
+    GOLD,
+    U0,
+    U1,
+    U2,
+    UW,
+    Layout,
+    U,
+    W,
+    call,
+    doubles,
+    load,
+    part,
+    rows,
+    singles,
+    stage,
+    store,
+    take,
+    words,
+)
 
 SUBSTEPS = 20
 _AT_ONCE = 5
@@ -122,8 +141,8 @@ the period counts as cutting; distance along the path, mm; whether the superviso
 # Addresses and counts that a kernel gets in one array, the deck.
 (D_BLOCK, D_KEYS, D_MACHINES, D_TICK, D_WINDOW, D_WAVES, D_VIBRATIONS, D_FLAGS, D_FREQUENCIES, D_HEIGHTS, D_TABLES,
  D_CONTOUR_X, D_CONTOUR_Y, D_CONTOUR_ON, D_CONTOURS, D_PROFILE, D_PROFILES, D_LAW, D_LAW_TABLES, D_LAW_SIZE, D_ACT,
- D_OBSERVE, D_IO, D_RECORD, D_RECORD_TICK, D_FIRST, D_LAST, D_STEPS) = range(28)  # fmt: skip
-DECK = 28
+ D_OBSERVE, D_IO, D_RECORD, D_RECORD_TICK, D_NEXT, D_STEPS) = range(27)  # fmt: skip
+DECK = 27
 _DECK = U(DECK)
 
 F_CONTOURS, F_FEATURES, F_PROFILES, F_BULGES, F_RANKS = (U(2**i) for i in range(5))
@@ -527,39 +546,54 @@ def sense_and_control(block, at, n, tick, keys, first, deck):
     call(deck[D_LAW], deck[D_BLOCK], at, n, deck[D_LAW_TABLES], deck[D_LAW_SIZE])
 
 
-def _advance(deck_address):
-    """Some control periods of some blocks, as the deck says; one call, with a deck of its own, per thread.
-
-    Args:
-        deck_address: of the uint64 array of addresses and counts, see :class:`fleet.Fleet`; its tick moves on by the
-            periods.
-    """
-    deck = words(deck_address, _DECK)
+@stage
+def live_all(deck, b):
+    """All periods that the deck asks for, of the machines of block ``b``."""
     machines = deck[D_MACHINES]
     blocks = (machines + UW - U1) // UW
     block = doubles(deck[D_BLOCK], blocks * STRIDE)
     keys = words(deck[D_KEYS], blocks * UW)
     record = singles(deck[D_RECORD], U(2**40))
-    for b in range(deck[D_FIRST], deck[D_LAST]):
-        at = b * STRIDE
-        n = min(UW, machines - b * UW)
-        tick = deck[D_TICK]
-        for _ in range(deck[D_STEPS]):
-            if deck[D_ACT] > U0:
-                call(deck[D_ACT], deck[D_BLOCK], at, n, deck[D_IO], b * UW)
-            supervise_all(block, at, n, tick)
-            travel_all(block, at, n, tick, deck)
-            prepare_all(block, at, n, tick)
-            for k in range(0, SUBSTEPS, _AT_ONCE):
-                move_all(block, at, n, k)
-            sense_and_control(block, at, n, tick, keys, b * UW, deck)
-            if deck[D_RECORD] > U0:
-                place = (tick - deck[D_RECORD_TICK]) * _CHANNELS * machines + b * UW
-                record_all(block, at, n, tick, record, place, machines)
-            if deck[D_OBSERVE] > U0:
-                call(deck[D_OBSERVE], deck[D_BLOCK], at, n, deck[D_IO], b * UW)
-            tick += U1
+    at = b * STRIDE
+    n = min(UW, machines - b * UW)
+    tick = deck[D_TICK]
+    for _ in range(deck[D_STEPS]):
+        if deck[D_ACT] > U0:
+            call(deck[D_ACT], deck[D_BLOCK], at, n, deck[D_IO], b * UW)
+        supervise_all(block, at, n, tick)
+        travel_all(block, at, n, tick, deck)
+        prepare_all(block, at, n, tick)
+        for k in range(0, SUBSTEPS, _AT_ONCE):
+            move_all(block, at, n, k)
+        sense_and_control(block, at, n, tick, keys, b * UW, deck)
+        if deck[D_RECORD] > U0:
+            place = (tick - deck[D_RECORD_TICK]) * _CHANNELS * machines + b * UW
+            record_all(block, at, n, tick, record, place, machines)
+        if deck[D_OBSERVE] > U0:
+            call(deck[D_OBSERVE], deck[D_BLOCK], at, n, deck[D_IO], b * UW)
+        tick += U1
+
+
+def _advance(deck_address):
+    """Some control periods of all machines, as the deck says; its tick moves on by the periods.
+
+    Args:
+        deck_address: of the uint64 array of addresses and counts, see :class:`fleet.Fleet`.
+    """
+    deck = words(deck_address, _DECK)
+    for b in range((deck[D_MACHINES] + UW - U1) // UW):
+        live_all(deck, b)
     deck[D_TICK] += deck[D_STEPS]
+
+
+def _share(deck_address):
+    """The same for several threads at once: each takes the next block until none is left. The tick stays as it is."""
+    deck = words(deck_address, _DECK)
+    blocks = (deck[D_MACHINES] + UW - U1) // UW
+    b = take(deck, D_NEXT)
+    while b < blocks:
+        live_all(deck, b)
+        b = take(deck, D_NEXT)
 
 
 def _begin(deck_address, machine, key):
@@ -626,4 +660,5 @@ def _begin(deck_address, machine, key):
 
 
 advance = Kernel(_advance)
+share = Kernel(_share).together_with(advance)
 begin = Kernel(_begin).together_with(advance)

@@ -11,8 +11,9 @@ from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
 import kerfgym  # noqa: F401
-from kerfgym.envs import height_following
-from kerfgym.envs.height_following import CONTROLS, FEATURES, INFO, OBSERVATIONS, RAW, HeightFollowingEnv
+from kerfgym.envs import interface
+from kerfgym.envs.height_following import HeightFollowingEnv
+from kerfgym.envs.interface import CONTROLS, FEATURES, INFO, OBSERVATIONS, RAW
 from kerfgym.envs.plant import supervisor
 from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.envs.scenarios import SPLITS, load, suite
@@ -92,9 +93,9 @@ def test_residual_control_with_zero_actions_is_the_base_controllers_roll_out_bit
         _, _, terminated, truncated, info = env.step(zero)
         over = terminated or truncated
         fleet.advance()
-        assert env._fleet.get("signals") == fleet.get("signals")
-        assert env._fleet.get("motion") == fleet.get("motion")
-        assert env._fleet.get("drive") == fleet.get("drive")
+        assert env.batch.fleet.get("signals") == fleet.get("signals")
+        assert env.batch.fleet.get("motion") == fleet.get("motion")
+        assert env.batch.fleet.get("drive") == fleet.get("drive")
     assert fleet.tick == 400 or terminated
 
 
@@ -104,7 +105,7 @@ def test_the_recording_of_the_base_controller_shows_the_same_gap_height_and_comm
     lived = []
     for _ in range(3000):
         _, _, _, truncated, info = env.step([0.0])
-        lived.append((info["true_gap"], info["measured_height"], env._fleet.get("signals").command))
+        lived.append((info["true_gap"], info["measured_height"], env.batch.fleet.get("signals").command))
     assert truncated
     for column, channel in enumerate(("gap", "height", "command")):
         assert np.array_equal(np.array(lived, np.float32)[:, column], record[channel][:, 0]), channel
@@ -139,7 +140,7 @@ def test_a_schedule_that_asks_for_the_bases_own_settings_is_the_base_controller(
         _, _, _, _, info = env.step(action)
         assert info["true_gap"] == pytest.approx(record["gap"][period, 0], abs=1e-6)
         assert info["measured_height"] == pytest.approx(record["height"][period, 0], abs=1e-6)
-    settings = env._fleet.get("filter")
+    settings = env.batch.fleet.get("filter")
     assert (settings.window, settings.trim) == (5.0, 1.0)
 
 
@@ -149,7 +150,7 @@ def test_a_schedule_reaches_the_ends_of_its_table():
         ([-1, -1, -1], 1, 0, 0.2), ([1, 1, 1], 15, 3, 3.0), ([-1, 1, 0], 1, 0, 1.6), ([-5 / 7, 1, 0], 3, 1, 1.6),
     ):  # fmt: skip
         env.step(np.array(action, np.float32))
-        settings, hand = env._fleet.get("filter"), env._fleet.get("hand")
+        settings, hand = env.batch.fleet.get("filter"), env.batch.fleet.get("hand")
         assert (settings.window, settings.trim) == (window, trim)
         assert hand.gain == pytest.approx(gain, rel=1e-6)
         assert hand.residual == 0.0
@@ -160,7 +161,7 @@ def test_an_action_of_one_means_what_the_table_says_and_none_means_more():
         env, _ = begun(1000, scenario="flat", control=control)
         for action, share in ((1.0, 1.0), (-0.5, -0.5), (7.0, 1.0), (-3.0, -1.0)):
             env.step(np.array([action], np.float32))
-            assert env._fleet.get("hand") == (gain, share * speed)
+            assert env.batch.fleet.get("hand") == (gain, share * speed)
 
 
 def test_an_environment_that_has_lived_gives_an_episode_the_bits_of_a_new_one():
@@ -188,10 +189,10 @@ def symlog(x):
 
 def history(env, rng, steps):
     """Signals and infos of every period from the start on, with the last observation."""
-    past = [env._fleet.get("signals")]
+    past = [env.batch.fleet.get("signals")]
     for _ in range(steps):
         observation, reward, _, _, info = env.step(rng.uniform(-0.1, 0.1, env.action_space.shape).astype(np.float32))
-        past.append(env._fleet.get("signals"))
+        past.append(env.batch.fleet.get("signals"))
     return past, observation, reward, info
 
 
@@ -256,10 +257,10 @@ def test_the_reward_is_that_of_the_docstring():
     weights = {"error": 0.7, "rate": 0.2, "collision": 40.0}
     env, _ = begun(1006, scenario="wavy", reward=weights)
     rng = np.random.default_rng(2)
-    before = env._fleet.get("signals").command
+    before = env.batch.fleet.get("signals").command
     for _ in range(200):
         _, reward, terminated, _, info = env.step(rng.uniform(-0.3, 0.3, 1).astype(np.float32))
-        x = env._fleet.get("signals")
+        x = env.batch.fleet.get("signals")
         error = np.log1p(abs(x.gap - x.set_height) / 0.002)
         rate = ((x.command - before) / 10.0) ** 2
         before = x.command
@@ -360,14 +361,14 @@ def test_a_suite_or_a_list_of_scenarios_is_drawn_from_evenly():
         names.append(env.scenario.name)
     assert {name: names.count(name) for name in set(names)}.keys() == {"flat", "wavy", "step"}
     assert min(names.count(name) for name in set(names)) > 30
-    assert len(made(scenario="following").scenarios) == len(suite("following"))
+    assert len(made(scenario="following").batch.scenarios) == len(suite("following"))
 
 
 def test_the_machine_may_be_changed_from_outside():
     env = made(machine={"axis": {"dead_time": 0.003}, "head": {"noise": 0.0}}, scenario=["flat", "wavy"])
     env.reset(seed=0)
-    assert env._fleet.get("z").dead_time == pytest.approx(3.0)
-    assert env._fleet.get("sensor").noise == 0.0
+    assert env.batch.fleet.get("z").dead_time == pytest.approx(3.0)
+    assert env.batch.fleet.get("sensor").noise == 0.0
 
 
 # ---------------------------------------------------------------------------------------------------- bad input
@@ -418,10 +419,10 @@ def test_a_misspelt_argument_is_an_error():
 )
 def test_a_bad_action_is_refused_and_moves_nothing(control, action, message):
     env, _ = begun(1000, control=control)
-    before = env._fleet.tick
+    before = env.batch.fleet.tick
     with pytest.raises(InvalidInput, match=message):
         env.step(action)
-    assert env._fleet.tick == before
+    assert env.batch.fleet.tick == before
 
 
 def test_a_step_needs_a_reset_first():
@@ -456,7 +457,7 @@ def test_the_docstring_tells_the_numbers_of_the_code():
     assert f"Box(low, high, ({len(RAW)},), float32)" in text
     documented = set(re.findall(r"^\| `(\w+)` +\|", text.split("## Arguments")[1], re.MULTILINE))
     assert documented == set(inspect.signature(HeightFollowingEnv.__init__).parameters) - {"self"}
-    weights = height_following.Reward()
+    weights = interface.Reward()
     assert (
         f'reward={{"error": {weights.error:g}, "rate": {weights.rate:g}, "collision": {weights.collision:g}}}' in text
     )

@@ -1,15 +1,35 @@
 """Scenarios: the frozen suite against its printed table, draws, TOML, measured profiles, and what bad input says."""
 
+import pickle
+from dataclasses import FrozenInstanceError, asdict, replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy import stats
 
 from kerfgym.envs import scenarios
-from kerfgym.envs.distributions import Choice, LogUniform, Uniform, bounds, draw
+from kerfgym.envs.distributions import Choice, LogUniform, Uniform, as_number, bounds, draw
 from kerfgym.envs.plant import heads, machine, sheet
 from kerfgym.envs.plant.fleet import Fleet
 from kerfgym.envs.plant.quantity import InvalidInput
-from kerfgym.envs.scenarios import SPLITS, Scenario, core, load, parse, prepare, read, suite, suites
+from kerfgym.envs.scenarios import (
+    SPLITS,
+    Axis,
+    Head,
+    Profile,
+    Scenario,
+    Sheet,
+    Steps,
+    Wave,
+    core,
+    load,
+    parse,
+    prepare,
+    read,
+    suite,
+    suites,
+)
 from kerfgym.envs.stack import get
 
 
@@ -105,9 +125,19 @@ def test_every_number_of_the_following_suite_is_the_frozen_one(name):
     frozen = {**FOLLOWING, **FROZEN[name]}
     for table in ("axis", "head", "sheet"):
         frozen[table] = {**FOLLOWING[table], **FROZEN[name].get(table, {})}
-    shipped = suite("following")[name].model_dump(exclude={"name", "summary"})
-    assert shipped == frozen
+    shipped = asdict(suite("following")[name])
+    assert {key: value for key, value in shipped.items() if key not in ("name", "summary")} == frozen
     assert suite("following")[name].name == name
+
+
+@pytest.mark.parametrize(("group", "name"), SUITE)
+def test_a_shipped_scenario_is_what_the_validating_reader_makes_of_its_file(group, name):
+    shipped = suite(group)[name]
+    validated = read(Path(scenarios.__file__).parent / "suites" / group / f"{name}.toml")
+    assert shipped == validated
+    assert repr(shipped) == repr(validated)  # 1 == 1.0 == True; these differ
+    assert hash(shipped) == hash(validated)
+    assert pickle.loads(pickle.dumps(shipped)) == shipped
 
 
 def test_the_splits_are_those_of_the_table_and_share_no_seed():
@@ -331,8 +361,8 @@ def test_a_variation_merges_tables_and_leaves_the_rest():
     wavy = load("wavy")
     changed = wavy.varied(feed=400, head={"noise": 0.01}, axis={"dead_time": 0.003})
     assert changed.feed == 400
-    assert changed.head == wavy.head.model_copy(update={"noise": 0.01})
-    assert changed.axis == wavy.axis.model_copy(update={"dead_time": 0.003})
+    assert changed.head == replace(wavy.head, noise=0.01)
+    assert changed.axis == replace(wavy.axis, dead_time=0.003)
     assert changed.sheet == wavy.sheet
     assert wavy.feed == 200.0
 
@@ -523,6 +553,81 @@ def test_a_variation_is_validated_like_a_file(changes, message):
 
 
 def test_a_scenario_is_frozen():
-    with pytest.raises(ValueError, match="frozen"):
+    with pytest.raises(FrozenInstanceError):
         load("wavy").feed = 300.0
+    with pytest.raises(FrozenInstanceError):
+        Uniform(uniform=(0, 1)).sign = "±"
     assert isinstance(load("wavy"), Scenario)
+
+
+# ------------------------------------------------------------------------------------------------- made in Python
+
+
+def test_a_scenario_that_is_made_in_python_is_the_one_of_a_file():
+    made = Scenario(
+        name="mine", duration=1.5, feed=120, set_height=0.8,
+        axis=Axis(bandwidth=Uniform(uniform=[40, 60]), dead_time=0.003), head=Head(noise=0.002, nominal=True),
+        sheet=Sheet(
+            tilt=Uniform(uniform=(0.001, 0.002), sign="±"),
+            waves=[
+                Wave(amplitude=0.2, wavelength=LogUniform(log_uniform=(20, 200))),
+                Wave(amplitude=Choice(choice=(0.1, 0.3)), wavelength=90),
+            ],
+        ),
+    )  # fmt: skip
+    assert made == parse(OWN)
+    assert hash(made) == hash(parse(OWN))
+    assert made.to_toml() == parse(OWN).to_toml()
+    tables = Scenario(**asdict(made))
+    assert tables == made
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Axis(bandwidth=600), rf"^bandwidth = 600\.0 {OUT} 5 to 500 Hz"),
+        (lambda: Axis(bandwidth=Uniform(uniform=(50, 1200))), rf"^bandwidth = 1200\.0 {OUT} 5 to 500 Hz"),
+        (lambda: Axis(bandwidth=float("nan")), rf"^bandwidth = nan {OUT}"),
+        (lambda: Axis(bandwidth="fast"), r"^bandwidth: a number or a distribution is needed, not 'fast'"),
+        (lambda: Axis(bandwidth=None), r"^bandwidth: a number or a distribution is needed, not None"),
+        (lambda: Axis(bandwidth={"unifrom": (50, 60)}), r"^bandwidth: unknown distribution 'unifrom'; did you mean"),
+        (lambda: Head(oscillator="eq7"), r"^oscillator = 'eq7' is not allowed; allowed: 'eq3' or 'eq1'"),
+        (lambda: Head(nominal="no"), r"^nominal = 'no' is not allowed; allowed: bool"),
+        (lambda: Steps(height=0.1, spacing=30, count=2.5), rf"^count = 2\.5 {OUT} 1 to 16 \(whole\)"),
+        (lambda: Sheet(waves=3), r"^waves = 3 is not allowed; allowed: tuple"),
+        (lambda: Sheet(waves=[Wave(amplitude=0.1, wavelength=50)] * 9), r"^9 waves; at most 8"),
+        (lambda: Profile(file=3), r"^file = 3 is not allowed; allowed: str"),
+        (lambda: Scenario(name="x", head={"noise": 2}), rf"^noise = 2\.0 {OUT} 0 to 1 pF"),
+        (lambda: Scenario(name="x", head=Axis()), r"^head = Axis\(.*is not allowed; allowed: Head"),
+        (lambda: Scenario(name="x", duration=0), rf"^duration = 0 {OUT} 0\.05 to 600 s"),
+    ],
+)
+def test_what_is_made_in_python_checks_itself(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Uniform(uniform=(3, 1)), r"the range \[3\.0, 1\.0\] must rise"),
+        (lambda: Uniform(uniform=(3,)), "a range has two ends, not 1"),
+        (lambda: Uniform(uniform=(1, 3), sign="-"), "sign = '-' is not allowed"),
+        (lambda: LogUniform(log_uniform=(0, 1)), "greater than 0"),
+        (lambda: Choice(choice=()), "at least 1 item"),
+        (lambda: as_number({"sign": "±"}), "exactly one of uniform, log_uniform, choice"),
+        (lambda: as_number({"choice": (1, 2), "sign": "±"}), "a number or a distribution is needed"),
+        (lambda: as_number(True), "not true or false"),
+    ],
+)
+def test_a_distribution_that_is_made_in_python_checks_itself(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+def test_a_distribution_of_whole_numbers_is_one_of_floats():
+    assert set(draw(Choice(choice=[1, 2]), SEEDS, "x")) == {1.0, 2.0}
+    assert draw(Choice(choice=[1, 2]), SEEDS, "x").dtype == float
+    assert as_number({"uniform": [1, 2]}) == Uniform(uniform=(1.0, 2.0))
+    assert as_number(Uniform(uniform=(1, 2))) == Uniform(uniform=(1, 2))
+    assert isinstance(as_number(3), float)
