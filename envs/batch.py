@@ -37,7 +37,8 @@ class Batch:
     """``size`` machines; the other arguments are those of :class:`height_following.HeightFollowingEnv`.
 
     The arrays belong to the batch and change with every period: ``actions`` float32 (size, k); ``observations``
-    float32 (size, d); ``rewards`` and their sums ``returns`` float64 (size,); ``infos`` float64 (15, size), a row for each name of ``INFO``;
+    float32 (size, d); ``rewards`` and their sums ``returns`` float64 (size,);
+    ``infos`` float64 (15, size), a row for each name of ``INFO``;
     ``left`` float64 (size,), periods until the time is over; ``terminated`` and ``truncated`` bool (size,).
 
     Raises:

@@ -9,6 +9,7 @@ made, and a new number in a scenario leaves the others as they were.
 Numbers that users write are validated by pydantic, which is imported only then: it takes 0.2 s.
 """
 
+import functools
 import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -180,17 +181,40 @@ def bounds(number: Number) -> tuple[float, float]:
     return (number, number) if isinstance(number, int | float) else number.bounds
 
 
-def fraction(seeds: np.ndarray, label: str) -> np.ndarray:
-    """Uniform numbers in [0, 1), one per seed, that belong to ``label``."""
-    salt = int.from_bytes(hashlib.blake2b(label.encode(), digest_size=8).digest(), "little")
-    return (mix(seeds, np.uint64(salt)) >> np.uint64(11)).astype(np.float64) / 2.0**53
+class Draws:
+    """The uniform numbers of some seeds, shape (n,) for each label.
+
+    Args:
+        seeds: uint64, shape (n,).
+        labels: which have been asked for before, in order; their numbers are made all at once, which costs little more
+            than those of one. New ones are added.
+    """
+
+    def __init__(self, seeds: np.ndarray, labels: dict[str, int]) -> None:
+        self.seeds, self._labels, self._ready = seeds, labels, len(labels)
+        self._fractions = _fractions(seeds, list(labels))
+
+    def fraction(self, label: str) -> np.ndarray:
+        """Uniform numbers in [0, 1), one per seed, that belong to ``label``."""
+        row = self._labels.setdefault(label, len(self._labels))
+        return self._fractions[row] if row < self._ready else _fractions(self.seeds, [label])[0]
 
 
-def draw(number: Number, seeds: np.ndarray, label: str) -> np.ndarray:
-    """One value per seed, shape (len(seeds),), for the number called ``label``."""
+@functools.cache
+def _salt(label: str) -> int:
+    return int.from_bytes(hashlib.blake2b(label.encode(), digest_size=8).digest(), "little")
+
+
+def _fractions(seeds: np.ndarray, labels: list[str]) -> np.ndarray:
+    salts = np.array([_salt(label) for label in labels], np.uint64)
+    return (mix(seeds, salts[:, None]) >> np.uint64(11)).astype(np.float64) / 2.0**53
+
+
+def draw(number: Number, draws: Draws, label: str) -> Any:
+    """One value per seed, shape (n,), for the number called ``label``; the number itself if it is fixed."""
     if isinstance(number, int | float):
-        return np.full(len(seeds), float(number))
-    u = fraction(seeds, label)
+        return float(number)
+    u = draws.fraction(label)
     if isinstance(number, Choice):
         return np.asarray(number.choice)[(u * len(number.choice)).astype(int)]
     low, high = number.ends()
@@ -199,5 +223,5 @@ def draw(number: Number, seeds: np.ndarray, label: str) -> np.ndarray:
     else:
         value = low + u * (high - low)
     if number.sign == "±":
-        value = np.where(fraction(seeds, label + ".sign") < 0.5, value, -value)
+        value = np.where(draws.fraction(label + ".sign") < 0.5, value, -value)
     return value

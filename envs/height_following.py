@@ -143,7 +143,7 @@ class HeightFollowingEnv(gym.Env):
         self._actions: Any = batch.actions[0].data  # writes a number three times as fast as the array does
         self._advance, self._shape = batch.fleet.stepper(), batch.actions[0].shape
         self._observed, self._values = batch.observations[0].copy, batch.infos[:, 0].tolist
-        self._left = 0
+        self._single, self._left = self._shape == (1,), 0
         self._film: Film | None = None
 
     @property
@@ -194,10 +194,13 @@ class HeightFollowingEnv(gym.Env):
         a = action if isinstance(action, np.ndarray) else np.asarray(action, np.float32)
         if a.shape != self._shape:
             raise InvalidInput(f"the action has shape {a.shape}; it must be {self._shape}")
-        for i, x in enumerate(a.tolist()):
+        if self._single:
+            x = a.item()
             if not -LARGEST <= x <= LARGEST:  # NaN neither
                 raise InvalidInput(f"the action {action} is not finite; allowed: -1 to 1")
-            self._actions[i] = x
+            self._actions[0] = x
+        else:
+            self._put(a)
         self._advance()
         self._left -= 1
         if self._film is not None:
@@ -209,6 +212,11 @@ class HeightFollowingEnv(gym.Env):
             self._left = 0
         reward = values[_WEIGHTED] + values[_WEIGHTED + 1] + values[_WEIGHTED + 2]
         return self._observed(), reward, terminated, truncated, named(values)
+
+    def _put(self, action: np.ndarray) -> None:
+        if not np.isfinite(action).all():
+            raise InvalidInput(f"the action {action} is not finite; allowed: -1 to 1")
+        self.batch.actions[0] = action
 
     def render(self) -> np.ndarray | None:
         """The machine now: sheet, nozzle, gap, set height, and the last second of true and reported error."""

@@ -102,12 +102,15 @@ class Io(NamedTuple):
     truncated: int  # bool, (machines,)
 
 
-(_ACTIONS, _OBSERVATIONS, _REWARDS, _RETURNS, _INFOS, _WEIGHTS, _CONTROL, _RAW, _SIZE, _WIDTH, _MACHINES, _LEFT, _TERMINATED,
- _TRUNCATED) = range(len(Io._fields))  # fmt: skip
+(
+    _ACTIONS, _OBSERVATIONS, _REWARDS, _RETURNS, _INFOS, _WEIGHTS, _CONTROL, _RAW, _SIZE, _WIDTH, _MACHINES, _LEFT,
+    _TERMINATED, _TRUNCATED,
+) = range(len(Io._fields))  # fmt: skip
 _IO = U(len(Io._fields))
 _ANY = U(2**40)
 _SPEED = 0.01 / PERIOD  # of a millimetre per period, in 100 mm/s
 _ROWS = len(RAW) * lanes.W
+_INFO = U(len(INFO))
 _COLLIDED = machine.TALLY + U(machine.Tally._fields.index("collided") * lanes.W)
 _SCORED = machine.COURSE + U(machine.Course._fields.index("scored") * lanes.W)
 _DISTANCE = machine.S_PATH + U(machine.path.State._fields.index("distance") * lanes.W)
@@ -172,42 +175,59 @@ def _back(tick, k):
 # Numbers are gathered in rows of lanes, which vectorises, and then laid out machine by machine, as policies read them.
 
 
-@stage
+@part
 def features(block, at, n, rows, tick):
     """Normalised features, one row of lanes each."""
-    heights, raws = at + machine.HEIGHTS, at + machine.RAW_HEIGHTS
-    positions, commands = at + machine.POSITIONS, at + machine.COMMANDS
-    o = U(0)
-    for k in ERROR_LAGS:
-        then = heights + _back(tick, k)
-        for lane in range(n):
-            rows[o + lane] = _symlog(block[then + lane] - block[at + lane + _SET])
-        o += UW
-    newer = _back(tick, 0)
-    for k in SURFACE_LAGS[1:]:
-        older = _back(tick, k)
-        for lane in range(n):
-            a, b = newer + lane, older + lane
-            rows[o + lane] = _symlog(block[positions + a] - block[raws + a] - (block[positions + b] - block[raws + b]))
-        newer = older
-        o += UW
-    for k in SPEED_LAGS:
-        now, before = positions + _back(tick, k), positions + _back(tick, k + 1)
-        for lane in range(n):
-            rows[o + lane] = clip(_SPEED * (block[now + lane] - block[before + lane]), -LIMIT, LIMIT)
-        o += UW
-    for k in COMMAND_LAGS:
-        then = commands + _back(tick, k)
-        for lane in range(n):
-            rows[o + lane] = 0.01 * block[then + lane]
-        o += UW
-    for lane in range(n):
-        rows[o + lane] = clip(0.01 * block[at + lane + machine.WISH], -LIMIT, LIMIT)
-    _copy(block, at + _SET, n, rows, o + UW)
-    _copy(block, at + _OVERRIDE, n, rows, o + U(2) * UW)
-    _copy(block, at + _CAPTURED, n, rows, o + U(3) * UW)
-    for lane in range(n):
-        rows[o + U(4) * UW + lane] = 1.0 if block[at + lane + _MODE] == supervisor.HOLD else 0.0
+    now, ago_1, ago_2, ago_3 = at + _back(tick, 0), at + _back(tick, 1), at + _back(tick, 2), at + _back(tick, 3)
+    ago_4, ago_5, ago_8, ago_13 = at + _back(tick, 4), at + _back(tick, 5), at + _back(tick, 8), at + _back(tick, 13)
+    for lane in range(n):  # written out, because the vectoriser does not look into inner loops
+        height = block[at + _SET + lane]
+        _put(rows, 0, lane, _symlog(block[now + machine.HEIGHTS + lane] - height))
+        _put(rows, 1, lane, _symlog(block[ago_1 + machine.HEIGHTS + lane] - height))
+        _put(rows, 2, lane, _symlog(block[ago_2 + machine.HEIGHTS + lane] - height))
+        _put(rows, 3, lane, _symlog(block[ago_3 + machine.HEIGHTS + lane] - height))
+        _put(rows, 4, lane, _symlog(block[ago_5 + machine.HEIGHTS + lane] - height))
+        _put(rows, 5, lane, _symlog(block[ago_8 + machine.HEIGHTS + lane] - height))
+        sheet_0, sheet_1 = _sheet(block, now + lane), _sheet(block, ago_1 + lane)
+        sheet_2, sheet_3 = _sheet(block, ago_2 + lane), _sheet(block, ago_3 + lane)
+        sheet_5, sheet_8 = _sheet(block, ago_5 + lane), _sheet(block, ago_8 + lane)
+        _put(rows, 6, lane, _symlog(sheet_0 - sheet_1))
+        _put(rows, 7, lane, _symlog(sheet_1 - sheet_2))
+        _put(rows, 8, lane, _symlog(sheet_2 - sheet_3))
+        _put(rows, 9, lane, _symlog(sheet_3 - sheet_5))
+        _put(rows, 10, lane, _symlog(sheet_5 - sheet_8))
+        _put(rows, 11, lane, _symlog(sheet_8 - _sheet(block, ago_13 + lane)))
+        _put(rows, 12, lane, _speed(block, now + lane, ago_1 + lane))
+        _put(rows, 13, lane, _speed(block, ago_1 + lane, ago_2 + lane))
+        _put(rows, 14, lane, _speed(block, ago_2 + lane, ago_3 + lane))
+        _put(rows, 15, lane, _speed(block, ago_4 + lane, ago_5 + lane))
+        _put(rows, 16, lane, 0.01 * block[now + machine.COMMANDS + lane])
+        _put(rows, 17, lane, 0.01 * block[ago_1 + machine.COMMANDS + lane])
+        _put(rows, 18, lane, 0.01 * block[ago_2 + machine.COMMANDS + lane])
+        _put(rows, 19, lane, 0.01 * block[ago_3 + machine.COMMANDS + lane])
+        _put(rows, 20, lane, clip(0.01 * block[at + machine.WISH + lane], -LIMIT, LIMIT))
+        _put(rows, 21, lane, height)
+        _put(rows, 22, lane, block[at + _OVERRIDE + lane])
+        _put(rows, 23, lane, block[at + _CAPTURED + lane])
+        _put(rows, 24, lane, 1.0 if block[at + _MODE + lane] == supervisor.HOLD else 0.0)
+
+
+@part
+def _put(rows, j, lane, x):
+    rows[U(j) * UW + lane] = x
+
+
+@part
+def _sheet(block, then):
+    """Surface of the sheet as the sensor saw it: encoder − unfiltered height, mm."""
+    return block[then + machine.POSITIONS] - block[then + machine.RAW_HEIGHTS]
+
+
+@part
+def _speed(block, then, before):
+    """Head velocity from the encoder, normalised."""
+    moved = block[then + machine.POSITIONS] - block[before + machine.POSITIONS]
+    return clip(_SPEED * moved, -LIMIT, LIMIT)
 
 
 @stage
@@ -249,57 +269,53 @@ def lay_out(rows, n, out, o, size):
 # ---------------------------------------------------------------------------------------- the reward and the info
 
 
-@stage
-def judge(block, at, n, rewards, returns, infos, weights, first, machines, tick):
-    """Reward and info of each machine; ``infos`` has a row for each name of :data:`INFO`."""
+@part
+def judge(block, at, n, rows, weights, tick):
+    """The entries of :data:`INFO`, one row of lanes each."""
     now, before = at + machine.COMMANDS + _back(tick, 0), at + machine.COMMANDS + _back(tick, 1)
-    _copy(block, at + _GAP, n, infos, first)
-    _copy(block, at + _HEIGHT, n, infos, first + machines)
-    row = first + U(2) * machines
-    for lane in range(n):
-        infos[row + lane] = block[at + lane + _GAP] - block[at + lane + _SET]
-    row += machines
-    for lane in range(n):
-        infos[row + lane] = block[at + lane + _HEIGHT] - block[at + lane + _SET]
-    _copy(block, at + _COLLIDED, n, infos, row + machines)
-    _copy(block, at + _SCORED, n, infos, row + U(2) * machines)
-    _copy(block, at + _MODE, n, infos, row + U(3) * machines)
-    _copy(block, at + _OVERRIDE, n, infos, row + U(4) * machines)
-    row += U(5) * machines
-    for lane in range(n):
-        infos[row + lane] = block[at + lane + _DISTANCE] - block[at + lane + _FEED] * machine.AHEAD_S
-    row += machines
+    error_weight, rate_weight, collision_weight = -weights[0], -weights[1], -weights[2]
     for lane in range(n):
         a = at + lane
-        felt = logarithm(1.0 + abs(block[a + _GAP] - block[a + _SET]) * _PER_TOLERANCE)
-        infos[row + lane] = felt if block[a + _SCORED] > 0.5 else 0.0
-    row += machines
-    for lane in range(n):
+        gap, height, wanted, collided = block[a + _GAP], block[a + _HEIGHT], block[a + _SET], block[a + _COLLIDED]
+        scored = block[a + _SCORED]
+        felt = logarithm(1.0 + abs(gap - wanted) * _PER_TOLERANCE) if scored > 0.5 else 0.0
         change = 0.1 * (block[now + lane] - block[before + lane])
-        infos[row + lane] = change * change
-    row += machines
-    _copy(block, at + _COLLIDED, n, infos, row)
-    raw = row - U(2) * machines
-    for term in range(3):
-        row += machines
-        weight = -weights[term]
-        for lane in range(n):
-            infos[row + lane] = weight * infos[raw + lane]
-        raw += machines
-    error, rate, collision = row - U(2) * machines, row - machines, row
-    for lane in range(n):
-        rewards[first + lane] = infos[error + lane] + infos[rate + lane] + infos[collision + lane]
-    for lane in range(n):
-        returns[first + lane] += rewards[first + lane]
+        _put(rows, 0, lane, gap)
+        _put(rows, 1, lane, height)
+        _put(rows, 2, lane, gap - wanted)
+        _put(rows, 3, lane, height - wanted)
+        _put(rows, 4, lane, collided)
+        _put(rows, 5, lane, scored)
+        _put(rows, 6, lane, block[a + _MODE])
+        _put(rows, 7, lane, block[a + _OVERRIDE])
+        _put(rows, 8, lane, block[a + _DISTANCE] - block[a + _FEED] * machine.AHEAD_S)
+        _put(rows, 9, lane, felt)
+        _put(rows, 10, lane, change * change)
+        _put(rows, 11, lane, collided)
+        _put(rows, 12, lane, error_weight * felt)
+        _put(rows, 13, lane, rate_weight * (change * change))
+        _put(rows, 14, lane, collision_weight * collided)
 
 
 @stage
-def end(block, at, n, left, terminated, truncated):
-    """Whether an episode is over: by contact, or because the time is."""
+def put_infos(rows, n, infos, o, machines):
+    """Rows of lanes into the rows of all machines, from ``infos[o]`` on."""
+    for j in range(_INFO):
+        for lane in range(n):
+            infos[o + lane] = rows[j * UW + lane]
+        o += machines
+
+
+@stage
+def end(rows, n, rewards, returns, left, terminated, truncated):
+    """The reward, and whether an episode is over: by contact, or because the time is."""
     one, none = np.uint8(1), np.uint8(0)
     for lane in range(n):
+        reward = rows[U(12) * UW + lane] + rows[U(13) * UW + lane] + rows[U(14) * UW + lane]
+        rewards[lane] = reward
+        returns[lane] += reward
         left[lane] -= 1.0
-        hit = block[at + lane + _COLLIDED] > 0.5
+        hit = rows[U(4) * UW + lane] > 0.5
         terminated[lane] = one if hit else none
         truncated[lane] = one if left[lane] <= 0.0 and not hit else none
 
@@ -314,11 +330,10 @@ def observe(block_address, at, n, io_address, first):
     else:
         features(block, at, n, rows, tick)
     lay_out(rows, n, singles(io[_OBSERVATIONS], _ANY), first * io[_SIZE], io[_SIZE])
-    judge(
-        block, at, n, doubles(io[_REWARDS], _ANY), doubles(io[_RETURNS], _ANY), doubles(io[_INFOS], _ANY), doubles(io[_WEIGHTS], _ANY), first,
-        io[_MACHINES], tick,
-    )  # fmt: skip
+    judge(block, at, n, rows, doubles(io[_WEIGHTS], _ANY), tick)
+    put_infos(rows, n, doubles(io[_INFOS], _ANY), first, io[_MACHINES])
+    eighth = first * U(8)
     end(
-        block, at, n, doubles(io[_LEFT] + first * U(8), n), flags(io[_TERMINATED] + first, n),
-        flags(io[_TRUNCATED] + first, n),
+        rows, n, doubles(io[_REWARDS] + eighth, n), doubles(io[_RETURNS] + eighth, n), doubles(io[_LEFT] + eighth, n),
+        flags(io[_TERMINATED] + first, n), flags(io[_TRUNCATED] + first, n),
     )  # fmt: skip

@@ -21,7 +21,7 @@ from typing import Annotated, Any, Literal, get_args, get_origin
 
 import numpy as np
 
-from .distributions import Choice, LogUniform, Number, Uniform, as_number, bounds, draw, fraction
+from .distributions import Choice, Draws, LogUniform, Number, Uniform, as_number, bounds, draw
 from .plant import heads, sensor, sheet, z_axis
 from .plant.calibration import read_columns
 from .plant.controller import PERIOD
@@ -231,6 +231,11 @@ class Scenario(_Section):
     head: Head = Head()
     sheet: Sheet = Sheet()
 
+    @functools.cached_property
+    def labels(self) -> dict[str, int]:
+        """Names of its random numbers, as they have become known (:class:`Draws`)."""
+        return {}
+
     @property
     def steps(self) -> int:
         """Control periods of an episode."""
@@ -418,26 +423,27 @@ def prepare(fleet: Fleet, scenario: Scenario, machines: Any, seeds: Any) -> None
         machines: indices, shape (n,).
         seeds: scenario seeds, shape (n,).
     """
-    m, seeds = np.atleast_1d(machines), np.atleast_1d(np.asarray(seeds, np.uint64))
+    m, draws = np.atleast_1d(machines), Draws(np.atleast_1d(np.asarray(seeds, np.uint64)), scenario.labels)
 
-    def value(section: _Section, name: str, label: str) -> np.ndarray:
-        return draw(getattr(section, name), seeds, label + name)
+    def value(section: _Section, name: str, label: str) -> Any:
+        return draw(getattr(section, name), draws, label + name)
 
-    _prepare_axis(fleet, scenario.axis, m, functools.partial(value, scenario.axis, label="axis."))
-    _prepare_head(fleet, scenario.head, m, seeds, functools.partial(value, scenario.head, label="head."))
-    _prepare_sheet(fleet, scenario, m, seeds)
-    if scenario.path:
-        fleet.put_contours([contour(scenario.path)], np.zeros(len(m), int), m)
-    else:
-        fleet.set("path.contour", m, -1.0)
-    set_height = value(scenario, "set_height", "")
-    fleet.set("path.feed", m, value(scenario, "feed", ""))
-    fleet.set("job.set_height", m, set_height)
-    fleet.set("job.hole_guard", m, float(scenario.guard))
-    fleet.set("start.gap", m, set_height + value(scenario, "start_above", ""))
+    with fleet.writing(m):
+        _prepare_axis(fleet, m, functools.partial(value, scenario.axis, label="axis."))
+        _prepare_head(fleet, scenario.head, m, draws, functools.partial(value, scenario.head, label="head."))
+        _prepare_sheet(fleet, scenario, m, draws)
+        if scenario.path:
+            fleet.put_contours([contour(scenario.path)], np.zeros(len(m), int), m)
+        else:
+            fleet.set("path.contour", m, -1.0)
+        set_height = value(scenario, "set_height", "")
+        fleet.set("path.feed", m, value(scenario, "feed", ""))
+        fleet.set("job.set_height", m, set_height)
+        fleet.set("job.hole_guard", m, float(scenario.guard))
+        fleet.set("start.gap", m, set_height + value(scenario, "start_above", ""))
 
 
-def _prepare_axis(fleet: Fleet, axis: Axis, m: np.ndarray, value: Any) -> None:
+def _prepare_axis(fleet: Fleet, m: np.ndarray, value: Any) -> None:
     bits, speed = value("dac_bits"), value("speed")
     columns = {
         "omega": 2 * np.pi * value("bandwidth"),
@@ -459,8 +465,8 @@ def _prepare_axis(fleet: Fleet, axis: Axis, m: np.ndarray, value: Any) -> None:
         fleet.set(f"z.{name}", m, column)
 
 
-def _prepare_head(fleet: Fleet, head: Head, m: np.ndarray, seeds: np.ndarray, value: Any) -> None:
-    which = np.zeros(len(m), int) if head.nominal else (fraction(seeds, "head") * heads.HEADS).astype(int)
+def _prepare_head(fleet: Fleet, head: Head, m: np.ndarray, draws: Draws, value: Any) -> None:
+    which = np.zeros(len(m), int) if head.nominal else (draws.fraction("head") * heads.HEADS).astype(int)
     which = which + heads.HEADS * heads.OSCILLATORS.index(head.oscillator)
     for index in np.unique(which):
         heads.table(int(index))
@@ -486,20 +492,20 @@ def _prepare_head(fleet: Fleet, head: Head, m: np.ndarray, seeds: np.ndarray, va
         fleet.set(f"sensor.{name}", m, column)
 
 
-def _prepare_sheet(fleet: Fleet, scenario: Scenario, m: np.ndarray, seeds: np.ndarray) -> None:
+def _prepare_sheet(fleet: Fleet, scenario: Scenario, m: np.ndarray, draws: Draws) -> None:
     shape = scenario.sheet
-    fleet.set("sheet.tilt_x", m, draw(shape.tilt, seeds, "sheet.tilt"))
-    fleet.set("sheet.tilt_y", m, draw(shape.tilt_y, seeds, "sheet.tilt_y"))
+    fleet.set("sheet.tilt_x", m, draw(shape.tilt, draws, "sheet.tilt"))
+    fleet.set("sheet.tilt_y", m, draw(shape.tilt_y, draws, "sheet.tilt_y"))
     for i in range(sheet.WAVES):
         if i < len(shape.waves):
             w, label = shape.waves[i], f"sheet.waves.{i}."
-            length = draw(w.wavelength, seeds, label + "wavelength")
-            relative = (length / draw(w.reference, seeds, label + "reference")) ** draw(
-                w.exponent, seeds, label + "exponent"
+            length = draw(w.wavelength, draws, label + "wavelength")
+            relative = (length / draw(w.reference, draws, label + "reference")) ** draw(
+                w.exponent, draws, label + "exponent"
             )
-            angle = np.deg2rad(draw(w.direction, seeds, label + "direction"))
-            k, phase = 2 * np.pi / length, 2 * np.pi * fraction(seeds, label + "phase")
-            amplitude = draw(w.amplitude, seeds, label + "amplitude") * relative
+            angle = np.deg2rad(draw(w.direction, draws, label + "direction"))
+            k, phase = 2 * np.pi / length, 2 * np.pi * draws.fraction(label + "phase")
+            amplitude = draw(w.amplitude, draws, label + "amplitude") * relative
             fleet.put_wave(m, i, amplitude, k * np.cos(angle), k * np.sin(angle), phase)
         elif i < fleet.waves:
             fleet.put_wave(m, i, 0.0, 0.0, 0.0, 0.0)
@@ -507,23 +513,23 @@ def _prepare_sheet(fleet: Fleet, scenario: Scenario, m: np.ndarray, seeds: np.nd
         if i < len(shape.vibrations):
             v, label = shape.vibrations[i], f"sheet.vibrations.{i}."
             fleet.put_vibration(
-                m, i, draw(v.amplitude, seeds, label + "amplitude"), draw(v.frequency, seeds, label + "frequency"),
-                2 * np.pi * fraction(seeds, label + "phase"),
+                m, i, draw(v.amplitude, draws, label + "amplitude"), draw(v.frequency, draws, label + "frequency"),
+                2 * np.pi * draws.fraction(label + "phase"),
             )  # fmt: skip
         elif i < fleet.vibrations:
             fleet.put_vibration(m, i, 0.0, 0.0, 0.0)
     fleet.clear_features(m)
     if shape.steps:
-        _put_steps(fleet, shape.steps, m, seeds)
+        _put_steps(fleet, shape.steps, m, draws)
     if shape.holes:
-        _put_holes(fleet, shape.holes, m, seeds)
+        _put_holes(fleet, shape.holes, m, draws)
     b = shape.bulge
-    fleet.set("sheet.bulge", m, draw(b.height, seeds, "sheet.bulge.height") if b else 0.0)
+    fleet.set("sheet.bulge", m, draw(b.height, draws, "sheet.bulge.height") if b else 0.0)
     if b:
-        fleet.set("sheet.bulge_width", m, draw(b.width, seeds, "sheet.bulge.width"))
-        fleet.set("sheet.bulge_growth", m, 1 - np.exp(-PERIOD / draw(b.growth, seeds, "sheet.bulge.growth")))
-        fleet.set("sheet.bulge_x", m, draw(b.x, seeds, "sheet.bulge.x"))
-        fleet.set("sheet.bulge_y", m, draw(b.y, seeds, "sheet.bulge.y"))
+        fleet.set("sheet.bulge_width", m, draw(b.width, draws, "sheet.bulge.width"))
+        fleet.set("sheet.bulge_growth", m, 1 - np.exp(-PERIOD / draw(b.growth, draws, "sheet.bulge.growth")))
+        fleet.set("sheet.bulge_x", m, draw(b.x, draws, "sheet.bulge.x"))
+        fleet.set("sheet.bulge_y", m, draw(b.y, draws, "sheet.bulge.y"))
         fleet.use_bulges()
     if shape.profile:
         fleet.put_profile(profile(shape.profile), shape.profile.spacing, m)
@@ -531,19 +537,19 @@ def _prepare_sheet(fleet: Fleet, scenario: Scenario, m: np.ndarray, seeds: np.nd
         fleet.set("path.profile", m, -1.0)
 
 
-def _put_steps(fleet: Fleet, steps: Steps, m: np.ndarray, seeds: np.ndarray) -> None:
+def _put_steps(fleet: Fleet, steps: Steps, m: np.ndarray, draws: Draws) -> None:
     at = np.zeros(len(m))
     for i in range(steps.count):
-        at = at + draw(steps.spacing, seeds, f"sheet.steps.{i}.spacing")
-        fleet.put_feature(m, i, at, sheet.FAR, draw(steps.height, seeds, f"sheet.steps.{i}.height"), 0.0)
+        at = at + draw(steps.spacing, draws, f"sheet.steps.{i}.spacing")
+        fleet.put_feature(m, i, at, sheet.FAR, draw(steps.height, draws, f"sheet.steps.{i}.height"), 0.0)
 
 
-def _put_holes(fleet: Fleet, holes: Holes, m: np.ndarray, seeds: np.ndarray) -> None:
+def _put_holes(fleet: Fleet, holes: Holes, m: np.ndarray, draws: Draws) -> None:
     previous = np.full(len(m), -sheet.SPACING)
     for i in range(holes.count):
         label = f"sheet.holes.{i}."
-        length, rise = draw(holes.length, seeds, label + "length"), draw(holes.rise, seeds, label + "rise")
-        middle = (i + 0.5) * draw(holes.pitch, seeds, "sheet.holes.pitch") + draw(holes.jitter, seeds, label + "jitter")
+        length, rise = draw(holes.length, draws, label + "length"), draw(holes.rise, draws, label + "rise")
+        middle = (i + 0.5) * draw(holes.pitch, draws, "sheet.holes.pitch") + draw(holes.jitter, draws, label + "jitter")
         start = np.maximum(middle - length / 2, previous + sheet.SPACING)
         previous = start + length
         # A round hole is as wide across as its mean chord; slots and edges are wider than any sensor.

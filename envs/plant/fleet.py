@@ -1,6 +1,7 @@
 """A fleet: any number of machines in blocks, as Python sees them. Owns the memory, knows no physics."""
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -41,6 +42,8 @@ class Fleet:
         self._view = self._block.reshape(self.blocks, machine.ROWS, W)
         self._keys = np.zeros(self.blocks * W, np.uint64)
         self._owned: dict[int, np.ndarray] = {}
+        self._written: np.ndarray | None = None  # machines whose rows wait to be written together
+        self._waiting: dict[int, Any] = {}
         self._contours: dict[int, tuple[path.Contour, int]] = {}  # with the index of their first sample
         self._profiles: dict[int, tuple[np.ndarray, int]] = {}
         self._deck = np.zeros(machine.DECK, np.uint64)
@@ -77,9 +80,29 @@ class Fleet:
         self._put_rows(int(machine.PLACES[name][0]) // W, machines, flat(value))
 
     def _put_rows(self, row: int, machines: Any, numbers: list[float]) -> None:
+        self._write(machines, {row + i: number for i, number in enumerate(numbers)})
+
+    def _write(self, machines: Any, rows: dict[int, Any]) -> None:
+        """Writes values (numbers, or one per machine) into rows of the columns of ``machines``."""
+        if machines is self._written:
+            self._waiting.update(rows)
+            return
         m = np.atleast_1d(machines)
-        for i, number in enumerate(numbers):
-            self._view[m // W, row + i, m % W] = number
+        values = np.empty((len(rows), len(m)))
+        for i, value in enumerate(rows.values()):
+            values[i] = value
+        self._view[m // W, np.fromiter(rows, np.int64, len(rows))[:, None], m % W] = values
+
+    @contextlib.contextmanager
+    def writing(self, machines: np.ndarray) -> Iterator[None]:
+        """What is written within into the columns of just these machines, is written all at once in the end."""
+        self._written, self._waiting = machines, {}
+        try:
+            yield
+        finally:
+            self._written = None
+        if self._waiting:
+            self._write(machines, self._waiting)
 
     def put_law(self, machines: Any, params: tuple) -> None:
         """Writes the law's ``Params``."""
@@ -87,14 +110,11 @@ class Fleet:
 
     def set(self, field: str, machines: Any, values: Any) -> None:
         """Writes one number of a part, such as ``"sheet.tilt_x"``, for ``machines`` (arrays broadcast)."""
-        m = np.atleast_1d(machines)
-        self._view[m // W, self._index[field], m % W] = values
+        self._write(machines, {self._index[field]: values})
 
     def set_law(self, field: str, machines: Any, values: Any) -> None:
         """Writes one number of the law's ``Params``."""
-        m = np.atleast_1d(machines)
-        row = int(machine.P_LAW) // W + fields(self.law.Params).index(field)
-        self._view[m // W, row, m % W] = values
+        self._write(machines, {int(machine.P_LAW) // W + fields(self.law.Params).index(field): values})
 
     def column(self, field: str) -> np.ndarray:
         """One number of a part for every machine, shape (size,)."""
@@ -135,9 +155,8 @@ class Fleet:
             self.use(machine.F_FEATURES)
 
     def _put_list(self, place: Any, width: int, machines: Any, i: int, values: tuple) -> None:
-        m, row = np.atleast_1d(machines), int(place) // W + i * width
-        for offset, value in enumerate(values):
-            self._view[m // W, row + offset, m % W] = value
+        row = int(place) // W + i * width
+        self._write(machines, {row + offset: value for offset, value in enumerate(values)})
 
     @property
     def waves(self) -> int:
@@ -151,8 +170,8 @@ class Fleet:
 
     def clear_features(self, machines: Any) -> None:
         """Takes all steps, holes and edges away."""
-        for i in range(sheet.FEATURES):
-            self.put_feature(machines, i, sheet.FAR, sheet.FAR, 0.0, 0.0)
+        none = flat(sheet.Feature())
+        self._put_rows(int(machine.FEATURES) // W, machines, none * sheet.FEATURES)
 
     def use_bulges(self) -> None:
         """Switches the thermal bulge on."""

@@ -4,6 +4,7 @@ Machines that carry the same head share its table, so a machine needs no memory 
 machine, when it is first used.
 """
 
+import functools
 from collections.abc import Iterable
 
 import numpy as np
@@ -26,6 +27,7 @@ LONGEST_RUN = 2500
 """Control periods after which a calibration run is given up."""
 
 
+@functools.cache
 def head(index: int) -> sensor.Params:
     """Head ``index``: body capacitance ±5 %, inductance ±2 %, nozzle radius ±2 % of nominal [A]."""
     preset, number = divmod(index, HEADS)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from kerfgym.envs import scenarios
-from kerfgym.envs.distributions import Choice, LogUniform, Uniform, as_number, bounds, draw
+from kerfgym.envs import distributions, scenarios
+from kerfgym.envs.distributions import Choice, Draws, LogUniform, Uniform, as_number, bounds
 from kerfgym.envs.plant import heads, machine, sheet
 from kerfgym.envs.plant.fleet import Fleet
 from kerfgym.envs.plant.quantity import InvalidInput
@@ -167,8 +167,12 @@ def test_a_scenario_survives_the_way_through_toml(group, name, tmp_path):
 SEEDS = np.arange(2000)
 
 
+def draw(number, seeds, label):
+    return distributions.draw(number, Draws(seeds, {}), label)
+
+
 def test_a_fixed_number_is_every_seeds_number():
-    assert np.array_equal(draw(7.5, SEEDS, "x"), np.full(2000, 7.5))
+    assert draw(7.5, SEEDS, "x") == 7.5
     assert (fleet_of(load("flat").varied(feed=123), SEEDS[:40]).column("path.feed") == 123.0).all()
 
 
@@ -211,6 +215,8 @@ def test_a_draw_depends_on_its_seed_and_name_alone():
     shuffled = np.random.default_rng(0).permutation(SEEDS)
     assert np.array_equal(draw(number, shuffled, "axis.zeta"), whole[shuffled])
     assert draw(number, SEEDS[17:18], "axis.zeta") == whole[17]
+    for labels in ({"axis.zeta": 0}, {"sheet.tilt": 0, "axis.zeta": 1, "feed": 2}):  # in whatever company it is made
+        assert np.array_equal(distributions.draw(number, Draws(SEEDS, labels), "axis.zeta"), whole)
     other = draw(number, SEEDS, "axis.bandwidth")
     assert abs(np.corrcoef(whole, other)[0, 1]) < 4 / np.sqrt(2000)
     neighbours = np.corrcoef(whole[:-1], whole[1:])[0, 1]
