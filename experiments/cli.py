@@ -131,13 +131,44 @@ def render(
     print(out)
 
 
+def speed(
+    rounds: int = 5,
+    name: str | None = None,
+    train: bool = True,
+    torch_threads: int = 1,
+    overwrite: bool = False,
+) -> None:
+    """Measure the machine's speed as ratios within one process; writes runs/<name>/ and prints the tables.
+
+    Args:
+        rounds: interleaved rounds; medians and ranges are over them.
+        name: of the run folder. Default: speed- and date and time.
+        train: also time a short PPO training.
+        torch_threads: threads that torch may use in it.
+        overwrite: replace an existing run folder.
+    """
+    from . import runs
+    from .speed.run import speed as measure
+    from .table import print_speed, status
+
+    for what, value in (("--rounds", rounds), ("--torch-threads", torch_threads)):
+        if value < 1:
+            raise InvalidInput(f"{what} {value} is out of range; at least 1")
+    folder = Path("runs") / (name or f"speed-{datetime.datetime.now():%Y-%m-%d-%H%M%S}")
+    runs.open_folder(folder, overwrite)
+    with status() as progress:
+        tables = measure(folder, rounds, train, torch_threads, progress)
+    print_speed(tables)
+    print(f"\n{folder}")
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Entry point of the command."""
     words = sys.argv[1:] if arguments is None else arguments
     if words == ["--version"]:
         print(f"kerfgym {__version__}")
         return
-    commands: dict[str, Any] = {"list": list_, "benchmark": benchmark, "render": render}
+    commands: dict[str, Any] = {"list": list_, "benchmark": benchmark, "render": render, "speed": speed}
     try:
         tyro.extras.subcommand_cli_from_dict(
             commands, prog="kerfgym", description="Testbed for laser-cutting machine control.", args=words

@@ -1,11 +1,14 @@
 """The benchmark's table in the terminal."""
 
+import contextlib
 import math
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
+from ..envs.plant.machine import SUBSTEPS
 from .results import REFERENCE, Results
 
 
@@ -44,3 +47,59 @@ def print_summary(results: Results) -> None:
         f"score: geometric mean over {', '.join(core)}; reported: the same of what the machine itself measures;\n"
         f"jitter: RMS change of the command, mm/s per ms; collisions of all scenarios{exempt}."
     )
+
+
+@contextlib.contextmanager
+def status() -> Iterator[Callable[[str], None]]:
+    """A line in the terminal that tells what goes on; gives the function that changes it."""
+    with Console(stderr=True).status("") as line:
+        yield line.update
+
+
+def print_speed(tables: dict[str, Any]) -> None:
+    """Prints the tables of a speed run, the promises last."""
+    console = Console(width=max(Console().width, 120))
+    rounds = int(tables["speed"].rounds.iloc[0])
+    table = Table(title=f"CPU time of a machine-step (1 ms of cutting), median of {rounds} interleaved rounds")
+    for title in ("", "machines", "threads", "ns", "range", "million/s", "× Pendulum-v1"):
+        table.add_column(title, justify="right" if title else "left", no_wrap=True)
+    group = None
+    for row in tables["speed"].itertuples():
+        if group not in (None, row.group):
+            table.add_section()
+        group = row.group
+        span = f"{row.ns_low:,.0f}–{row.ns_high:,.0f}"
+        table.add_row(
+            row.name, str(row.machines), str(row.threads), f"{row.ns_per_step:,.0f}", span,
+            f"{1e3 / row.ns_per_step:.3f}", f"{row.times_pendulum:.2f}",
+        )  # fmt: skip
+    console.print(table)
+
+    table = Table(title="the kernel by part, per machine and period")
+    for title in ("", "ns", "share", "ns per substep", "packed", "scalar", "widest register"):
+        table.add_column(title, justify="right" if title else "left")
+    for row in tables["stages"].itertuples():
+        substep = f"{row.ns / SUBSTEPS:.2f}" if "substeps" in row.stage else ""
+        counts = (
+            ["–"] * 3 if math.isnan(row.packed) else [f"{row.packed:.0f}", f"{row.scalar:.0f}", f"{row.bits:.0f} bit"]
+        )
+        table.add_row(row.stage, f"{row.ns:.1f}", f"{row.share:.0%}", substep, *counts)
+    console.print(table)
+
+    table = Table(title="start-up in fresh processes, and memory")
+    for title in ("", "CPU-s", "range"):
+        table.add_column(title, justify="right" if title else "left")
+    for row in tables["startup"].itertuples():
+        table.add_row(row.program, f"{row.cpu_seconds:.2f}", f"{row.low:.2f}–{row.high:.2f}")
+    for row in tables["memory"].itertuples():
+        table.add_row(f"{row.what}, bytes each", f"{row.bytes:.0f}", "")
+    console.print(table)
+
+    table = Table(title="what is promised")
+    for title in ("", "measured", "promised", "held"):
+        table.add_column(title, justify="right" if title else "left")
+    signs = {">=": "≥", "<=": "≤"}
+    for row in tables["ratios"].itertuples():
+        held = "not measured" if math.isnan(row.held) else ("yes" if row.held else "no")
+        table.add_row(row.ratio, _number(row.measured), f"{signs[row.sense]} {row.promised:g}", held)
+    console.print(table)

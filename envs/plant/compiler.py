@@ -409,6 +409,20 @@ def _remembering() -> Iterator[None]:
 
 def compiled(functions: Sequence[Callable[..., None]]) -> Object:
     """Machine code of kernels that belong together: functions of unsigned 64-bit integers that return nothing."""
+    whole = _optimised(functions)
+    needs = (f.name for f in whole._final_module.functions if f.is_declaration)
+    runtime = any(name.startswith(("NRT_", "numba_")) for name in needs)
+    return Object(whole.codegen._tm.emit_object(whole._final_module), runtime)
+
+
+def assembly(functions: Sequence[Callable[..., None]]) -> str:
+    """The same as assembly, to look at what the loops have become."""
+    whole = _optimised(functions)
+    return whole.codegen._tm.emit_assembly(whole._final_module)
+
+
+def _optimised(functions: Sequence[Callable[..., None]]) -> codegen.CPUCodeLibrary:
+    """The kernels linked with all that they call, and optimised."""
     context = cpu_target.target_context
     whole = codegen.CPUCodeLibrary(context.codegen(), "kerfgym")
     module = whole.create_ir_module("entries")
@@ -429,9 +443,7 @@ def compiled(functions: Sequence[Callable[..., None]]) -> Object:
             f.linkage = "internal"
     whole._optimize_final_module()
     whole._final_module.verify()
-    needs = (f.name for f in whole._final_module.functions if f.is_declaration)
-    runtime = any(name.startswith(("NRT_", "numba_")) for name in needs)
-    return Object(whole.codegen._tm.emit_object(whole._final_module), runtime)
+    return whole
 
 
 def _entry(function: Callable[..., None], module: ir.Module, context: Any) -> _Library:

@@ -159,6 +159,11 @@ class Fleet:
         self._write(machines, {row + offset: value for offset, value in enumerate(values)})
 
     @property
+    def nbytes(self) -> int:
+        """Bytes that the machines take, without the tables that they share."""
+        return self._block.nbytes + self._keys.nbytes
+
+    @property
     def waves(self) -> int:
         """Waves that the kernel adds up."""
         return int(self._deck[machine.D_WAVES])

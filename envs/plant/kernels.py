@@ -149,7 +149,11 @@ def _machine() -> str:
 
 @functools.cache
 def _folder(source: str) -> pathlib.Path:
-    """``__pycache__`` beside the source, or where the user's caches lie if that cannot be written."""
+    """``$KERFGYM_CACHE_DIR``; else ``__pycache__`` beside the source, or the user's cache if that cannot be written."""
+    wanted = os.environ.get("KERFGYM_CACHE_DIR")
+    if wanted:
+        pathlib.Path(wanted).mkdir(parents=True, exist_ok=True)
+        return pathlib.Path(wanted)
     beside = pathlib.Path(source).resolve().parent / "__pycache__"
     try:
         beside.mkdir(exist_ok=True)

@@ -1,0 +1,189 @@
+"""What ``kerfgym speed`` times: each task runs some machine-steps and gives CPU-seconds per machine-step."""
+
+import contextlib
+import importlib.util
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...envs import scenarios
+from ...envs import stack as stacks
+from ...envs.plant.fleet import Fleet
+from .. import rollout
+
+SIZES = (1, 2, 8, 32, 64, 128, 256, 512, 1024, 2048, 4096)
+"""Machines of the plot of cost against N."""
+
+CONTROLLERS = ("idle", "xi2023-improved", "xi2023-tuned", "pid", "observer", "preview-5ms")
+"""Laws that are rolled out; ``idle`` is the open loop."""
+
+MACHINES = 1024
+ORACLE = Path(__file__).parents[2] / "tests" / "oracle" / "z_machine.py"
+"""The machine in plain NumPy, where the checkout has its tests."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """One thing to time."""
+
+    group: str
+    name: str
+    machines: int
+    threads: int
+    run: Callable[[], int]  # does its work, and tells how many machine-steps that was
+
+    def cost(self) -> float:
+        """CPU-seconds per machine-step, of all threads together."""
+        start = time.process_time()
+        steps = self.run()
+        return (time.process_time() - start) / steps
+
+
+def _environment(name: str, id_: str, steps: int, **arguments: Any) -> Task:
+    import gymnasium as gym
+
+    env = gym.make(id_, **arguments).unwrapped
+    assert isinstance(env.action_space, gym.spaces.Box)
+    action = np.zeros(env.action_space.shape, np.float32)
+
+    def run() -> int:
+        env.reset(seed=0)
+        for _ in range(steps):
+            env.step(action)
+        return steps
+
+    return Task("single", name, 1, 1, run)
+
+
+def references() -> Iterator[Task]:
+    """What the machine is compared with."""
+    yield _environment("Pendulum-v1 unwrapped", "Pendulum-v1", 2000)
+    if importlib.util.find_spec("mujoco"):
+        yield _environment("HalfCheetah-v5 unwrapped", "HalfCheetah-v5", 300)
+
+
+def single() -> Task:
+    """The environment, one step after the other."""
+    return _environment("env.step", "kerfgym/HeightFollowing-v0", 2500, scenario="wavy")
+
+
+def _fleet(size: int, controller: str, threads: int = 1) -> Fleet:
+    return rollout.fleet_for(scenarios.load("wavy"), stacks.resolve(controller), np.arange(size), threads)
+
+
+def kernel(size: int, threads: int = 1, name: str = "kernel, step by step") -> Task:
+    """The block kernel in closed loop, one call for each period."""
+    fleet, calls = _fleet(size, "xi2023-improved", threads), max(10, min(20_000, 60_000 // size))
+
+    def run() -> int:
+        for _ in range(calls):
+            fleet.advance()
+        return calls * size
+
+    return Task("kernel", name, size, threads, run)
+
+
+def closed_loop(controller: str, size: int = MACHINES, threads: int = 1) -> Task:
+    """A compiled roll-out: many periods in one call."""
+    fleet, periods = _fleet(size, controller, threads), max(20, min(20_000, 60_000 // size))
+
+    def run() -> int:
+        fleet.advance(periods)
+        return periods * size
+
+    return Task("roll-out", f"roll-out, {controller}", size, threads, run)
+
+
+def vector(size: int, threads: int = 1) -> Task:
+    """The Gymnasium vector environment."""
+    from ...envs.vector import HeightFollowingVectorEnv
+
+    env = HeightFollowingVectorEnv(size, num_threads=threads, scenario="wavy")
+    actions, calls = np.zeros((size, 1), np.float32), max(10, 60_000 // size)
+    env.reset(seed=0)
+
+    def run() -> int:
+        for _ in range(calls):
+            env.step(actions)
+        return calls * size
+
+    return Task("vector", "VectorEnv.step", size, threads, run)
+
+
+def with_policy(size: int) -> Task:
+    """The kernel with action, observation and reward, but nothing around it: what a vector environment cannot beat."""
+    from ...envs.batch import Batch
+
+    batch, calls = Batch(size, "wavy"), max(10, 60_000 // size)
+    every = np.arange(size)
+    batch.sequence(every, every)
+    batch.restart(every)
+
+    def run() -> int:
+        for _ in range(calls):
+            batch.advance()
+        return calls * size
+
+    return Task("vector", "kernel with action and observation", size, 1, run)
+
+
+def sb3(size: int, threads: int = 1) -> Task:
+    """The stable-baselines3 VecEnv."""
+    from ...agents.vec_env import HeightFollowingVecEnv
+
+    env = HeightFollowingVecEnv(size, num_threads=threads, scenario="wavy")
+    actions, calls = np.zeros((size, 1), np.float32), max(10, 60_000 // size)
+    env.seed(0)
+    env.reset()
+
+    def run() -> int:
+        for _ in range(calls):
+            env.step(actions)
+        return calls * size
+
+    return Task("vector", "stable-baselines3 VecEnv.step", size, threads, run)
+
+
+def oracle(size: int) -> Task | None:
+    """The plain NumPy model of the machine, if the checkout has it."""
+    if not ORACLE.is_file():
+        return None
+    spec = importlib.util.spec_from_file_location("kerfgym_oracle", ORACLE)
+    assert spec
+    assert spec.loader
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    model = module.ZMachine.like(_fleet(size, "xi2023-improved"))
+
+    def run() -> int:
+        for _ in range(3):
+            model.step()
+        return 3 * size
+
+    return Task("NumPy", "plain NumPy model, batched", size, 1, run)
+
+
+@contextlib.contextmanager
+def busy(processes: int) -> Iterator[None]:
+    """Other processes that load the cores meanwhile."""
+    import multiprocessing
+
+    context = multiprocessing.get_context("spawn")
+    others = [context.Process(target=_spin, daemon=True) for _ in range(processes)]
+    for other in others:
+        other.start()
+    time.sleep(1.0)
+    try:
+        yield
+    finally:
+        for other in others:
+            other.terminate()
+
+
+def _spin() -> None:
+    while True:
+        sum(range(100_000))
