@@ -173,6 +173,15 @@ def _take(typingctx, array, i):
     return types.uint64(array, types.uint64), codegen
 
 
+@intrinsic
+def _fma(typingctx, a, b, c):
+    def codegen(context, builder, signature, args):
+        numbers = [context.cast(builder, x, kind, types.float64) for x, kind in zip(args, signature.args, strict=True)]
+        return builder.fma(*numbers)
+
+    return types.float64(a, b, c), codegen
+
+
 def _same_bits(given: Any, wanted: Any, word: ir.Type) -> Any:
     """The instruction that takes the bits of one kind of number for another's."""
 
@@ -187,7 +196,7 @@ def _same_bits(given: Any, wanted: Any, word: ir.Type) -> Any:
 
 
 _INSTRUCTIONS = {
-    lanes.load: _load, lanes.store: _store, lanes.call: _call,
+    lanes.load: _load, lanes.store: _store, lanes.call: _call, lanes.fma: _fma,
     lanes.as_bits: _same_bits(types.float64, types.uint64, ir.IntType(64)),
     lanes.as_number: _same_bits(types.uint64, types.float64, ir.DoubleType()),
     lanes.as_bits32: _same_bits(types.float32, types.uint32, ir.IntType(32)),

@@ -26,6 +26,7 @@ from .lanes import (
     W,
     call,
     doubles,
+    fma,
     load,
     part,
     rows,
@@ -108,6 +109,7 @@ S_Z, DRIVE, S_GUARD = (
 )
 SIGNALS, TALLY = _layout.place(rows(Privileged)), _layout.place(rows(Tally))
 COURSE, PACE, MOMENT = _layout.place(rows(Course)), _layout.place(rows(z_axis.Pace)), _layout.place(rows(Moment))
+GAINS = _layout.place(rows(z_axis.Gains))
 FOLD, KEPT = _layout.place(rows(filters.Fold)), _layout.place(2)
 WISH, BEAM, PASSED, REFUGE, SLOPE, CLOCK, ORIGIN = (_layout.place(1) for _ in range(7))
 HINTS = _layout.place(2)  # entries of the table at the last reading, filtered and raw
@@ -335,19 +337,18 @@ def prepare_all(block, at, n, tick):
             cover=sheet.coverage(feature, here, radius), open=sheet.over_void(feature, here, sheet.FOOTPRINT),
             scored=block[a + BEAM] > 0.5 and not sheet.over_void(feature, here, 0.0),
         ))  # fmt: skip
-        store(
-            block, a + PACE, z_axis.pace(load(z_axis.Params, block, a + P_Z), load(z_axis.Drive, block, a + DRIVE), DT)
-        )
+        store(block, a + PACE, z_axis.pace(load(z_axis.Params, block, a + P_Z), load(z_axis.Drive, block, a + DRIVE)))
         store(block, a + MOMENT, Moment(m.gap, m.head, 0.0, 0.0, 1e9))
 
 
 @part
-def substep(p, pace, course, z, m, share):
+def substep(p, gains, pace, course, z, m, share):
     """One substep of one machine: the Z axis moves; gap and gate add up."""
-    z, head = z_axis.step(p, pace, z, share, DT)
-    gap = head - (course.surface + share * (course.slope + share * course.bend))
+    z, head = z_axis.step(p, gains, pace, z, share, DT)
+    gap = head - fma(share, fma(share, course.bend, course.slope), course.surface)
     weight = course.weight if share > course.opens else 0.0
-    return z, Moment(gap, head, m.gate_gap + weight * gap, m.gate_motor + weight * z.position, min(m.lowest, gap))
+    gate_gap, gate_motor = fma(weight, gap, m.gate_gap), fma(weight, z.position, m.gate_motor)
+    return z, Moment(gap, head, gate_gap, gate_motor, min(m.lowest, gap))
 
 
 @stage
@@ -356,17 +357,14 @@ def move_all(block, at, n, k):
     first = np.float64(np.int64(k))
     for lane in range(n):
         a = at + lane
-        p, pace, course = (
-            load(z_axis.Params, block, a + P_Z),
-            load(z_axis.Pace, block, a + PACE),
-            load(Course, block, a + COURSE),
-        )
+        p, gains = load(z_axis.Params, block, a + P_Z), load(z_axis.Gains, block, a + GAINS)
+        pace, course = load(z_axis.Pace, block, a + PACE), load(Course, block, a + COURSE)
         z, m = load(z_axis.State, block, a + S_Z), load(Moment, block, a + MOMENT)
-        z, m = substep(p, pace, course, z, m, (first + 1.0) / SUBSTEPS)
-        z, m = substep(p, pace, course, z, m, (first + 2.0) / SUBSTEPS)
-        z, m = substep(p, pace, course, z, m, (first + 3.0) / SUBSTEPS)
-        z, m = substep(p, pace, course, z, m, (first + 4.0) / SUBSTEPS)
-        z, m = substep(p, pace, course, z, m, (first + 5.0) / SUBSTEPS)
+        z, m = substep(p, gains, pace, course, z, m, (first + 1.0) / SUBSTEPS)
+        z, m = substep(p, gains, pace, course, z, m, (first + 2.0) / SUBSTEPS)
+        z, m = substep(p, gains, pace, course, z, m, (first + 3.0) / SUBSTEPS)
+        z, m = substep(p, gains, pace, course, z, m, (first + 4.0) / SUBSTEPS)
+        z, m = substep(p, gains, pace, course, z, m, (first + 5.0) / SUBSTEPS)
         store(block, a + S_Z, z)
         store(block, a + MOMENT, m)
 
@@ -631,6 +629,7 @@ def _begin(deck_address, machine, key):
     surface = block[at + SURFACES + _surface(tick, U0)]
     head = surface + start.gap
     store(block, at + S_Z, z_axis.at_rest(head))
+    store(block, at + GAINS, z_axis.gains(load(z_axis.Params, block, at + P_Z), DT))
     store(block, at + COURSE, Course(surface, 0.0, 0.0, 0.75, 0.2, 1.0, False, True))
     store(block, at + MOMENT, Moment(start.gap, head, start.gap, head, start.gap))
     store(block, at + TALLY, Tally(-1.0, False, 1e9, z_axis.encoded(load(z_axis.Params, block, at + P_Z), head)))

@@ -17,7 +17,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from .lanes import U1, U2, U3, U4, bits, gauss, logarithm, part, uniform
+from .lanes import U1, U2, U3, U4, bits, fma, gauss, logarithm, part, uniform
 from .quantity import Quantity
 
 EPSILON0 = 8.8541878128e-3
@@ -78,15 +78,16 @@ class State(NamedTuple):
 @part
 def capacitance(p, gap, cover):
     """C5 in pF at ``gap`` (mm, > 0) when the share ``cover`` of the plate has sheet under it."""
-    plate = EPSILON0 * 3.141592653589793 * (p.radius * p.radius - p.bore * p.bore) / gap
-    fringe = 2.0 * EPSILON0 * p.radius * max(0.0, logarithm(25.132741228718345 * p.radius / gap) - 1.0)
-    return p.body + cover * plate + cover * fringe
+    near = 1.0 / gap
+    plate = EPSILON0 * 3.141592653589793 * (p.radius * p.radius - p.bore * p.bore) * near
+    fringe = 2.0 * EPSILON0 * p.radius * max(0.0, logarithm(25.132741228718345 * p.radius * near) - 1.0)
+    return fma(cover, plate + fringe, p.body)
 
 
 @part
 def oscillator(p, c5, detuning):
     """Frequency in Hz for C5 in pF (Xi2023 eqs. 1 and 3); ``detuning`` is the relative change of L·C."""
-    total = 1.0 / (1.0 / c5 + p.series)
+    total = c5 / fma(c5, p.series, 1.0)
     return 1e9 / (6.283185307179586 * np.sqrt(p.inductance * total * (1.0 + detuning)))
 
 

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .lanes import clip, part
+from .lanes import clip, fma, part
 
 GRAVITY = 9810.0
 """mm/s²"""
@@ -71,20 +71,28 @@ class Drive(NamedTuple):
     c4: float = 0.0
 
 
+class Gains(NamedTuple):
+    """What follows from the parameters alone: coefficients of the substeps, made once per episode."""
+
+    stiff: float = 0.0  # ω²·dt
+    damp: float = 0.0  # 2ζω·dt
+    near_end: float = 0.0  # 1/s
+    near_low: float = 0.0  # mm/s, near_end·low
+    near_high: float = 0.0  # mm/s, near_end·high
+    soft: float = 0.0  # 1/s
+    soft_speed: float = 0.0  # mm/s², soft·speed
+    drag: float = 0.0  # 1/s, friction/creep
+    jolt: float = 0.0  # mm/s², jerk·dt
+    mode_stiff: float = 0.0
+    mode_keep: float = 0.0  # what damping leaves of the mode's velocity
+
+
 class Pace(NamedTuple):
-    """What does not change within a control period: coefficients of the substeps, and the command before and after."""
+    """The commands of a control period."""
 
     before: float = 0.0  # mm/s
     after: float = 0.0  # mm/s
     change: float = 0.0  # share of the period at which `after` takes over
-    stiff: float = 0.0  # ω²·dt
-    damp: float = 0.0  # 2ζω·dt
-    near_end: float = 0.0  # 1/s
-    soft: float = 0.0  # 1/s
-    drag: float = 0.0  # 1/s, friction/creep
-    jolt: float = 0.0  # mm/s², jerk·dt
-    mode_stiff: float = 0.0
-    mode_damp: float = 0.0
 
 
 @part
@@ -96,60 +104,68 @@ def accept(p, d, command):
 
 
 @part
-def pace(p, d, dt):
-    """The coming period's :class:`Pace` under the commands ``d``, for substeps of ``dt`` seconds."""
-    whole = np.floor(p.dead_time)
+def gains(p, dt):
+    """The :class:`Gains` of an axis for substeps of ``dt`` seconds."""
     x, xr = p.omega * dt, p.omega_r * dt
-    older = d.c1 if whole < 1.0 else (d.c2 if whole < 2.0 else (d.c3 if whole < 3.0 else d.c4))
-    newer = (
-        d.c0 if whole < 1.0 else (d.c1 if whole < 2.0 else (d.c2 if whole < 3.0 else (d.c3 if whole < 4.0 else d.c4)))
-    )
-    return Pace(
-        before=older,
-        after=newer,
-        change=p.dead_time - whole + 1e-9,
+    near_end = 1.0 / (p.speed / (0.8 * p.acceleration) + 3.0 * (2.0 * p.zeta / p.omega + p.acceleration / p.jerk))
+    soft = 0.9 * p.jerk / p.acceleration
+    return Gains(
         stiff=p.omega * x * (1.0 - p.zeta * x),
         damp=2.0 * p.zeta * x - (2.0 * p.zeta * p.zeta - 0.5) * x * x,
-        near_end=1.0 / (p.speed / (0.8 * p.acceleration) + 3.0 * (2.0 * p.zeta / p.omega + p.acceleration / p.jerk)),
-        soft=0.9 * p.jerk / p.acceleration,
+        near_end=near_end,
+        near_low=near_end * p.low,
+        near_high=near_end * p.high,
+        soft=soft,
+        soft_speed=soft * p.speed,
         drag=p.friction / p.creep,
         jolt=p.jerk * dt,
         mode_stiff=p.omega_r * xr * (1.0 - p.zeta_r * xr),
-        mode_damp=2.0 * p.zeta_r * xr * (1.0 - p.zeta_r * xr),
+        mode_keep=1.0 - 2.0 * p.zeta_r * xr * (1.0 - p.zeta_r * xr),
     )
 
 
 @part
-def step(p, r, s, share, dt):
+def pace(p, d):
+    """The coming period's :class:`Pace` under the commands ``d``."""
+    whole = np.floor(p.dead_time)
+    older = d.c1 if whole < 1.0 else (d.c2 if whole < 2.0 else (d.c3 if whole < 3.0 else d.c4))
+    newer = (
+        d.c0 if whole < 1.0 else (d.c1 if whole < 2.0 else (d.c2 if whole < 3.0 else (d.c3 if whole < 4.0 else d.c4)))
+    )
+    return Pace(before=older, after=newer, change=p.dead_time - whole + 1e-9)
+
+
+@part
+def step(p, g, r, s, share, dt):
     """One substep of ``dt`` seconds that ends at ``share`` of the control period.
 
     Args:
-        p, r, s: :class:`Params`, :class:`Pace`, :class:`State`.
+        p, g, r, s: :class:`Params`, :class:`Gains`, :class:`Pace`, :class:`State`.
 
     Returns:
         ``(state, head)``: head is the position of the nozzle, mm.
     """
     command = r.before if share <= r.change else r.after
-    u = clip(command, r.near_end * (p.low - s.position), r.near_end * (p.high - s.position))
+    u = clip(command, fma(-g.near_end, s.position, g.near_low), fma(-g.near_end, s.position, g.near_high))
 
-    resist = clip(r.drag * s.velocity, -p.friction, p.friction)
-    wanted = r.stiff * (u - s.velocity) - r.damp * s.acceleration - (resist - s.resist)
-    most = min(p.acceleration, r.soft * (p.speed - s.velocity))
-    least = max(-p.acceleration, -r.soft * (p.speed + s.velocity))
+    resist = clip(g.drag * s.velocity, -p.friction, p.friction)
+    wanted = fma(g.stiff, u - s.velocity, fma(-g.damp, s.acceleration, s.resist - resist))
+    most = min(p.acceleration, fma(-g.soft, s.velocity, g.soft_speed))
+    least = max(-p.acceleration, fma(-g.soft, s.velocity, -g.soft_speed))
     bounded = clip(s.acceleration + wanted, least, most)
-    acceleration = s.acceleration + clip(bounded - s.acceleration, -r.jolt, r.jolt)
-    velocity = s.velocity + 0.5 * dt * (s.acceleration + acceleration)
-    position = s.position + 0.5 * dt * (s.velocity + velocity)
+    acceleration = s.acceleration + clip(bounded - s.acceleration, -g.jolt, g.jolt)
+    velocity = fma(0.5 * dt, s.acceleration + acceleration, s.velocity)
+    position = fma(0.5 * dt, s.velocity + velocity, s.position)
 
     # Free play: the head lies on the lower flank (play 0) and rises to the upper one (play = backlash) only while the
     # motor falls away from under it.
-    falling = s.falling - dt * (acceleration + GRAVITY)
-    play = clip(s.play + dt * falling, 0.0, p.backlash)
+    falling = fma(-dt, acceleration + GRAVITY, s.falling)
+    play = clip(fma(dt, falling, s.play), 0.0, p.backlash)
     carried = position + play
 
-    mode_velocity = s.mode_velocity + r.mode_stiff * (s.position + s.play - s.mode) - r.mode_damp * s.mode_velocity
-    mode = s.mode + dt * mode_velocity
-    head = carried + p.compliance * (mode - carried)
+    mode_velocity = fma(g.mode_stiff, s.position + s.play - s.mode, g.mode_keep * s.mode_velocity)
+    mode = fma(dt, mode_velocity, s.mode)
+    head = fma(p.compliance, mode - carried, carried)
     free = play > 0.0 and play < p.backlash
     return State(position, velocity, acceleration, resist, play, falling if free else 0.0, mode, mode_velocity), head
 

@@ -114,11 +114,12 @@ def _law(deck_address):
 @part
 def _move_one(block, a):
     """All substeps of one machine with its state in local variables."""
-    p, pace = load(machine.z_axis.Params, block, a + machine.P_Z), load(machine.z_axis.Pace, block, a + machine.PACE)
+    p, gains = load(machine.z_axis.Params, block, a + machine.P_Z), load(machine.z_axis.Gains, block, a + machine.GAINS)
+    pace = load(machine.z_axis.Pace, block, a + machine.PACE)
     course = load(machine.Course, block, a + machine.COURSE)
     z, m = load(machine.z_axis.State, block, a + machine.S_Z), load(machine.Moment, block, a + machine.MOMENT)
     for k in range(machine.SUBSTEPS):
-        z, m = machine.substep(p, pace, course, z, m, (np.float64(k) + 1.0) / machine.SUBSTEPS)
+        z, m = machine.substep(p, gains, pace, course, z, m, (np.float64(k) + 1.0) / machine.SUBSTEPS)
     store(block, a + machine.S_Z, z)
     store(block, a + machine.MOMENT, m)
 

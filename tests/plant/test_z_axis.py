@@ -20,11 +20,12 @@ POSITION, VELOCITY, ACCELERATION, PLAY, HEAD = range(5)
 
 def _driven(p, commands, start, trace):
     s, d, i = z_axis.at_rest(start), Drive(0.0, 0.0, 0.0, 0.0, 0.0), 0
+    g = z_axis.gains(p, DT)
     for n in range(commands.size):
         d = z_axis.accept(p, d, commands[n])
-        r = z_axis.pace(p, d, DT)
+        r = z_axis.pace(p, d)
         for k in range(SUBSTEPS):
-            s, head = z_axis.step(p, r, s, (k + 1.0) / SUBSTEPS, DT)
+            s, head = z_axis.step(p, g, r, s, (k + 1.0) / SUBSTEPS, DT)
             trace[0, i], trace[1, i], trace[2, i], trace[3, i], trace[4, i] = (
                 s.position, s.velocity, s.acceleration, s.play, head,
             )  # fmt: skip
@@ -32,13 +33,13 @@ def _driven(p, commands, start, trace):
 
 
 def _extremes(p, commands, start, most):
-    s, d = z_axis.at_rest(start), Drive(0.0, 0.0, 0.0, 0.0, 0.0)
+    s, d, g = z_axis.at_rest(start), Drive(0.0, 0.0, 0.0, 0.0, 0.0), z_axis.gains(p, DT)
     for n in range(commands.size):
         d = z_axis.accept(p, d, commands[n])
-        r = z_axis.pace(p, d, DT)
+        r = z_axis.pace(p, d)
         for k in range(SUBSTEPS):
             before = s.acceleration
-            s, _ = z_axis.step(p, r, s, (k + 1.0) / SUBSTEPS, DT)
+            s, _ = z_axis.step(p, g, r, s, (k + 1.0) / SUBSTEPS, DT)
             most[0] = max(most[0], abs(s.velocity))
             most[1] = max(most[1], abs(s.acceleration))
             most[2] = max(most[2], abs(s.acceleration - before) / DT)
