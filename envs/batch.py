@@ -88,6 +88,7 @@ class Batch:
         self.left = np.zeros(size)
         self.terminated, self.truncated = np.zeros(size, bool), np.zeros(size, bool)
         self.scenario_seeds, self.scenario_of = np.zeros(size, np.int64), np.zeros(size, np.int64)
+        self._prepared = np.full(size, -1, np.int64)  # index of the scenario whose physics the column holds
         self._sequence, self._episode = np.full(size, -1, np.int64), np.zeros(size, np.int64)
         self._weights = np.array(self.weights)
         self._io = np.array(Io(
@@ -140,15 +141,24 @@ class Batch:
 
     def start(self, machines: np.ndarray, seeds: np.ndarray) -> None:
         """Starts the episodes of these scenario seeds; the other machines are left alone."""
-        which = (mix(seeds, 7) % np.uint64(len(self.scenarios))).astype(np.int64)
-        for index in np.unique(which).tolist():
-            chosen = which == index
-            scenarios.prepare(self.fleet, self.scenarios[index], machines[chosen], seeds[chosen])
+        if len(self.scenarios) == 1:
+            which = np.zeros(len(machines), np.int64)
+            self._prepare(0, machines, seeds)
+        else:
+            which = (mix(seeds, 7) % np.uint64(len(self.scenarios))).astype(np.int64)
+            for index in np.unique(which).tolist():
+                chosen = which == index
+                self._prepare(index, machines[chosen], seeds[chosen])
         if self.control == "schedule":
             self.fleet.put_filter(machines, self.base.part("filter"))
         self.scenario_seeds[machines], self.scenario_of[machines] = seeds, which
         self.fleet.begin(machines, scenarios.noise_keys(seeds))
         self.left[machines], self.returns[machines] = self._steps[which], 0.0
+
+    def _prepare(self, index: int, machines: np.ndarray, seeds: np.ndarray) -> None:
+        again = bool((self._prepared[machines] == index).all())
+        scenarios.prepare(self.fleet, self.scenarios[index], machines, seeds, again)
+        self._prepared[machines] = index
 
     def restart(self, machines: np.ndarray) -> None:
         """Starts the next episodes of the machines' sequences."""

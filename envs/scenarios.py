@@ -415,20 +415,21 @@ def profile(source: Profile) -> np.ndarray:
 # -------------------------------------------------------------------------------------------------- the machine
 
 
-def prepare(fleet: Fleet, scenario: Scenario, machines: Any, seeds: Any) -> None:
+def prepare(fleet: Fleet, scenario: Scenario, machines: Any, seeds: Any, again: bool = False) -> None:
     """Writes the physics of ``scenario`` into the columns of ``machines``, one seed each.
 
     Args:
         fleet: whose tables are the pool of :mod:`plant.heads`.
         machines: indices, shape (n,).
         seeds: scenario seeds, shape (n,).
+        again: the machines have been prepared for this very scenario before, so what is fixed is there already.
     """
     m, draws = np.atleast_1d(machines), Draws(np.atleast_1d(np.asarray(seeds, np.uint64)), scenario.labels)
 
     def value(section: _Section, name: str, label: str) -> Any:
         return draw(getattr(section, name), draws, label + name)
 
-    with fleet.writing(m):
+    with fleet.writing(m, again):
         _prepare_axis(fleet, m, functools.partial(value, scenario.axis, label="axis."))
         _prepare_head(fleet, scenario.head, m, draws, functools.partial(value, scenario.head, label="head."))
         _prepare_sheet(fleet, scenario, m, draws)
@@ -468,10 +469,11 @@ def _prepare_axis(fleet: Fleet, m: np.ndarray, value: Any) -> None:
 def _prepare_head(fleet: Fleet, head: Head, m: np.ndarray, draws: Draws, value: Any) -> None:
     which = np.zeros(len(m), int) if head.nominal else (draws.fraction("head") * heads.HEADS).astype(int)
     which = which + heads.HEADS * heads.OSCILLATORS.index(head.oscillator)
-    for index in np.unique(which):
-        heads.table(int(index))
-        fleet.put("sensor", m[which == index], heads.head(int(index)))
+    for index in set(which.tolist()):
+        heads.table(index)
     fleet.set("start.head", m, which)
+    for name, column in zip(heads.FIELDS, heads.fields()[:, which], strict=True):
+        fleet.set(f"sensor.{name}", m, column)
     columns = {
         "noise": value("noise"),
         "jitter": value("jitter"),
@@ -487,7 +489,7 @@ def _prepare_head(fleet: Fleet, head: Head, m: np.ndarray, draws: Draws, value: 
         "burst_end": 1 - np.exp(-PERIOD / value("burst_length")),
         "plasma": value("plasma"),
     }
-    assert set(columns) <= set(sensor.Params._fields)
+    assert {*columns, *heads.FIELDS} == set(sensor.Params._fields)
     for name, column in columns.items():
         fleet.set(f"sensor.{name}", m, column)
 

@@ -94,15 +94,19 @@ class Fleet:
         self._view[m // W, np.fromiter(rows, np.int64, len(rows))[:, None], m % W] = values
 
     @contextlib.contextmanager
-    def writing(self, machines: np.ndarray) -> Iterator[None]:
-        """What is written within into the columns of just these machines, is written all at once in the end."""
+    def writing(self, machines: np.ndarray, again: bool = False) -> Iterator[None]:
+        """What is written within into the columns of just these machines, is written all at once in the end.
+
+        ``again`` leaves out numbers that are the same for all, because they have been written before.
+        """
         self._written, self._waiting = machines, {}
         try:
             yield
         finally:
             self._written = None
-        if self._waiting:
-            self._write(machines, self._waiting)
+        rows = {r: v for r, v in self._waiting.items() if isinstance(v, np.ndarray)} if again else self._waiting
+        if rows:
+            self._write(machines, rows)
 
     def put_law(self, machines: Any, params: tuple) -> None:
         """Writes the law's ``Params``."""

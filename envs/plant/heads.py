@@ -42,6 +42,17 @@ def head(index: int) -> sensor.Params:
     )
 
 
+FIELDS = ("body", "inductance", "series", "radius", "bore")
+"""What differs from head to head and preset to preset; the rest of :class:`sensor.Params` are disturbances."""
+
+
+@functools.cache
+def fields() -> np.ndarray:
+    """:data:`FIELDS` of every head of the pool, shape (fields, heads)."""
+    every = [head(index) for index in range(HEADS * len(OSCILLATORS))]
+    return np.array([[getattr(params, name) for params in every] for name in FIELDS])
+
+
 def run(params: sensor.Params, seed: int = 0, gate: sensor.Gate | None = None) -> tuple[np.ndarray, np.ndarray]:
     """A calibration run on the machine: touch the sheet, rise to 10 mm at 10 mm/s (Xi2023).
 

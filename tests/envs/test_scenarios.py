@@ -637,3 +637,16 @@ def test_a_distribution_of_whole_numbers_is_one_of_floats():
     assert as_number({"uniform": [1, 2]}) == Uniform(uniform=(1.0, 2.0))
     assert as_number(Uniform(uniform=(1, 2))) == Uniform(uniform=(1, 2))
     assert isinstance(as_number(3), float)
+
+
+@pytest.mark.parametrize("name", scenarios.suite("following"))
+def test_a_machine_prepared_again_for_its_scenario_is_the_same_as_a_new_one(name):
+    scenario, law, machines = load(name), get("xi2023-improved").law, np.arange(40)
+    old, new = Fleet(40, law, heads.POOL), Fleet(40, law, heads.POOL)
+    scenarios.prepare(old, scenario, machines, np.arange(500, 540))
+    scenarios.prepare(old, scenario, machines, np.arange(40), again=True)
+    scenarios.prepare(new, scenario, machines, np.arange(40))
+    assert np.array_equal(old._block, new._block)
+    scenarios.prepare(old, scenario, machines[7:8], np.array([99]), again=True)  # and one of them alone
+    changed = np.flatnonzero((old._view != new._view).any(axis=1).ravel())
+    assert changed.tolist() in ([7], [])
