@@ -12,6 +12,7 @@ import numpy as np
 
 from ...envs import scenarios
 from ...envs import stack as stacks
+from ...envs.plant import heads
 from ...envs.plant.fleet import Fleet
 from .. import rollout
 
@@ -157,7 +158,8 @@ def oracle(size: int) -> Task | None:
     assert spec.loader
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    model = module.ZMachine.like(_fleet(size, "xi2023-improved"))
+    seeds = np.arange(size)
+    model = module.ZMachine.like(_fleet(size, "xi2023-improved"), scenarios.noise_keys(seeds), heads.POOL)
 
     def run() -> int:
         for _ in range(3):
