@@ -155,7 +155,7 @@ class Steps(_Section):
 
     count: Annotated[int, _q("", 1, sheet.FEATURES, "steps", whole=True)] = 12
     height: Annotated[Number, _q("mm", -5, 5, "of each")]
-    spacing: Annotated[Number, _q("mm", 5, 1e4, "from step to step")]
+    spacing: Annotated[Number, _q("mm", sheet.LATEST + sheet.FOOTPRINT, 1e4, "from step to step")]
 
 
 @dataclass(frozen=True, kw_only=True)

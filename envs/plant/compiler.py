@@ -10,6 +10,7 @@ import types as python_types
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple, cast
 
+from llvmlite import binding as llvm
 from llvmlite import ir
 from numba import njit, types
 from numba.core import cgutils, codegen, errors, untyped_passes
@@ -298,20 +299,17 @@ class _Library(codegen.CPUCodeLibrary):
 
     stages: tuple[str, ...] = ()  # its functions that are not to be inlined
 
+    def __init__(self, codegen_, name):
+        codegen.CodeLibrary.__init__(self, codegen_, name)
+        self._linking_libraries, self._texts = [], []
+
     def add_ir_module(self, ir_module):
         # The compiler prefers 256-bit vectors where 512-bit ones slow the clock down a little; lane loops gain more.
         for function in ir_module.functions:
             set.add(function.attributes, '"prefer-vector-width"="512"')
-        super().add_ir_module(ir_module)
-
-    def add_llvm_module(self, ll_module):
-        self._final_module.link_in(ll_module)
+        self._texts.append(str(ir_module))
 
     def finalize(self):
-        """For code that is not a kernel: together with all that it needs."""
-        for library in self.everything({}):
-            if library is not self:
-                self._final_module.link_in(_shared(library), preserve=True)
         self._finalized = True
 
     def everything(self, seen: dict) -> dict:
@@ -322,16 +320,31 @@ class _Library(codegen.CPUCodeLibrary):
                 library.everything(seen) if isinstance(library, _Library) else seen.setdefault(library)
         return seen
 
+    def own_module(self) -> Any:
+        """Its own code, which may be linked more than once."""
+        module = llvm.parse_assembly("")
+        for text in self._texts:
+            module.link_in(llvm.parse_assembly(text))
+        for f in module.functions:
+            if not f.is_declaration:
+                f.linkage = "linkonce_odr"
+        return module
 
-def _shared(library: codegen.CPUCodeLibrary) -> Any:
-    """A copy of a library's own code that may be linked more than once."""
-    if not isinstance(library, _Library):
-        return library._get_module_for_linking()
-    module = library._final_module.clone()
-    for f in module.functions:
-        if not f.is_declaration:
-            f.linkage = "linkonce_odr"
-    return module
+    def _get_module_for_linking(self):
+        """For code that is not a kernel: together with all that it needs."""
+        module = self.own_module()
+        for library in self.everything({}):
+            if library is not self:
+                _link(module, library)
+        return module
+
+
+def _link(module: Any, library: codegen.CPUCodeLibrary) -> None:
+    """Adds a library's own code to ``module``, without what it needs."""
+    if isinstance(library, _Library):
+        module.link_in(library.own_module())
+    else:
+        module.link_in(library._get_module_for_linking(), preserve=True)
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)
@@ -381,7 +394,7 @@ class _Lean(CompilerBase):
     def define_pipelines(self):
         passes = _Passes("kerfgym")
         for each in (
-            untyped_passes.TranslateByteCode, untyped_passes.FixupArgs, untyped_passes.IRProcessing,
+            untyped_passes.TranslateByteCode, untyped_passes.FixupArgs,
             untyped_passes.GenericRewrites, untyped_passes.ReconstructSSA, NopythonTypeInference, PreLowerStripPhis,
             IRLegalization, _Lowering, NoPythonBackend,
         ):  # fmt: skip
@@ -442,7 +455,7 @@ def _optimised(functions: Sequence[Callable[..., None]]) -> codegen.CPUCodeLibra
     whole.add_ir_module(module)
     stages: list[str] = []
     for library in needed:
-        whole._final_module.link_in(_shared(library), preserve=True)
+        _link(whole._final_module, library)
         stages += library.stages if isinstance(library, _Library) else []
     for name in stages:
         whole._final_module.get_function(name).add_function_attribute("noinline")

@@ -5,8 +5,9 @@ The drive's velocity loop is of second order. Its motor obeys, with u the delaye
     j = ω²·(u − v) − 2ζω·a − d(friction)/dt,   |j| ≤ jerk,  |a| ≤ acceleration,  |v| ≤ speed,  z inside the travel
 
 Speed and travel are kept by barriers rather than by stops, so that none of the others is ever broken: near the top
-speed the acceleration is held below ``(speed − v)·jerk/acceleration``, near an end of travel the command below
-``distance/τ``, where τ is the time to brake from top speed and to get the braking going.
+speed the acceleration is held below ``0.9·(speed − v)·jerk/acceleration``, near an end of travel the command below
+``distance/τ``, where τ is the time to brake from top speed (with 0.8 of the acceleration) and three times what it takes
+to get the braking going. An axis whose top speed is high for its acceleration feels its ends from far away.
 
 The head hangs on the motor through a backlash that gravity closes (it opens only while the motor accelerates downward
 faster than g), and through a structural mode that carries the share ``compliance`` of the load path::

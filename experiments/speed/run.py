@@ -42,15 +42,15 @@ FLOORS: tuple[tuple[str, str, float], ...] = (
 
 
 def _all_tasks() -> list[Task]:
-    found = [*tasks.references(), tasks.single()]
-    found += [tasks.kernel(size) for size in SIZES]
-    found += [tasks.kernel(size, threads=2) for size in (MACHINES, LARGEST)]
-    found += [tasks.closed_loop(controller) for controller in tasks.CONTROLLERS]
-    found += [tasks.closed_loop("pid", 1), tasks.closed_loop("pid", threads=2)]
-    found += [tasks.vector(size) for size in (POLICIES, MACHINES, LARGEST)]
-    found += [tasks.with_policy(POLICIES), tasks.sb3(POLICIES), _registers()]
+    """What is compared stands side by side, because a shared machine is slower for seconds at a time."""
     numpy = tasks.oracle(LARGEST)
-    return found + ([numpy] if numpy else [])
+    found = [*tasks.references(), tasks.single()]
+    found += [tasks.closed_loop(controller) for controller in tasks.CONTROLLERS]
+    found += [_registers(), tasks.closed_loop("pid", 1), tasks.closed_loop("pid", threads=2)]
+    found += [tasks.kernel(size) for size in SIZES] + ([numpy] if numpy else [])
+    found += [tasks.kernel(size, threads=2) for size in (LARGEST, MACHINES)]
+    found += [tasks.vector(size) for size in (LARGEST, MACHINES, POLICIES)]
+    return [*found, tasks.sb3(POLICIES), tasks.with_policy(POLICIES)]
 
 
 def _registers() -> Task:
@@ -76,7 +76,7 @@ def measure(todo: list[Task], rounds: int, progress: Callable[[str], None]) -> p
     return pd.DataFrame({
         "group": [t.group for t in todo], "name": [t.name for t in todo], "machines": [t.machines for t in todo],
         "threads": [t.threads for t in todo], "ns_per_step": [statistics.median(c) for c in costs],
-        "ns_low": [min(c) for c in costs], "ns_high": [max(c) for c in costs], "rounds": rounds,
+        "ns_low": [min(c) for c in costs], "ns_high": [max(c) for c in costs], "rounds": rounds, "each": costs,
     })  # fmt: skip
 
 
@@ -112,28 +112,30 @@ def memory() -> pd.DataFrame:
 def ratios(costs: pd.DataFrame, start: dict[str, list[float]], extra: dict[str, float]) -> pd.DataFrame:
     """The promises of :data:`FLOORS` and what was measured; NaN where it could not be."""
 
-    def cost(name: str, machines: int = 1, threads: int = 1) -> float:
+    def cost(name: str, machines: int = 1, threads: int = 1) -> np.ndarray:
+        """Of each round; a ratio is the median of the rounds' ratios."""
         row = costs[(costs.name == name) & (costs.machines == machines) & (costs.threads == threads)]
-        return float(row.ns_per_step.iloc[0]) if len(row) else float("nan")
+        return np.array(row.each.iloc[0]) if len(row) else np.array([np.nan])
 
-    step, open_loop = cost("env.step"), cost("roll-out, idle", MACHINES)
-    kernel = cost("kernel, step by step", POLICIES)
-    vec = cost("stable-baselines3 VecEnv.step", POLICIES)
+    pendulum, step = cost("Pendulum-v1 unwrapped"), cost("env.step")
+    large, vec = cost("kernel, step by step", LARGEST), cost("stable-baselines3 VecEnv.step", POLICIES)
     warm = {name: startup.median(values) for name, values in start.items()}
-    rolled = {c: cost(f"roll-out, {c}", MACHINES) for c in tasks.CONTROLLERS if c != "idle"}
-    values = {
-        "env.step × Pendulum-v1 unwrapped": cost("Pendulum-v1 unwrapped") / step,
+    rolled = {c: cost(f"roll-out, {c}", MACHINES) for c in tasks.CONTROLLERS}
+    quotients = {
+        "env.step × Pendulum-v1 unwrapped": pendulum / step,
         "env.step × HalfCheetah-v5 unwrapped": cost("HalfCheetah-v5 unwrapped") / step,
-        "roll-out of 1024, one thread × Pendulum-v1": cost("Pendulum-v1 unwrapped") / rolled["pid"],
-        "kernel of 4096 × plain NumPy model": cost("plain NumPy model, batched", LARGEST)
-        / cost("kernel, step by step", LARGEST),
+        "roll-out of 1024, one thread × Pendulum-v1": pendulum / rolled["pid"],
+        "kernel of 4096 × plain NumPy model": cost("plain NumPy model, batched", LARGEST) / large,
         "lanes × the same machine from registers": cost("from registers, pid", MACHINES) / rolled["pid"],
-        "two threads ÷ one, per CPU-second": cost("kernel, step by step", LARGEST)
-        / cost("kernel, step by step", LARGEST, 2),
-        "slowest law ÷ open loop, roll-out of 1024": open_loop / max(rolled.values()),
-        "stable-baselines3 VecEnv ÷ kernel, 256, time": vec / kernel,
+        "two threads ÷ one, per CPU-second": large / cost("kernel, step by step", LARGEST, 2),
+        "slowest law ÷ open loop, roll-out of 1024": min(
+            (rolled["idle"] / c for name, c in rolled.items() if name != "idle"), key=np.median
+        ),
+        "stable-baselines3 VecEnv ÷ kernel, 256, time": vec / cost("kernel, step by step", POLICIES),
         "stable-baselines3 VecEnv ÷ kernel with action and observation, 256, time": vec
         / cost("kernel with action and observation", POLICIES),
+    }  # fmt: skip
+    values = {name: float(np.median(each)) for name, each in quotients.items()} | {
         "import kerfgym ÷ import gymnasium": warm["import kerfgym"] / warm["import gymnasium"],
         "kerfgym list, CPU-s": warm["kerfgym list"],
         "first step warm, CPU-s": warm["first step, warm"],
@@ -175,7 +177,10 @@ def speed(
         "ratios": ratios(costs, start, extra),
     }  # fmt: skip
     for name, frame in tables.items():
-        runs.write_table(folder, name, frame)
+        runs.write_table(folder, name, frame.drop(columns="each", errors="ignore"))
+    runs.write_json(
+        folder / "rounds.json", {f"{r.name}, N = {r.machines}, {r.threads}": r.each for r in costs.itertuples()}
+    )
     from .picture import picture
 
     with runs.atomic(folder / "cost.png") as part:

@@ -600,6 +600,7 @@ def test_a_scenario_that_is_made_in_python_is_the_one_of_a_file():
         (lambda: Head(oscillator="eq7"), r"^oscillator = 'eq7' is not allowed; allowed: 'eq3' or 'eq1'"),
         (lambda: Head(nominal="no"), r"^nominal = 'no' is not allowed; allowed: bool"),
         (lambda: Steps(height=0.1, spacing=30, count=2.5), rf"^count = 2\.5 {OUT} 1 to 16 \(whole\)"),
+        (lambda: Steps(height=0.1, spacing=5), rf"^spacing = 5\.0 {OUT} 16 to 10000 mm"),  # one is left 14 mm behind it
         (lambda: Sheet(waves=3), r"^waves = 3 is not allowed; allowed: tuple"),
         (lambda: Sheet(waves=[Wave(amplitude=0.1, wavelength=50)] * 9), r"^9 waves; at most 8"),
         (lambda: Profile(file=3), r"^file = 3 is not allowed; allowed: str"),

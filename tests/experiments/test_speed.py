@@ -70,6 +70,7 @@ def made_up() -> tuple[pd.DataFrame, dict[str, list[float]]]:
     costs = pd.DataFrame(todo, columns=["group", "name", "machines", "threads", "ns_per_step"])
     costs = costs.assign(ns_low=costs.ns_per_step * 0.9, ns_high=costs.ns_per_step * 1.1, rounds=5)
     costs["times_pendulum"] = 900.0 / costs.ns_per_step
+    costs["each"] = [[x, 2.0 * x, 3.0 * x] for x in costs.ns_per_step]  # a machine that slows down: no ratio does
     start = {name: [0.3, 0.2, 0.4] for name in (*startup.PROGRAMS, *startup.COLD)}
     return costs, start
 
