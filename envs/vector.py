@@ -164,7 +164,9 @@ class HeightFollowingVectorEnv(VectorEnv):
         return batch.observations.copy(), rewards, terminated, truncated, {**self._info(self._all()), **final}
 
     def _info(self, mask: np.ndarray) -> dict[str, Any]:
-        return dict(zip(_NAMES, (*self.batch.infos.copy(), *(mask,) * len(INFO)), strict=True))
+        """Gymnasium's rule: zero for the environments that the mask leaves out."""
+        values = np.where(mask, self.batch.infos, 0.0)
+        return dict(zip(_NAMES, (*values, *(mask,) * len(INFO)), strict=True))
 
     def _all(self) -> np.ndarray:
         return np.ones(self.num_envs, bool)

@@ -3,7 +3,7 @@
 import time
 from typing import Any
 
-SETTINGS: dict[str, Any] = {"n_steps": 64, "batch_size": 1024, "n_epochs": 4}
+SETTINGS: dict[str, Any] = {"n_steps": 64, "batch_size": 512, "n_epochs": 4}
 MACHINES, ITERATIONS = 256, 3
 
 
