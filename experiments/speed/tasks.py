@@ -79,10 +79,11 @@ def _fleet(size: int, controller: str, threads: int = 1) -> Fleet:
 def kernel(size: int, threads: int = 1, name: str = "kernel, step by step") -> Task:
     """The block kernel in closed loop, one call for each period."""
     fleet, calls = _fleet(size, "xi2023-improved", threads), max(10, min(20_000, 60_000 // size))
+    advance = fleet.stepper()
 
     def run() -> int:
         for _ in range(calls):
-            fleet.advance()
+            advance()
         return calls * size
 
     return Task("kernel", name, size, threads, run)
