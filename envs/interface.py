@@ -113,7 +113,7 @@ _ROWS = len(RAW) * lanes.W
 _INFO = U(len(INFO))
 _COLLIDED = machine.TALLY + U(machine.Tally._fields.index("collided") * lanes.W)
 _SCORED = machine.COURSE + U(machine.Course._fields.index("scored") * lanes.W)
-_DISTANCE = machine.S_PATH + U(machine.path.State._fields.index("distance") * lanes.W)
+_HERE = machine.S_PATH + U(machine.path.State._fields.index("here") * lanes.W)
 _GAP, _HEIGHT, _SET, _MODE, _OVERRIDE, _CAPTURED, _FEED = (
     machine.SIGNALS + U(Privileged._fields.index(name) * lanes.W)
     for name in ("gap", "height", "set_height", "mode", "override", "captured", "feed")
@@ -288,7 +288,7 @@ def judge(block, at, n, rows, weights, tick):
         _put(rows, 5, lane, scored)
         _put(rows, 6, lane, block[a + _MODE])
         _put(rows, 7, lane, block[a + _OVERRIDE])
-        _put(rows, 8, lane, block[a + _DISTANCE] - block[a + _FEED] * machine.AHEAD_S)
+        _put(rows, 8, lane, block[a + _HERE])
         _put(rows, 9, lane, felt)
         _put(rows, 10, lane, change * change)
         _put(rows, 11, lane, collided)

@@ -1,16 +1,24 @@
-"""The controller's contract: what a law sees, what it returns, and the registry of names.
+"""The controller's contract: what a law sees, what it returns, and how it is compiled.
 
 A **law** is any namespace (module or class) with::
 
     class Params(NamedTuple): …                     # Annotated[float, Quantity(…)] fields: these are tuned
     class State(NamedTuple): …
     def init(params) -> State
-    def control(params, state, signals, tables) -> (State, command)      # command: head velocity, mm/s, up positive
+    def control(params, state, signals, tables) -> (State, command)
 
-``signals`` is a :class:`Sensed`, :class:`Preview` or :class:`Privileged` according to the *information class* under
-which the law was registered; a law cannot read what its class does not hold. ``tables`` is a one-dimensional float64
-array shared by all machines, empty unless the law brought one. The functions are compiled; a law in plain Python
-implements ``reset()`` and ``control(signals)`` instead and runs through the same machine, only slower.
+A law fills a *slot* of the machine, which decides what it sees, what it commands, and how often:
+
+| slot      | rate                       | signals                   | command                                      |
+|-----------|----------------------------|---------------------------|----------------------------------------------|
+| `z`       | 1 ms                       | :class:`Sensed`           | head velocity, mm/s, up positive             |
+| `xy`      | servo period, 4 ms in Wu   | :class:`AxesSensed`       | :class:`Velocities` of the axes, mm/s        |
+| `process` | 8 ms                       | :class:`ProcessSensed`    | :class:`Process`: feed, dither, focus, …     |
+
+In slots ``z`` and ``process`` the *information class* under which the law was registered may give it more, such as
+:class:`Preview` or :class:`Privileged`; a law cannot read what its class does not hold. ``tables`` is a one-dimensional
+float64 array shared by all machines, empty unless the law brought one. The functions are compiled; a law in plain
+Python implements ``reset()`` and ``control(signals)`` instead and runs through the same machine, only slower.
 """
 
 import hashlib
@@ -104,14 +112,112 @@ class Privileged(NamedTuple):
     acceleration: float = 0.0  # mm/s², true acceleration of the motor
 
 
+class AxesSensed(NamedTuple):
+    """What the position loops know at a servo instant."""
+
+    error_x: float = 0.0  # mm, issued before minus moved since, from the encoder (Wu's E_i)
+    error_y: float = 0.0
+    position_x: float = 0.0  # mm, encoder
+    position_y: float = 0.0
+    velocity_x: float = 0.0  # mm/s, of the increment that is issued now
+    velocity_y: float = 0.0
+    acceleration_x: float = 0.0  # mm/s², its change since the last instant
+    acceleration_y: float = 0.0
+    period: float = 4e-3  # s, servo period
+    feed: float = 0.0  # mm/s along the path
+    fresh: bool = True  # first instant of an episode
+
+
+class Velocities(NamedTuple):
+    """Command of the slot ``xy``, mm/s."""
+
+    x: float = 0.0
+    y: float = 0.0
+
+
+class ProcessSensed(NamedTuple):
+    """What the process control knows every 8 ms (information class *sensor*)."""
+
+    planned: float = 0.0  # mm/s, the feed that the job was planned with, here
+    planned_50: float = 0.0  # mm/s, in 50, 100 and 200 ms of the plan
+    planned_100: float = 0.0
+    planned_200: float = 0.0
+    speed: float = 0.0  # mm/s, of the axes' drives
+    override: float = 1.0  # feed override in force
+    lag: float = 0.0  # mm behind the commanded point, along the path
+    contour_error: float = 0.0  # mm beside the path, left positive
+    height: float = 0.0  # mm, measured
+    set_height: float = 0.0  # mm
+    phase: float = 0.0  # of the job, see paths.job
+    beam: bool = False
+    progress: float = 0.0  # share of the job's time that is over
+    thickness: float = 1.0  # mm
+    nominal_power: float = 0.0  # W, of the material's recipe
+    standoff: float = 1.0  # mm, of the material's recipe
+    feed: float = 0.0  # mm/s, that the job's cuts were planned with
+    fresh: bool = True  # first decision of an episode
+
+
+class ProcessPrivileged(NamedTuple):
+    """:class:`ProcessSensed` and the cut as it turns out (information class *privileged*)."""
+
+    planned: float = 0.0
+    planned_50: float = 0.0
+    planned_100: float = 0.0
+    planned_200: float = 0.0
+    speed: float = 0.0
+    override: float = 1.0
+    lag: float = 0.0
+    contour_error: float = 0.0
+    height: float = 0.0
+    set_height: float = 0.0
+    phase: float = 0.0
+    beam: bool = False
+    progress: float = 0.0
+    thickness: float = 1.0
+    nominal_power: float = 0.0
+    standoff: float = 1.0
+    feed: float = 0.0
+    fresh: bool = True
+    gap: float = 0.0  # mm, true
+    margin: float = 0.0  # melt margin, 1: just cuts through
+    dross: float = 0.0  # mm
+    roughness: float = 0.0  # mm, Rz
+
+
+class Process(NamedTuple):
+    """Command of the slot ``process``."""
+
+    override: float = 1.0  # of the planned feed
+    power: float = 1.0  # of the nominal power
+    frequency: float = 0.0  # Hz, of the dither
+    x: float = 0.0  # mm, amplitudes of the dither
+    y: float = 0.0
+    z: float = 0.0
+    focus: float = 0.0  # mm, offset of the focus, up positive
+    standoff: float = 0.0  # mm, added to the nominal standoff
+
+
 INFORMATION = {"sensor": Sensed, "preview": Preview, "privileged": Privileged}
-"""Information classes, least first; each begins with the fields of the one before (the kernel relies on it)."""
+"""Information classes of the slot ``z``, least first; each begins with the fields of the one before (the kernel relies
+on it)."""
 
-SLOTS = ("z",)
-"""What a stack can drive: ``z``, head velocity at 1 kHz."""
 
-LAW_PARAMS, LAW_STATE = 24, 40
-"""Rows that a law's ``Params`` and ``State`` may take."""
+class Slot(NamedTuple):
+    """What a law in a slot gets and gives."""
+
+    information: dict[str, Any]  # class of the signals by information class
+    command: Any  # float, or a NamedTuple
+    params: int  # rows that a law's Params may take
+    state: int  # and its State
+
+
+SLOTS = {
+    "z": Slot(INFORMATION, float, 24, 40),
+    "xy": Slot({"sensor": AxesSensed}, Velocities, 16, 24),
+    "process": Slot({"sensor": ProcessSensed, "privileged": ProcessPrivileged}, Process, 24, 24),
+}
+"""What a stack can drive."""
 
 
 @dataclass(frozen=True)
@@ -135,7 +241,7 @@ class Law:
     @property
     def signals(self) -> Any:
         """Class of the signals that the law sees."""
-        return INFORMATION[self.information]
+        return SLOTS[self.slot].information[self.information]
 
 
 _stages: dict[str, Any] = {}
@@ -146,7 +252,7 @@ _control: Any = None
 _Params: Any = None
 _State: Any = None
 _Signals: Any = None
-_P = _S = _X = _WISH = _SIZE = lanes.U0
+_P = _S = _X = _WISH = _SIZE = _DUE = lanes.U0
 
 
 def _stage(block_address, at, n, tables_address, tables_size):
@@ -166,16 +272,39 @@ def _stage(block_address, at, n, tables_address, tables_size):
         block[a + _WISH] = command
 
 
+def _timed_stage(block_address, at, n, tables_address, tables_size):
+    """The same for a slot with a rate of its own: the lanes whose turn it is."""
+    block = doubles(block_address, _SIZE)
+    tables = doubles(tables_address, tables_size)
+    for lane in range(n):
+        a = at + lane
+        if block[a + _DUE] > 0.5:
+            params = load(_Params, block, a + _P)
+            signals = load(_Signals, block, a + _X)
+            if signals.fresh:
+                state = _init(params)
+            else:
+                state = load(_State, block, a + _S)
+            state, command = _control(params, state, signals, tables)
+            store(block, a + _S, state)
+            store(block, a + _WISH, command)
+
+
 def stage_of(law: Law, rows: dict[str, np.uint64]) -> int:
-    """Address of the law's compiled lane loop; ``rows`` tells where its params, state, signals and wish lie."""
+    """Address of the law's compiled lane loop.
+
+    Args:
+        law: what is compiled.
+        rows: where its ``params``, ``state``, ``signals`` and ``wish`` lie, and outside the slot ``z`` the flag ``due``.
+    """
     # Names of stages become file names in the cache: the law's own name and a digest of its text.
     digest = hashlib.sha256(law.source.encode()).hexdigest()[:12]
     name = f"{law.name}.{digest}".replace("-", "_").replace(":", "_")
     if name not in _stages:
         _stages[name] = specialise(
-            _stage, name, law.source, _init=law.init, _control=law.control, _Params=law.Params, _State=law.State,
+            _timed_stage if "due" in rows else _stage, name, law.source, _init=law.init, _control=law.control, _Params=law.Params, _State=law.State,
             _Signals=law.signals, _P=rows["params"], _S=rows["state"], _X=rows["signals"], _WISH=rows["wish"],
-            _SIZE=lanes.U(2**40),
+            _SIZE=lanes.U(2**40), _DUE=rows.get("due", lanes.U0),
         )  # fmt: skip
     return _stages[name].address
 
@@ -203,9 +332,14 @@ def make_law(space: Any, name: str, information: str = "sensor", slot: str = "z"
     missing = [word for word in ("Params", "State", "init", "control") if not hasattr(space, word)]
     if missing:
         raise InvalidInput(f"controller '{name}' has no {', '.join(missing)}; a law needs Params, State, init, control")
-    if information not in INFORMATION:
-        raise InvalidInput(f"unknown information class '{information}'; {did_you_mean(information, INFORMATION)}")
-    for cls, most in ((space.Params, LAW_PARAMS), (space.State, LAW_STATE)):
+    if slot not in SLOTS:
+        raise InvalidInput(f"controller '{name}': no slot '{slot}' in this machine; {did_you_mean(slot, SLOTS)}")
+    contract = SLOTS[slot]
+    if information not in contract.information:
+        raise InvalidInput(
+            f"unknown information class '{information}'; {did_you_mean(information, contract.information)}"
+        )
+    for cls, most in ((space.Params, contract.params), (space.State, contract.state)):
         if not lanes.is_part(cls):
             raise InvalidInput(f"controller '{name}': {cls!r} is not a NamedTuple")
         if lanes.rows(cls) > most:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from . import calibration, filters, path, sensor, sheet, supervisor, z_axis
-from .controller import AHEAD, LAW_PARAMS, LAW_STATE, PERIOD, Privileged
+from .controller import AHEAD, PERIOD, SLOTS, Privileged
 from .kernels import Kernel
 from .lanes import (
     GOLD,
@@ -99,7 +99,7 @@ P_SENSOR, P_GATE = _layout.place(rows(sensor.Params)), _layout.place(rows(sensor
 P_FILTER, P_TABLE = _layout.place(rows(filters.Params)), _layout.place(rows(calibration.Params))
 P_Z, P_GUARD = _layout.place(rows(z_axis.Params)), _layout.place(rows(supervisor.Params))
 JOB, START, HAND = _layout.place(rows(supervisor.Job)), _layout.place(rows(Start)), _layout.place(rows(Hand))
-P_LAW, S_LAW = _layout.place(LAW_PARAMS), _layout.place(LAW_STATE)
+P_LAW, S_LAW = _layout.place(SLOTS["z"].params), _layout.place(SLOTS["z"].state)
 S_PATH, S_SHEET = _layout.place(rows(path.State)), _layout.place(rows(sheet.State))
 S_SENSOR, S_FILTER = _layout.place(rows(sensor.State)), _layout.place(rows(filters.State))
 S_Z, DRIVE, S_GUARD = (
@@ -143,8 +143,8 @@ the period counts as cutting; distance along the path, mm; whether the superviso
 # Addresses and counts that a kernel gets in one array, the deck.
 (D_BLOCK, D_KEYS, D_MACHINES, D_TICK, D_WINDOW, D_WAVES, D_VIBRATIONS, D_FLAGS, D_FREQUENCIES, D_HEIGHTS, D_TABLES,
  D_CONTOUR_X, D_CONTOUR_Y, D_CONTOUR_ON, D_CONTOURS, D_PROFILE, D_PROFILES, D_LAW, D_LAW_TABLES, D_LAW_SIZE, D_ACT,
- D_OBSERVE, D_IO, D_RECORD, D_RECORD_TICK, D_NEXT, D_STEPS) = range(27)  # fmt: skip
-DECK = 27
+ D_OBSERVE, D_IO, D_RECORD, D_RECORD_TICK, D_NEXT, D_STEPS, D_START, D_TRAVEL, D_CUT, D_GANTRY) = range(31)  # fmt: skip
+DECK = 31
 _DECK = U(DECK)
 
 F_CONTOURS, F_FEATURES, F_PROFILES, F_BULGES, F_RANKS = (U(2**i) for i in range(5))
@@ -223,13 +223,13 @@ def travel_all(block, at, n, tick, deck):
     flags = deck[D_FLAGS]
     middle = at + SURFACES + ((tick + tick + _AHEAD2) & SURFACES_LAST) * UW
     end = at + SURFACES + ((tick + tick + _AHEAD2 + U1) & SURFACES_LAST) * UW
-    for lane in range(n):
-        a = at + lane
-        store(
-            block,
-            a + S_PATH,
-            path.advance(load(path.Params, block, a + P_PATH), load(path.State, block, a + S_PATH), PERIOD),
-        )
+    if deck[D_TRAVEL] > U0:  # axes that follow a job
+        call(deck[D_TRAVEL], deck[D_BLOCK], at, n, deck[D_GANTRY], tick)
+    else:
+        for lane in range(n):
+            a = at + lane
+            p, s = load(path.Params, block, a + P_PATH), load(path.State, block, a + S_PATH)
+            store(block, a + S_PATH, path.advance(p, s, PERIOD, AHEAD_S))
     if flags & F_CONTOURS:
         xs, ys = doubles(deck[D_CONTOUR_X], deck[D_CONTOURS]), doubles(deck[D_CONTOUR_Y], deck[D_CONTOURS])
         on = doubles(deck[D_CONTOUR_ON], deck[D_CONTOURS])
@@ -242,9 +242,8 @@ def travel_all(block, at, n, tick, deck):
                 y = path.sample(ys, p.contour, p.samples, path.SPACING, s.distance)
                 mx = path.sample(xs, p.contour, p.samples, path.SPACING, half)
                 my = path.sample(ys, p.contour, p.samples, path.SPACING, half)
-                store(block, a + S_PATH, path.State(s.time, s.distance, x, y, mx, my))
-                here = s.distance - p.feed * AHEAD_S
-                block[a + BEAM] = 1.0 if path.sample(on, p.contour, p.samples, path.SPACING, here) > 0.5 else 0.0
+                store(block, a + S_PATH, path.State(s.time, s.distance, x, y, mx, my, s.feed, s.here))
+                block[a + BEAM] = 1.0 if path.sample(on, p.contour, p.samples, path.SPACING, s.here) > 0.5 else 0.0
     for lane in range(n):
         a = at + lane
         p, s, where = (
@@ -291,12 +290,8 @@ def travel_all(block, at, n, tick, deck):
                 store(block, a + S_SHEET, sheet.leave(s, upcoming))
         for lane in range(n):
             a = at + lane
-            s, where, p = (
-                load(sheet.State, block, a + S_SHEET),
-                load(path.State, block, a + S_PATH),
-                load(path.Params, block, a + P_PATH),
-            )
-            block[middle + lane] += sheet.features(s, where.distance - 0.5 * p.feed * PERIOD)
+            s, where = load(sheet.State, block, a + S_SHEET), load(path.State, block, a + S_PATH)
+            block[middle + lane] += sheet.features(s, where.distance - 0.5 * where.feed * PERIOD)
             block[end + lane] += sheet.features(s, where.distance)
     if flags & F_PROFILES:
         profile = doubles(deck[D_PROFILE], deck[D_PROFILES])
@@ -304,7 +299,7 @@ def travel_all(block, at, n, tick, deck):
             a = at + lane
             p, s = load(path.Params, block, a + P_PATH), load(path.State, block, a + S_PATH)
             if p.profile >= 0.0:
-                half = s.distance - 0.5 * p.feed * PERIOD
+                half = s.distance - 0.5 * s.feed * PERIOD
                 block[middle + lane] += path.sample(profile, p.profile, p.profile_samples, p.profile_spacing, half)
                 block[end + lane] += path.sample(profile, p.profile, p.profile_samples, p.profile_spacing, s.distance)
 
@@ -323,8 +318,7 @@ def prepare_all(block, at, n, tick):
         block[a + COURSE + U2 * UW] = 2.0 * (start - middle) + 2.0 * (end - middle)
     for lane in range(n):
         a = at + lane
-        feature, along = load(sheet.State, block, a + S_SHEET).current, load(path.State, block, a + S_PATH).distance
-        here = along - load(path.Params, block, a + P_PATH).feed * AHEAD_S
+        feature, here = load(sheet.State, block, a + S_SHEET).current, load(path.State, block, a + S_PATH).here
         c, m, gate = (
             load(Course, block, a + COURSE),
             load(Moment, block, a + MOMENT),
@@ -486,7 +480,7 @@ def report_all(block, at, n, tick):
             height=x.height, raw_height=x.raw_height, frequency=x.frequency, valid=x.frequency > 0.0,
             set_height=load(supervisor.Job, block, a + JOB).set_height, head_position=position, head_velocity=speed,
             command=s.command, mode=s.mode, override=s.override, captured=s.captured, fresh=False,
-            feed=load(path.Params, block, a + P_PATH).feed,
+            feed=load(path.State, block, a + S_PATH).feed,
             surface_0=block[here + _surface(tick, U0)], surface_1=block[here + _surface(tick, U1)],
             surface_2=block[here + _surface(tick, U2)], surface_3=block[here + _surface(tick, U(3))],
             surface_4=block[here + _surface(tick, U(4))], surface_5=block[here + _surface(tick, U(5))],
@@ -527,7 +521,7 @@ def record_all(block, at, n, tick, record, where, machines):
         record[o + U(8) * machines] = block[a + WISH]
         record[o + U(9) * machines] = x.mode
         record[o + U(10) * machines] = 1.0 if c.scored else 0.0
-        record[o + U(11) * machines] = s.distance - x.feed * AHEAD_S
+        record[o + U(11) * machines] = s.here
         record[o + U(12) * machines] = 1.0 if x.override else 0.0
 
 
@@ -546,7 +540,8 @@ def sense_and_control(block, at, n, tick, keys, first, deck):
 
 @stage
 def live_all(deck, b):
-    """All periods that the deck asks for, of the machines of block ``b``."""
+    """All periods that the deck asks for, of the machines of block ``b``; an environment acts before them all and
+    observes after them all."""
     machines = deck[D_MACHINES]
     blocks = (machines + UW - U1) // UW
     block = doubles(deck[D_BLOCK], blocks * STRIDE)
@@ -555,8 +550,9 @@ def live_all(deck, b):
     at = b * STRIDE
     n = min(UW, machines - b * UW)
     tick = deck[D_TICK]
-    for _ in range(deck[D_STEPS]):
-        if deck[D_ACT] > U0:
+    steps = deck[D_STEPS]
+    for i in range(steps):
+        if deck[D_ACT] > U0 and i == U0:
             call(deck[D_ACT], deck[D_BLOCK], at, n, deck[D_IO], b * UW)
         supervise_all(block, at, n, tick)
         travel_all(block, at, n, tick, deck)
@@ -567,7 +563,9 @@ def live_all(deck, b):
         if deck[D_RECORD] > U0:
             place = (tick - deck[D_RECORD_TICK]) * _CHANNELS * machines + b * UW
             record_all(block, at, n, tick, record, place, machines)
-        if deck[D_OBSERVE] > U0:
+        if deck[D_CUT] > U0:
+            call(deck[D_CUT], deck[D_BLOCK], at, n, deck[D_GANTRY], tick)
+        if deck[D_OBSERVE] > U0 and i + U1 == steps:
             call(deck[D_OBSERVE], deck[D_BLOCK], at, n, deck[D_IO], b * UW)
         tick += U1
 
@@ -610,6 +608,8 @@ def _begin(deck_address, machine, key):
     # Counting on from the block's tick must give the stream that a machine alone would get from tick 0.
     keys[machine] = key - (tick + U1) * _WORDS * GOLD
     start, feed = load(Start, block, at + START), load(path.Params, block, at + P_PATH).feed
+    if deck[D_START] > U0:
+        call(deck[D_START], deck[D_BLOCK], at, U1, deck[D_GANTRY], tick)
 
     growth = load(sheet.Params, block, at + P_SHEET).bulge_growth  # the prefill's first step grows it to 0 at time 0
     store(block, at + S_SHEET, sheet.State(
@@ -623,7 +623,7 @@ def _begin(deck_address, machine, key):
     ))  # fmt: skip
     store(block, at + DRIVE, z_axis.Drive(0.0, 0.0, 0.0, 0.0, 0.0))
     block[at + BEAM] = 1.0
-    store(block, at + S_PATH, path.State(-PERIOD, -PERIOD * feed, 0.0, 0.0, 0.0, 0.0))
+    store(block, at + S_PATH, path.State(-PERIOD, -PERIOD * feed, 0.0, 0.0, 0.0, 0.0, feed, 0.0))
     for i in range(_PREFILL):
         travel_all(block, at, U1, tick + U1 - U(_PREFILL) + U(i), deck)
     surface = block[at + SURFACES + _surface(tick, U0)]
@@ -654,6 +654,8 @@ def _begin(deck_address, machine, key):
     block[at + ORIGIN] = block[at + SIGNALS + _HEAD_POSITION]
     store(block, at + HAND, Hand(1.0, 0.0))
     call(deck[D_LAW], deck[D_BLOCK], at, U1, deck[D_LAW_TABLES], deck[D_LAW_SIZE])
+    if deck[D_CUT] > U0:
+        call(deck[D_CUT], deck[D_BLOCK], at, U1, deck[D_GANTRY], tick)
     if deck[D_OBSERVE] > U0:
         call(deck[D_OBSERVE], deck[D_BLOCK], at, U1, deck[D_IO], machine)
 

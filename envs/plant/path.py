@@ -35,13 +35,20 @@ class State(NamedTuple):
     y: float = 0.0  # mm
     middle_x: float = 0.0  # mm, half a control period earlier
     middle_y: float = 0.0  # mm
+    feed: float = 0.0  # mm/s along the path
+    here: float = 0.0  # mm along the path, where the machine is now
 
 
 @part
-def advance(p, s, dt):
-    """Time and distance one control period of ``dt`` seconds later, on a straight line along x."""
+def advance(p, s, dt, ahead):
+    """Time and distance one control period of ``dt`` seconds later, on a straight line along x.
+
+    ``ahead``: s by which they run ahead of the machine.
+    """
     distance = s.distance + p.feed * dt
-    return State(s.time + dt, distance, distance, 0.0, s.distance + 0.5 * p.feed * dt, 0.0)
+    return State(
+        s.time + dt, distance, distance, 0.0, s.distance + 0.5 * p.feed * dt, 0.0, p.feed, distance - p.feed * ahead
+    )
 
 
 @part

@@ -9,7 +9,7 @@ import pytest
 
 from kerfgym.envs import scenarios
 from kerfgym.envs.plant import filters, heads, supervisor
-from kerfgym.envs.plant.controller import LAW_STATE
+from kerfgym.envs.plant.controller import SLOTS
 from kerfgym.envs.plant.fleet import Fleet
 from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.envs.stack import Stack, as_stack, get, names, resolve
@@ -225,7 +225,8 @@ def test_a_users_file_does_not_take_the_place_of_a_module_of_that_name(tmp_path,
             "xi2023-improved:filter.window=5,filter.trim=3",
             r"filter\.trim = 3 eats the whole window of 5 samples; allowed: 0 to 2 at this window",
         ),
-        ("xy=pid", r"'xy=pid': no slot 'xy' in this machine; .*known: z"),
+    ("xy=pid", "'xy=pid': controller 'pid' drives slot 'z', not 'xy'"),
+    ("yx=pid", "'yx=pid': no slot 'yx' in this machine; did you mean 'xy'"),
         ("q=pid", r"'q=pid': no slot 'q' in this machine; .*known: z"),
         ("nowhere.at.all:Mine", r"cannot import 'nowhere\.at\.all': No module named 'nowhere'"),
         ("nowhere.py:Mine", r"no file 'nowhere\.py'"),
@@ -253,11 +254,10 @@ def test_a_stack_with_a_misspelt_group_is_refused():
 def test_a_law_may_not_have_more_numbers_than_a_machine_has_room_for(own):
     import mylaw
 
-    state = NamedTuple("State", [(f"x{i}", float) for i in range(LAW_STATE + 1)])
+    most = SLOTS["z"].state
+    state = NamedTuple("State", [(f"x{i}", float) for i in range(most + 1)])
     many = type("Many", (mylaw.Mine,), {"State": state})
-    with pytest.raises(
-        InvalidInput, match=f"controller 'many': State has {LAW_STATE + 1} numbers; at most {LAW_STATE}"
-    ):
+    with pytest.raises(InvalidInput, match=f"controller 'many': State has {most + 1} numbers; at most {most}"):
         as_stack(many, "many")
     few = type("Few", (mylaw.Mine,), {"Params": dict})
     with pytest.raises(InvalidInput, match=r"controller 'few': .*dict.* is not a NamedTuple"):

@@ -1,0 +1,183 @@
+"""X and Y axes: sampled position loops around a drive with two time constants (Wu).
+
+Every interpolation period the path gives a new position; the way there is issued to the loops in equal increments, one
+per servo period (8 ms and 4 ms with Wu). At a servo instant i the position error is ``E_i = E_{i−1} − ΔA_i + ΔO_{i−1}``,
+what was issued before minus what the encoder has moved; a law makes a velocity command of it, which passes the D/A
+converter, the drive's gain of that direction, its limits of speed and acceleration, and the drive itself::
+
+    V(s)/U(s) = (1 + τs)/((1 + T1·s)(1 + T2·s)) = c1/(1 + T1·s) + c2/(1 + T2·s),
+    c1 = (T1 − τ)/(T1 − T2),  c2 = (τ − T2)/(T1 − T2)
+
+which is integrated exactly over a control period. What happens to the velocity distinguishes two modes:
+
+* *physical*: the slide moves by its integral;
+* *literal*: Wu's difference equation sums the velocities sampled at the servo instants, ``z/(z − 1)``, and the position
+  loop is ``G(z) = K·z·(A·z − B)/((z − 1)(z − C)(z − D))`` (:func:`z_domain`). Between the instants the slide is drawn
+  moving evenly, one servo period late.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .lanes import clip, fma, part
+
+
+class Params(NamedTuple):
+    """A pair of axes. Defaults: Wu, with the constants (a) of PHYSICS §3."""
+
+    literal: bool = False
+    servo: float = 4.0  # control periods of 1 ms from servo instant to servo instant [S] Wu
+    interpolation: float = 8.0  # control periods, a multiple of ``servo`` [S] Wu
+    t1: float = 0.020  # s, drive [C] puts the limit of stability at Kp = 4.5 together with the next three
+    t2: float = 0.005  # s [C]
+    tau: float = 0.0  # s, its zero [C]
+    gain: float = 1.1116  # velocity per command, K_DA·Km·K_AD [C]
+    x_plus: float = 1.0  # the same of each direction, relative
+    x_minus: float = 1.0
+    y_plus: float = 1.0
+    y_minus: float = 1.0
+    speed: float = 166.6667  # mm/s, limit of an axis: 10 m/min rapid [S] Wu
+    acceleration: float = 2000.0  # mm/s², limit of an axis [A]
+    dac: float = 166.6667 / 32768.0  # mm/s per step of a 16-bit D/A; 0: ideal [A]
+    encoder: float = 1e-3  # mm per count; 0: ideal [A]
+
+
+class Gains(NamedTuple):
+    """What follows from :class:`Params` alone, for control periods of 1 ms."""
+
+    keep_1: float = 0.0  # e^(−dt/T1)
+    keep_2: float = 0.0
+    feed_1: float = 0.0  # c1·(1 − e^(−dt/T1))
+    feed_2: float = 0.0
+    way_1: float = 0.0  # s, T1·(1 − e^(−dt/T1)): way of a velocity that dies away
+    way_2: float = 0.0
+    drag: float = 0.0  # s, way that a command is still short of after dt
+
+
+class Axis(NamedTuple):
+    """Motion of one axis."""
+
+    issued: float = 0.0  # mm, what the loop has been asked for so far
+    step: float = 0.0  # mm, issued at each servo instant until the next interpolation
+    command: float = 0.0  # mm/s, behind D/A and gain
+    ramp: float = 0.0  # mm/s, behind the limit of acceleration
+    part_1: float = 0.0  # mm/s, the drive's velocity in two parts
+    part_2: float = 0.0
+    position: float = 0.0  # mm, the slide
+    summed: float = 0.0  # mm, literal: the sum of sampled speeds
+    drawn: float = 0.0  # mm per control period, literal: how the slide is drawn moving
+
+
+@part
+def gains(p, dt):
+    """The :class:`Gains` for control periods of ``dt`` seconds."""
+    e1, e2 = np.exp(-dt / p.t1), np.exp(-dt / p.t2)
+    c1, c2 = (p.t1 - p.tau) / (p.t1 - p.t2), (p.tau - p.t2) / (p.t1 - p.t2)
+    way_1, way_2 = p.t1 * (1.0 - e1), p.t2 * (1.0 - e2)
+    return Gains(e1, e2, c1 * (1.0 - e1), c2 * (1.0 - e2), way_1, way_2, dt - c1 * way_1 - c2 * way_2)
+
+
+@part
+def at_rest(position):
+    """An axis standing still, mm."""
+    return Axis(position, 0.0, 0.0, 0.0, 0.0, 0.0, position, position, 0.0)
+
+
+@part
+def velocity(a):
+    """mm/s of the slide's drive."""
+    return a.part_1 + a.part_2
+
+
+@part
+def encoded(p, a):
+    """What the encoder reads, mm."""
+    position = a.summed if p.literal else a.position
+    return np.rint(position / p.encoder) * p.encoder if p.encoder > 0.0 else position
+
+
+@part
+def sampled(p, a):
+    """The axis at a servo instant: the literal mode adds the sampled speed to its sum."""
+    moved = velocity(a) * p.servo * 1e-3
+    if p.literal:
+        return Axis(
+            a.issued, a.step, a.command, a.ramp, a.part_1, a.part_2, a.position, a.summed + moved, moved / p.servo
+        )
+    return a
+
+
+@part
+def headed(p, a, target):
+    """The axis at an interpolation instant: the way to ``target`` (mm), in one increment per servo period."""
+    step = (target - a.issued) * p.servo / p.interpolation
+    return Axis(a.issued, step, a.command, a.ramp, a.part_1, a.part_2, a.position, a.summed, a.drawn)
+
+
+@part
+def commanded(p, a, command, plus, minus):
+    """The axis takes the law's ``command`` (mm/s) and is issued the next increment."""
+    u = np.rint(command / p.dac) * p.dac if p.dac > 0.0 else command
+    u = clip(u * p.gain * (plus if u > 0.0 else minus), -p.speed, p.speed)
+    return Axis(a.issued + a.step, a.step, u, a.ramp, a.part_1, a.part_2, a.position, a.summed, a.drawn)
+
+
+@part
+def moved(p, g, a, dt):
+    """The axis one control period of ``dt`` seconds later."""
+    most = p.acceleration * dt
+    u = a.ramp + clip(a.command - a.ramp, -most, most)
+    way = fma(g.way_1, a.part_1, fma(g.way_2, a.part_2, g.drag * u))
+    part_1, part_2 = fma(g.keep_1, a.part_1, g.feed_1 * u), fma(g.keep_2, a.part_2, g.feed_2 * u)
+    position = a.position + (a.drawn if p.literal else way)
+    return Axis(a.issued, a.step, a.command, u, part_1, part_2, position, a.summed, a.drawn)
+
+
+# ------------------------------------------------------------------------------------------------- the z domain
+
+
+def z_domain(p, period=None):
+    """``(A, B, C, D)`` of Wu's open loop for a servo period in seconds (default: that of ``p``)."""
+    t = p.servo * 1e-3 if period is None else period
+    c, d = np.exp(-t / p.t1), np.exp(-t / p.t2)
+    c1, c2 = (p.t1 - p.tau) / (p.t1 - p.t2), (p.tau - p.t2) / (p.t1 - p.t2)
+    return 1.0 - c1 * c - c2 * d, c1 * d + c2 * c - c * d, c, d
+
+
+def characteristic(p, k):
+    """Coefficients of Wu's characteristic equation z³ + (KA − C − D − 1)z² + (CD + C + D − KB)z − CD = 0."""
+    a, b, c, d = z_domain(p)
+    return np.array([1.0, k * a - c - d - 1.0, c * d + c + d - k * b, -c * d])
+
+
+def physical_loop(p, k):
+    """State matrix of the sampled loop whose slide moves by the integral of its velocity, K = ``k``.
+
+    States at a servo instant: the two parts of the velocity (times the servo period) and the position error.
+    """
+    t = p.servo * 1e-3
+    c, d = np.exp(-t / p.t1), np.exp(-t / p.t2)
+    c1, c2 = (p.t1 - p.tau) / (p.t1 - p.t2), (p.tau - p.t2) / (p.t1 - p.t2)
+    w1, w2 = p.t1 * (1.0 - c) / t, p.t2 * (1.0 - d) / t
+    return np.array([
+        [c, 0.0, k * c1 * (1.0 - c)],
+        [0.0, d, k * c2 * (1.0 - d)],
+        [-w1, -w2, 1.0 - k * (1.0 - c1 * w1 - c2 * w2)],
+    ])  # fmt: skip
+
+
+def largest_gain(p):
+    """The K at which the loop of ``p`` (literal or physical) begins to be unstable, by bisection."""
+
+    def stable(k):
+        roots = np.roots(characteristic(p, k)) if p.literal else np.linalg.eigvals(physical_loop(p, k))
+        return np.abs(roots).max() < 1.0
+
+    low, high = 0.0, 1.0
+    while stable(high):
+        high *= 2.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if stable(middle) else (low, middle)
+    return low
