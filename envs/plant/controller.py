@@ -295,14 +295,16 @@ def stage_of(law: Law, rows: dict[str, np.uint64]) -> int:
 
     Args:
         law: what is compiled.
-        rows: where its ``params``, ``state``, ``signals`` and ``wish`` lie, and outside the slot ``z`` the flag ``due``.
+        rows: where its ``params``, ``state``, ``signals`` and ``wish`` lie; outside the slot ``z`` also ``due``, whether it
+            is the lane's turn.
     """
     # Names of stages become file names in the cache: the law's own name and a digest of its text.
     digest = hashlib.sha256(law.source.encode()).hexdigest()[:12]
     name = f"{law.name}.{digest}".replace("-", "_").replace(":", "_")
+    template = _timed_stage if "due" in rows else _stage
     if name not in _stages:
         _stages[name] = specialise(
-            _timed_stage if "due" in rows else _stage, name, law.source, _init=law.init, _control=law.control, _Params=law.Params, _State=law.State,
+            template, name, law.source, _init=law.init, _control=law.control, _Params=law.Params, _State=law.State,
             _Signals=law.signals, _P=rows["params"], _S=rows["state"], _X=rows["signals"], _WISH=rows["wish"],
             _SIZE=lanes.U(2**40), _DUE=rows.get("due", lanes.U0),
         )  # fmt: skip

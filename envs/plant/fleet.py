@@ -1,27 +1,21 @@
 """A fleet: any number of machines in blocks, as Python sees them. Owns the memory, knows no physics."""
 
-import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from . import filters, machine, path, sheet
+from . import filters, gantry, machine, path, sheet
 from .calibration import Pool
+from .columns import Columns
 from .controller import Law, stage_of
-from .lanes import W, fields, flat, rows, unflat
+from .gantries import Gantries
+from .lanes import W, fields, flat
 from .quantity import InvalidInput
 from .workers import workers
 
 
-def aligned(size: int) -> np.ndarray:
-    """``size`` zeros from a 64-byte boundary on: a vector must not straddle two cache lines."""
-    room = np.zeros(size + 8)
-    start = -room.ctypes.data % 64 // 8
-    return room[start : start + size]
-
-
-class Fleet:
+class Fleet(Columns):
     """``size`` machines that share a law; every other parameter may differ from machine to machine.
 
     Args:
@@ -36,14 +30,10 @@ class Fleet:
             raise InvalidInput(f"a fleet needs at least 1 machine, not {size}")
         if threads < 1:
             raise InvalidInput(f"num_threads = {threads}; at least 1")
-        self.size, self.law, self.threads = size, law, threads
-        self.blocks = -(-size // W)
-        self._block = aligned(self.blocks * machine.ROWS * W)
-        self._view = self._block.reshape(self.blocks, machine.ROWS, W)
+        super().__init__(size, machine.ROWS, machine.PLACES)
+        self.law, self.threads = law, threads
         self._keys = np.zeros(self.blocks * W, np.uint64)
         self._owned: dict[int, np.ndarray] = {}
-        self._written: np.ndarray | None = None  # machines whose rows wait to be written together
-        self._waiting: dict[int, Any] = {}
         self._contours: dict[int, tuple[path.Contour, int]] = {}  # with the index of their first sample
         self._profiles: dict[int, tuple[np.ndarray, int]] = {}
         self._deck = np.zeros(machine.DECK, np.uint64)
@@ -56,15 +46,9 @@ class Fleet:
         self._point(machine.D_HEIGHTS, tables.heights)
         self._deck[machine.D_TABLES] = tables.frequencies.size
         self.drive_by(law)
-        self._index = {
-            f"{name}.{field}": int(place) // W + row
-            for name, (place, cls) in machine.PLACES.items()
-            for row, field in enumerate(fields(cls))
-        }
         self.record: np.ndarray | None = None
+        self.gantries: Gantries | None = None
         every = np.arange(size)
-        for name, (_, cls) in machine.PLACES.items():
-            self.put(name, every, cls())
         self.put_filter(every, filters.Params())
         self.clear_features(every)
         self.put_law(every, law.Params())
@@ -75,69 +59,13 @@ class Fleet:
         self._owned[slot] = array  # keeps it alive
         self._deck[slot] = array.ctypes.data
 
-    def put(self, name: str, machines: Any, value: tuple) -> None:
-        """Writes a part (a name of ``machine.PLACES``) into the columns of ``machines``."""
-        self._put_rows(int(machine.PLACES[name][0]) // W, machines, flat(value))
-
-    def _put_rows(self, row: int, machines: Any, numbers: list[float]) -> None:
-        self._write(machines, {row + i: number for i, number in enumerate(numbers)})
-
-    def _write(self, machines: Any, rows: dict[int, Any]) -> None:
-        """Writes values (numbers, or one per machine) into rows of the columns of ``machines``."""
-        if machines is self._written:
-            self._waiting.update(rows)
-            return
-        m = np.atleast_1d(machines)
-        values = np.empty((len(rows), len(m)))
-        for i, value in enumerate(rows.values()):
-            values[i] = value
-        self._view[m // W, np.fromiter(rows, np.int64, len(rows))[:, None], m % W] = values
-
-    @contextlib.contextmanager
-    def writing(self, machines: np.ndarray, again: bool = False) -> Iterator[None]:
-        """What is written within into the columns of just these machines, is written all at once in the end.
-
-        ``again`` leaves out numbers that are the same for all, because they have been written before.
-        """
-        self._written, self._waiting = machines, {}
-        try:
-            yield
-        finally:
-            self._written = None
-        rows = {r: v for r, v in self._waiting.items() if isinstance(v, np.ndarray)} if again else self._waiting
-        if rows:
-            self._write(machines, rows)
-
     def put_law(self, machines: Any, params: tuple) -> None:
         """Writes the law's ``Params``."""
         self._put_rows(int(machine.P_LAW) // W, machines, flat(params))
 
-    def set(self, field: str, machines: Any, values: Any) -> None:
-        """Writes one number of a part, such as ``"sheet.tilt_x"``, for ``machines`` (arrays broadcast)."""
-        self._write(machines, {self._index[field]: values})
-
     def set_law(self, field: str, machines: Any, values: Any) -> None:
         """Writes one number of the law's ``Params``."""
         self._write(machines, {int(machine.P_LAW) // W + fields(self.law.Params).index(field): values})
-
-    def column(self, field: str) -> np.ndarray:
-        """One number of a part for every machine, shape (size,)."""
-        return self._view[:, self._index[field]].reshape(-1)[: self.size].copy()
-
-    def get(self, name: str, index: int = 0) -> Any:
-        """A part of one machine as its NamedTuple."""
-        place, cls = machine.PLACES[name]
-        row = int(place) // W
-        return unflat(cls, self._view[index // W, row : row + rows(cls), index % W].tolist())
-
-    def row(self, field: str, index: int = 0) -> np.ndarray:
-        """A view of one number of one machine, shape (): reading and writing it costs next to nothing."""
-        return self._view[index // W, self._index[field], index % W : index % W + 1]
-
-    def slots(self, place: Any, count: int, index: int = 0) -> np.ndarray:
-        """A view of ``count`` rows of one machine from a place of :mod:`machine`, shape (count,)."""
-        row = int(place) // W
-        return self._view[index // W, row : row + count, index % W]
 
     # -------------------------------------------------------------------------------- lists beside the sheet
 
@@ -235,6 +163,13 @@ class Fleet:
         self.set("path.profile_samples", machines, len(heights))
         self.set("path.profile_spacing", machines, spacing)
         self.use(machine.F_PROFILES)
+
+    def use_gantries(self, law: Law) -> Gantries:
+        """Gives the machines axes that follow jobs, driven by a law of the slot ``xy``."""
+        self.gantries = Gantries(self.size, law)
+        self._deck[machine.D_START], self._deck[machine.D_TRAVEL] = gantry.start.address, gantry.travel.address
+        self._deck[machine.D_GANTRY] = self.gantries.address
+        return self.gantries
 
     # ------------------------------------------------------------------------------------------------- running
 

@@ -1,0 +1,44 @@
+"""Wu: proportional position loops for X and Y, with or without feed-forward.
+
+``v = Kp·Kn·E/T`` with the position error E of each axis at the servo instants, T apart. The loop's gain is
+``K = Kp·Kn·K_DA·Km·K_AD``, the last three being the drive's; a ramp of v mm/s leaves the constant lag E = v·T/K. Feed-
+forward adds the velocity that is about to be issued, and its change, so that the axis need not lag to move.
+"""
+
+from typing import Annotated, NamedTuple
+
+from kerfgym.envs.plant.controller import Velocities
+from kerfgym.envs.plant.lanes import part
+from kerfgym.envs.plant.quantity import Quantity
+
+
+class Params(NamedTuple):
+    """Gains."""
+
+    kp: Annotated[float, Quantity("1", 0.01, 6.0, "proportional gain Kp", "[A]", log=True)] = 0.54
+    kn: Annotated[float, Quantity("1", 0.01, 2.0, "scale Kn; Wu: 0.2", "Wu")] = 0.2
+    velocity: Annotated[float, Quantity("1", 0.0, 1.5, "feed-forward of the reference's velocity")] = 0.0
+    acceleration: Annotated[float, Quantity("ms", 0.0, 60.0, "feed-forward of its acceleration")] = 0.0
+
+
+class State(NamedTuple):
+    """A proportional law remembers nothing."""
+
+    nothing: float = 0.0
+
+
+@part
+def init(params):
+    """The initial state."""
+    return State(0.0)
+
+
+@part
+def control(params, state, signals, tables):
+    """Velocities of the axes, mm/s."""
+    k = params.kp * params.kn / signals.period
+    ahead = 1e-3 * params.acceleration
+    return state, Velocities(
+        k * signals.error_x + params.velocity * signals.velocity_x + ahead * signals.acceleration_x,
+        k * signals.error_y + params.velocity * signals.velocity_y + ahead * signals.acceleration_y,
+    )
