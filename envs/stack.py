@@ -1,10 +1,14 @@
 """A controller's stack: the whole chain that a user tunes, trains and compares, under one declared parameter tree.
 
-    gate → filter → look-up → law → supervisor limits
+A stack fills a slot of the machine::
 
-Its parameters are ``gate.…``, ``filter.…``, ``table.…``, ``law.…`` and ``guard.…``, each with unit, range, default and
-source (:class:`Quantity`). ``pid:law.kp=80,filter.window=9`` is the stack ``pid`` with two of them changed
-(:func:`resolve`). A stack fills a slot of the machine; ``z`` commands the head's velocity at 1 kHz.
+    z        gate → filter → look-up → law → supervisor limits      head velocity, 1 kHz
+    xy       path planning → law                                    velocities of the axes, servo period
+    process  feed of the plan → law                                 feed override, dither, focus, standoff, power, 8 ms
+
+Its parameters are ``law.…`` and, by slot, ``gate.…``, ``filter.…``, ``table.…`` and ``guard.…``, or ``plan.…``, each
+with unit, range, default and source (:class:`Quantity`). ``pid:law.kp=80,filter.window=9`` is the stack ``pid`` with
+two of them changed (:func:`resolve`). A :class:`Team` has one stack for each slot: ``z=pid,xy=wu,process=recipe``.
 """
 
 import copy
@@ -18,19 +22,26 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from .plant import calibration, filters, idle, sensor, supervisor
-from .plant.controller import SLOTS, Law, make_law, source_of
+from .plant import calibration, filters, idle, planning, sensor, supervisor
+from .plant.controller import INFORMATION, SLOTS, Law, make_law, source_of
 from .plant.fleet import Fleet
 from .plant.quantity import InvalidInput, Quantity, checked, did_you_mean, quantities
 from .sources import SOURCES
 
-GROUPS: dict[str, Any] = {
-    "gate": sensor.Gate,
-    "filter": filters.Params,
-    "table": calibration.Params,
-    "guard": supervisor.Params,
+GROUPS: dict[str, dict[str, Any]] = {
+    "z": {
+        "gate": sensor.Gate,
+        "filter": filters.Params,
+        "table": calibration.Params,
+        "guard": supervisor.Params,
+    },
+    "xy": {"plan": planning.Axes},
+    "process": {"plan": planning.Feed},
 }
-"""Parameter groups that every stack has; ``law`` comes from its law."""
+"""Parameter groups of each slot; ``law`` comes from the stack's law."""
+
+STANDARD = {"z": "pid", "xy": "wu-tuned", "process": "recipe"}
+"""What fills the slots of a team that a user leaves open."""
 
 
 class PythonController(Protocol):
@@ -76,7 +87,8 @@ class Stack:
                 )
         for group in self._groups:
             self.part(group)
-        filters.validated(self.part("filter"))
+        if self.slot == "z":
+            filters.validated(self.part("filter"))
 
     @property
     def slot(self) -> str:
@@ -90,7 +102,7 @@ class Stack:
 
     @property
     def _groups(self) -> dict[str, Any]:
-        return {**GROUPS, "law": self.law.Params}
+        return {**GROUPS[self.slot], "law": self.law.Params}
 
     def part(self, group: str) -> Any:
         """Parameters of one group as its NamedTuple, checked."""
@@ -120,6 +132,10 @@ class Stack:
 
     def install(self, fleet: Fleet, machines: Any) -> None:
         """Writes the stack's parameters into the columns of ``machines``; the fleet must run the stack's law."""
+        if self.slot != "z":
+            assert fleet.gantries
+            fleet.gantries.put_law(self.slot, machines, self.part("law"))
+            return
         fleet.put("gate", machines, self.part("gate"))
         fleet.put("table", machines, self.part("table"))
         fleet.put("guard", machines, self.part("guard"))
@@ -185,8 +201,8 @@ def resolve(spec: "str | Stack") -> Stack:
     if isinstance(spec, Stack):
         return spec
     prefixed = re.match(r"([A-Za-z_]\w*)=(.*)", spec)
-    slot, rest = prefixed.groups() if prefixed else ("z", spec)
-    if slot not in SLOTS:
+    slot, rest = prefixed.groups() if prefixed else (None, spec)
+    if slot is not None and slot not in SLOTS:
         raise InvalidInput(f"'{spec}': no slot '{slot}' in this machine; {did_you_mean(slot, SLOTS)}")
     pieces = rest.split(":")
     if len(pieces) > 1 and "=" not in pieces[1]:
@@ -195,11 +211,71 @@ def resolve(spec: "str | Stack") -> Stack:
         stack, overrides = get(pieces[0]), pieces[1:]
     if len(overrides) > 1:
         raise InvalidInput(f"'{spec}': overrides are separated by commas, as in pid:law.kp=80,filter.window=9")
-    if stack.slot != slot:
+    if slot is not None and stack.slot != slot:
         raise InvalidInput(f"'{spec}': controller '{stack.name}' drives slot '{stack.slot}', not '{slot}'")
     if not overrides:
         return stack
     return stack.varied(_overrides(overrides[0], spec), name=f"{stack.name}:{overrides[0]}")
+
+
+@dataclass(frozen=True)
+class Team:
+    """A stack for each slot of the machine that does jobs."""
+
+    name: str
+    z: Stack
+    xy: Stack
+    process: Stack
+
+    @property
+    def stacks(self) -> tuple[Stack, Stack, Stack]:
+        """Its stacks in the order of the slots."""
+        return (self.z, self.xy, self.process)
+
+    @property
+    def information(self) -> str:
+        """The most that one of its laws knows."""
+        return max((s.information for s in self.stacks), key=list(INFORMATION).index)
+
+    @property
+    def summary(self) -> str:
+        """What is in it."""
+        return ", ".join(f"{s.slot}={s.name}" for s in self.stacks)
+
+    def parameters(self) -> dict[str, Parameter]:
+        """Every declared parameter, its name preceded by the slot: ``z.law.kp``."""
+        return {f"{s.slot}.{name}": p for s in self.stacks for name, p in s.parameters().items()}
+
+    def install(self, fleet: Fleet, machines: Any) -> None:
+        """Writes the parameters of all stacks into the columns of ``machines``."""
+        for stack in self.stacks:
+            stack.install(fleet, machines)
+
+
+def team(spec: "str | Stack | Team") -> Team:
+    """A team from what a user writes: ``wu`` or ``z=pid,xy=wu,process=recipe``; open slots are filled by
+    :data:`STANDARD`.
+
+    Raises:
+        InvalidInput: as :func:`resolve`, or a slot is given twice.
+    """
+    if isinstance(spec, Team):
+        return spec
+    parts = [spec] if isinstance(spec, Stack) else spec.split(",")
+    merged: list[Any] = []
+    for part in parts:  # overrides of the stack before have commas too: xy=wu:law.kp=1,plan.corners=0
+        if merged and isinstance(part, str) and part.split("=")[0] not in SLOTS:
+            merged[-1] += "," + part
+        else:
+            merged.append(part)
+    found: dict[str, Stack] = {}
+    for part in merged:
+        stack = resolve(part)
+        if stack.slot in found:
+            raise InvalidInput(f"'{spec}': slot '{stack.slot}' is given twice")
+        found[stack.slot] = stack
+    filled = {slot: found[slot] if slot in found else get(name) for slot, name in STANDARD.items()}
+    return Team(spec if isinstance(spec, str) else spec.name, **filled)
 
 
 def _overrides(text: str, spec: str) -> dict[str, Any]:

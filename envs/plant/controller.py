@@ -295,8 +295,8 @@ def stage_of(law: Law, rows: dict[str, np.uint64]) -> int:
 
     Args:
         law: what is compiled.
-        rows: where its ``params``, ``state``, ``signals`` and ``wish`` lie; outside the slot ``z`` also ``due``, whether it
-            is the lane's turn.
+        rows: where its ``params``, ``state``, ``signals`` and ``wish`` lie; outside the slot ``z`` also ``due``,
+            whether it is the lane's turn.
     """
     # Names of stages become file names in the cache: the law's own name and a digest of its text.
     digest = hashlib.sha256(law.source.encode()).hexdigest()[:12]

@@ -164,10 +164,14 @@ class Fleet(Columns):
         self.set("path.profile_spacing", machines, spacing)
         self.use(machine.F_PROFILES)
 
-    def use_gantries(self, law: Law) -> Gantries:
-        """Gives the machines axes that follow jobs, driven by a law of the slot ``xy``."""
-        self.gantries = Gantries(self.size, law)
-        self._deck[machine.D_START], self._deck[machine.D_TRAVEL] = gantry.start.address, gantry.travel.address
+    def use_gantries(self, axes: Law, process: Law) -> Gantries:
+        """Gives the machines axes that follow jobs, and a cut; see :class:`gantries.Gantries`."""
+        self.gantries = Gantries(self.size, axes, process)
+        for slot, kernel in (
+            (machine.D_START, gantry.start), (machine.D_READY, gantry.ready), (machine.D_TRAVEL, gantry.travel),
+            (machine.D_FINISH, gantry.finish),
+        ):  # fmt: skip
+            self._deck[slot] = kernel.address
         self._deck[machine.D_GANTRY] = self.gantries.address
         return self.gantries
 

@@ -11,14 +11,15 @@ from .lanes import W, fields, flat
 
 
 class Gantries(Columns):
-    """One gantry for each of ``size`` machines; they share a law, every other parameter may differ.
+    """One gantry for each of ``size`` machines; they share their laws, every other parameter may differ.
 
     Args:
         size: number of machines.
-        law: position loop, a law of the slot ``xy``.
+        axes: position loop, a law of the slot ``xy``.
+        process: a law of the slot ``process``.
     """
 
-    def __init__(self, size: int, law: Law) -> None:
+    def __init__(self, size: int, axes: Law, process: Law) -> None:
         super().__init__(size, gantry.ROWS, gantry.PLACES)
         self._owned: dict[int, np.ndarray] = {}
         self._jobs: dict[int, tuple[Any, int]] = {}  # with the index of their first sample
@@ -27,8 +28,10 @@ class Gantries(Columns):
         self._deck[gantry.D_MACHINES] = size
         self._point(gantry.D_BLOCK, self._block)
         self.record: np.ndarray | None = None
-        self.drive_by(law)
-        self.put_law(np.arange(size), law.Params())
+        self.laws: dict[str, Law] = {}
+        for law in (axes, process):
+            self.drive_by(law)
+            self.put_law(law.slot, np.arange(size), law.Params())
 
     def _point(self, slot: int, array: np.ndarray) -> None:
         self._owned[slot] = array  # keeps it alive
@@ -40,19 +43,23 @@ class Gantries(Columns):
         return self._block.nbytes
 
     def drive_by(self, law: Law) -> None:
-        """Gives the axes another law (its parameters are written with :meth:`put_law`)."""
-        self.law = law
-        self._deck[gantry.D_LAW] = stage_of(law, gantry.LAW_PLACES)
-        self._point(gantry.D_LAW_TABLES, law.tables if law.tables.size else np.zeros(1))
-        self._deck[gantry.D_LAW_SIZE] = law.tables.size
+        """Puts a law into its slot (its parameters are written with :meth:`put_law`)."""
+        self.laws[law.slot] = law
+        slot = (
+            gantry.D_LAW if law.slot == "xy" else gantry.D_PROCESS
+        )  # address, tables and their size follow one another
+        self._deck[slot] = stage_of(law, gantry.LAW_PLACES[law.slot])
+        self._point(slot + 1, law.tables if law.tables.size else np.zeros(1))
+        self._deck[slot + 2] = law.tables.size
 
-    def put_law(self, machines: Any, params: tuple) -> None:
-        """Writes the law's ``Params``."""
-        self._put_rows(int(gantry.P_LAW) // W, machines, flat(params))
+    def put_law(self, slot: str, machines: Any, params: tuple) -> None:
+        """Writes the ``Params`` of the law in a slot."""
+        self._put_rows(int(gantry.LAW_PLACES[slot]["params"]) // W, machines, flat(params))
 
-    def set_law(self, field: str, machines: Any, values: Any) -> None:
-        """Writes one number of the law's ``Params``."""
-        self._write(machines, {int(gantry.P_LAW) // W + fields(self.law.Params).index(field): values})
+    def set_law(self, slot: str, field: str, machines: Any, values: Any) -> None:
+        """Writes one number of these ``Params``."""
+        row = int(gantry.LAW_PLACES[slot]["params"]) // W + fields(self.laws[slot].Params).index(field)
+        self._write(machines, {row: values})
 
     def put_axes(self, machines: Any, params: xy_axes.Params) -> None:
         """Writes the axes' parameters."""
@@ -68,3 +75,15 @@ class Gantries(Columns):
         self.set("journey.first", machines, float(self._jobs[id(job)][1]))
         self.set("journey.samples", machines, float(len(job.x)))
         self.set("journey.feed", machines, float(job.cut_feed))
+
+    def start_recording(self, steps: int, tick: int) -> np.ndarray:
+        """Keeps the next ``steps`` periods from ``tick`` on: float32 (steps, channels, size), ``gantry.CHANNELS``."""
+        self.record = np.zeros((steps, len(gantry.CHANNELS), self.size), np.float32)
+        self._point(gantry.D_RECORD, self.record)
+        self._deck[gantry.D_RECORD_TICK] = tick
+        return self.record
+
+    def stop_recording(self) -> None:
+        """Ends :meth:`start_recording`; further periods are not kept."""
+        self._deck[gantry.D_RECORD] = 0
+        self.record = None

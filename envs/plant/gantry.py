@@ -1,21 +1,31 @@
-"""The X/Y half of the machine: a job travelled by axes with following error, once per control period.
+"""The X/Y half of the machine and the cut: a job travelled by axes with following error, once per control period.
 
 It has a block of its own beside the machine's, so that a height follower on an ideal path pays nothing for it, and two
-stages that the machine calls by address: :func:`travel` before the sheet is read, :func:`cut` at the end of a period.
+stages that the machine calls by address: :func:`travel` before the sheet is read, :func:`finish` at the end of a
+period, with the cut.
 
 Axes and path run ``AHEAD`` ms ahead of the machine, as the interpolator's buffer of a real control does, so that the
 sheet under the *actual* path ahead is known to preview laws; a ring, the trail, holds what happened for the moment the
-machine gets there. So a feed override comes into force 5 ms after it was decided.
+machine gets there. So a feed override comes into force 5 ms after it was decided; what concerns beam and spot, at once.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from . import lanes, machine, path, supervisor, xy_axes
-from .controller import AHEAD, PERIOD, SLOTS, AxesSensed, Velocities
+from . import cut, machine, path, spot, supervisor, xy_axes
+from .controller import (
+    AHEAD,
+    PERIOD,
+    SLOTS,
+    AxesSensed,
+    Privileged,
+    Process,
+    ProcessPrivileged,
+    Velocities,
+)
 from .kernels import Kernel
-from .lanes import U0, U1, UW, Layout, U, W, call, clip, doubles, load, part, rows, stage, store, words
+from .lanes import U0, U1, U2, UW, Layout, U, W, call, clip, doubles, load, part, rows, singles, stage, store, words
 
 RAPID, APPROACH, PIERCE, LEAD_IN, CUT, LIFT = range(6)
 """Phases of a job."""
@@ -33,12 +43,24 @@ class Journey(NamedTuple):
     corrections: float = 0.5  # mm, largest correction of the reference
 
 
-class Hand(NamedTuple):
-    """What an environment's action does to the path."""
+class Recipe(NamedTuple):
+    """What the process is about: nominal settings of the material, and how far they may be changed."""
 
-    override: float = 1.0  # times the feed override
+    period: float = 8.0  # control periods from decision to decision
+    power: float = 1000.0  # W
+    standoff: float = 1.0  # mm
+    thickness: float = 1.0  # mm
+    most_override: float = 2.0
+    most_power: float = 1.2  # of the nominal power
+    most_standoff: float = 1.0  # mm, ±
+
+
+class Hand(NamedTuple):
+    """What an environment's action adds to the path and to the process' command."""
+
     dx: float = 0.0  # mm, added to the reference
     dy: float = 0.0
+    process: Process = Process(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class Progress(NamedTuple):
@@ -74,6 +96,31 @@ class Trail(NamedTuple):
     over: float = 0.0  # the job is done
 
 
+class Turn(NamedTuple):
+    """When the process is decided next."""
+
+    process_in: float = 0.0  # control periods
+    fresh: bool = True
+
+
+class Sums(NamedTuple):
+    """What an episode adds up; lengths of cut as weights."""
+
+    time: float = 0.0  # s, until the job was done
+    cutting: float = 0.0  # s in the phases LEAD_IN and CUT
+    length: float = 0.0  # mm cut
+    contour2: float = 0.0  # mm²·mm of the contour error
+    contour_worst: float = 0.0  # mm
+    gap2: float = 0.0  # mm²·mm of the standoff error
+    gap_worst: float = 0.0  # mm
+    dross: float = 0.0  # mm·mm
+    roughness: float = 0.0  # mm·mm
+    through: float = 0.0  # mm cut through
+    kerf: float = 0.0  # mm·mm, at the top
+    taper: float = 0.0  # mm·mm, perpendicularity u
+    energy: float = 0.0  # J of the beam
+
+
 _layout = Layout()
 P_JOURNEY, P_XY, G_XY = (_layout.place(rows(c)) for c in (Journey, xy_axes.Params, xy_axes.Gains))
 P_LAW, S_LAW = _layout.place(SLOTS["xy"].params), _layout.place(SLOTS["xy"].state)
@@ -81,31 +128,51 @@ SIGNALS, WISH, DUE = _layout.place(rows(AxesSensed)), _layout.place(rows(Velocit
 HAND, PROGRESS = _layout.place(rows(Hand)), _layout.place(rows(Progress))
 X, Y = _layout.place(rows(xy_axes.Axis)), _layout.place(rows(xy_axes.Axis))
 TRAIL, TRAIL_LAST = _layout.place(8 * rows(Trail)), U(7)
+P_RECIPE, P_OPTICS, P_CUT = (_layout.place(rows(c)) for c in (Recipe, spot.Params, cut.Params))
+P_PROCESS, S_PROCESS = _layout.place(SLOTS["process"].params), _layout.place(SLOTS["process"].state)
+PROCESS_SIGNALS, PROCESS_WISH = _layout.place(rows(ProcessPrivileged)), _layout.place(rows(Process))
+PROCESS_DUE, TURN, APPLIED = _layout.place(1), _layout.place(rows(Turn)), _layout.place(rows(Process))
+REALISED, BEAM = _layout.place(rows(spot.Realised)), _layout.place(rows(cut.Beam))
+S_CUT, FIGURES, SUMS = _layout.place(rows(cut.State)), _layout.place(rows(cut.Figures)), _layout.place(rows(Sums))
 ROWS = _layout.rows
 STRIDE = U(ROWS * W)
 _TRAIL = U(rows(Trail)) * UW
 
-LAW_PLACES = {"params": P_LAW, "state": S_LAW, "signals": SIGNALS, "wish": WISH, "due": DUE}
+LAW_PLACES = {
+    "xy": {"params": P_LAW, "state": S_LAW, "signals": SIGNALS, "wish": WISH, "due": DUE},
+    "process": {
+        "params": P_PROCESS, "state": S_PROCESS, "signals": PROCESS_SIGNALS, "wish": PROCESS_WISH, "due": PROCESS_DUE,
+    },
+}  # fmt: skip
 
 PLACES = {
     "journey": (P_JOURNEY, Journey), "xy": (P_XY, xy_axes.Params), "gains": (G_XY, xy_axes.Gains),
     "axes_signals": (SIGNALS, AxesSensed), "velocities": (WISH, Velocities), "hand": (HAND, Hand),
-    "progress": (PROGRESS, Progress), "x": (X, xy_axes.Axis), "y": (Y, xy_axes.Axis),
+    "progress": (PROGRESS, Progress), "x": (X, xy_axes.Axis), "y": (Y, xy_axes.Axis), "recipe": (P_RECIPE, Recipe),
+    "optics": (P_OPTICS, spot.Params), "cut": (P_CUT, cut.Params), "wish": (PROCESS_WISH, Process),
+    "process_signals": (PROCESS_SIGNALS, ProcessPrivileged), "applied": (APPLIED, Process),
+    "realised": (REALISED, spot.Realised), "figures": (FIGURES, cut.Figures), "sums": (SUMS, Sums),
 }  # fmt: skip
 """Offset and class of each part that Python reads or writes."""
 
-(D_BLOCK, D_JOBS, D_LAW, D_LAW_TABLES, D_LAW_SIZE, D_RECORD, D_RECORD_TICK, D_MACHINES) = range(8)
-DECK = 8
+(D_BLOCK, D_JOBS, D_LAW, D_LAW_TABLES, D_LAW_SIZE, D_PROCESS, D_PROCESS_TABLES, D_PROCESS_SIZE, D_RECORD,
+ D_RECORD_TICK, D_MACHINES) = range(11)  # fmt: skip
+DECK = 11
 _DECK = U(DECK)
 
-CHANNELS = (*Trail._fields, "x_issued", "y_issued")
-"""What a recorder keeps of each control period, float32."""
+CHANNELS = (*Trail._fields, "gap_error", *Process._fields, *spot.Realised._fields, *cut.Figures._fields)
+"""What a recorder keeps of each control period, float32: the trail, the true standoff error (mm), the process' command,
+the dither as the optics realise it, and the figures of the cut."""
 _CHANNELS = U(len(CHANNELS))
+_TRAIL_ROWS, _APPLIED_ROWS = U(rows(Trail)), U(rows(Process))
+_REALISED_ROWS, _FIGURES_ROWS = U(rows(spot.Realised)), U(rows(cut.Figures))
 
 _ANY = U(2**40)
+_SET_HEIGHT = U(supervisor.Job._fields.index("set_height") * W)
 _STRIDE_Z = machine.STRIDE
 _JOB = U(len(JOB))
 _AHEAD = U(AHEAD)
+LEAST_OVERRIDE = 0.05
 _SLEW = 0.5
 """Share of the axes' acceleration that a change of the feed override may take."""
 
@@ -151,6 +218,33 @@ def _nearest(jobs, j, near, latest, x, y):
 
 
 # ------------------------------------------------------------------------------------------- stages of a period
+
+
+@stage
+def apply_all(g, base, n):
+    """What was decided about the process comes into force: spot, beam, override."""
+    for lane in range(n):
+        a = base + lane
+        if g[a + PROCESS_DUE] > 0.5:
+            r, p, u = (
+                load(Recipe, g, a + P_RECIPE),
+                load(spot.Params, g, a + P_OPTICS),
+                load(Process, g, a + PROCESS_WISH),
+            )
+            h = load(Hand, g, a + HAND).process
+            c = Process(
+                override=clip(u.override + h.override, LEAST_OVERRIDE, r.most_override),
+                power=clip(u.power + h.power, 0.0, r.most_power),
+                frequency=clip(u.frequency + h.frequency, 0.0, p.highest),
+                x=clip(u.x + h.x, 0.0, p.galvo_range), y=clip(u.y + h.y, 0.0, p.galvo_range),
+                z=clip(u.z + h.z, 0.0, p.piezo_range), focus=clip(u.focus + h.focus, -p.piezo_range, p.piezo_range),
+                standoff=clip(u.standoff + h.standoff, -r.most_standoff, r.most_standoff),
+            )  # fmt: skip
+            before = load(spot.Realised, g, a + REALISED)
+            real = spot.realised(p, spot.Command(c.frequency, c.x, c.y, c.z, c.focus), before.focus)
+            store(g, a + APPLIED, c)
+            store(g, a + REALISED, real)
+            g[a + PROCESS_DUE] = 0.0
 
 
 @stage
@@ -227,7 +321,8 @@ def head_all(g, base, n, jobs):
         if s.servo_in > 1.0:
             g[a + PROGRESS + U(3) * UW] = s.servo_in - 1.0
         else:
-            p, j, hand = load(xy_axes.Params, g, a + P_XY), load(Journey, g, a + P_JOURNEY), load(Hand, g, a + HAND)
+            p, j = load(xy_axes.Params, g, a + P_XY), load(Journey, g, a + P_JOURNEY)
+            hand, applied = load(Hand, g, a + HAND), load(Process, g, a + APPLIED)
             x = xy_axes.sampled(p, load(xy_axes.Axis, g, a + X))
             y = xy_axes.sampled(p, load(xy_axes.Axis, g, a + Y))
             tau, override = s.tau, s.override
@@ -237,7 +332,7 @@ def head_all(g, base, n, jobs):
             else:
                 interpolation_in = p.interpolation
                 most = _SLEW * p.acceleration * p.interpolation * PERIOD / max(_between(jobs, j, tau, U(3)), 1.0)
-                wanted = clip(hand.override, 0.05, _between(jobs, j, tau, U(9)))
+                wanted = clip(applied.override, LEAST_OVERRIDE, _between(jobs, j, tau, U(9)))
                 override += clip(wanted - override, -most, most)
                 tau = min(tau + override * p.interpolation, j.samples - 1.0)
                 dx, dy = clip(hand.dx, -j.corrections, j.corrections), clip(hand.dy, -j.corrections, j.corrections)
@@ -256,6 +351,81 @@ def head_all(g, base, n, jobs):
             ))  # fmt: skip
             store(g, a + PROGRESS, Progress(tau, override, s.near, p.servo, interpolation_in, new_x, new_y, False))
             g[a + DUE] = 1.0
+
+
+@stage
+def cut_all(block, at, g, base, n, now):
+    """The cut of this period, and what the episode adds up."""
+    for lane in range(n):
+        a, b = at + lane, base + lane
+        trail, sums = load(Trail, g, b + now), load(Sums, g, b + SUMS)
+        x, recipe = load(Privileged, block, a + machine.SIGNALS), load(Recipe, g, b + P_RECIPE)
+        applied, optics = load(Process, g, b + APPLIED), load(spot.Params, g, b + P_OPTICS)
+        real, params = load(spot.Realised, g, b + REALISED), load(cut.Params, g, b + P_CUT)
+        scored = load(machine.Course, block, a + machine.COURSE).scored
+        along, across, up = spot.spread(optics, real, trail.tx, trail.ty)
+        power = applied.power * recipe.power
+        error = x.gap - recipe.standoff
+        beam = cut.beam(params, power, along, across, up, real.focus, real.frequency)
+        s, f = cut.step(params, beam, load(cut.State, g, b + S_CUT), trail.speed, error, trail.error, PERIOD)
+        store(g, b + S_CUT, s)
+        store(g, b + FIGURES, f)
+        w = trail.speed * PERIOD if scored else 0.0
+        off, gap = abs(trail.error), abs(error)
+        running = 0.0 if trail.over > 0.5 else PERIOD
+        store(g, b + SUMS, Sums(
+            sums.time + running, sums.cutting + (PERIOD if scored else 0.0), sums.length + w,
+            sums.contour2 + w * off * off, max(sums.contour_worst, off) if scored else sums.contour_worst,
+            sums.gap2 + w * error * error, max(sums.gap_worst, gap) if scored else sums.gap_worst,
+            sums.dross + w * f.dross, sums.roughness + w * f.roughness, sums.through + w * f.through,
+            sums.kerf + w * f.kerf_top, sums.taper + w * f.taper, sums.energy + trail.beam * power * PERIOD,
+        ))  # fmt: skip
+
+
+@stage
+def decide_all(block, at, g, base, n, jobs, now, after):
+    """What the process control sees when its turn comes; the set height of the coming period."""
+    for lane in range(n):
+        a, b = at + lane, base + lane
+        turn, recipe, applied = load(Turn, g, b + TURN), load(Recipe, g, b + P_RECIPE), load(Process, g, b + APPLIED)
+        block[a + machine.JOB + _SET_HEIGHT] = recipe.standoff + applied.standoff + load(Trail, g, b + after).lift
+        if turn.process_in > 1.0:
+            g[b + TURN] = turn.process_in - 1.0
+        else:
+            trail, j, f = load(Trail, g, b + now), load(Journey, g, b + P_JOURNEY), load(cut.Figures, g, b + FIGURES)
+            x = load(Privileged, block, a + machine.SIGNALS)
+            tau = trail.tau
+            store(g, b + PROCESS_SIGNALS, ProcessPrivileged(
+                planned=_between(jobs, j, tau, U(3)), planned_50=_between(jobs, j, tau + 50.0, U(3)),
+                planned_100=_between(jobs, j, tau + 100.0, U(3)), planned_200=_between(jobs, j, tau + 200.0, U(3)),
+                speed=trail.speed, override=trail.override, lag=trail.lag, contour_error=trail.error,
+                height=x.height, set_height=x.set_height, phase=trail.phase, beam=trail.beam > 0.5,
+                progress=tau / (j.samples - 1.0), thickness=recipe.thickness, nominal_power=recipe.power,
+                standoff=recipe.standoff, feed=j.feed, fresh=turn.fresh, gap=x.gap, margin=f.margin, dross=f.dross,
+                roughness=f.roughness,
+            ))  # fmt: skip
+            store(g, b + TURN, Turn(recipe.period, False))
+            g[b + PROCESS_DUE] = 1.0
+
+
+@stage
+def record_all(block, at, g, base, n, now, record, where, machines):
+    """The channels of this period into the recorder, lanes side by side."""
+    for lane in range(n):
+        a, b = at + lane, base + lane
+        for i in range(_TRAIL_ROWS):
+            record[where + lane + i * machines] = g[b + now + i * UW]
+        x = load(Privileged, block, a + machine.SIGNALS)
+        o = where + lane + _TRAIL_ROWS * machines
+        record[o] = x.gap - g[b + P_RECIPE + U2 * UW]
+        for i in range(_APPLIED_ROWS):
+            record[o + (U1 + i) * machines] = g[b + APPLIED + i * UW]
+        o += (U1 + _APPLIED_ROWS) * machines
+        for i in range(_REALISED_ROWS):
+            record[o + i * machines] = g[b + REALISED + i * UW]
+        o += _REALISED_ROWS * machines
+        for i in range(_FIGURES_ROWS):
+            record[o + i * machines] = g[b + FIGURES + i * UW]
 
 
 # ------------------------------------------------------------------------------------ what the machine calls
@@ -277,7 +447,10 @@ def _start(block_address, at, n, deck_address, tick):
     store(g, base + G_XY, xy_axes.gains(load(xy_axes.Params, g, base + P_XY), PERIOD))
     store(g, base + X, xy_axes.at_rest(x))
     store(g, base + Y, xy_axes.at_rest(y))
-    store(g, base + HAND, Hand(1.0, 0.0, 0.0))
+    store(g, base + HAND, Hand(0.0, 0.0, Process(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)))
+    store(g, base + APPLIED, Process(1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    store(g, base + REALISED, spot.Realised(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    store(g, base + TURN, Turn(0.0, True))
     store(g, base + PROGRESS, Progress(0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, True))
     locate_all(g, base, U1, jobs, TRAIL)
     first = load(Trail, g, base + TRAIL)
@@ -294,6 +467,7 @@ def _travel(block_address, at, n, deck_address, tick):
     g, jobs = doubles(deck[D_BLOCK], _ANY), doubles(deck[D_JOBS], _ANY)
     base = _base(at)
     ahead, now = TRAIL + ((tick + _AHEAD) & TRAIL_LAST) * _TRAIL, TRAIL + (tick & TRAIL_LAST) * _TRAIL
+    apply_all(g, base, n)
     issue_all(g, base, n)
     slide_all(g, base, n)
     locate_all(g, base, n, jobs, ahead)
@@ -302,5 +476,35 @@ def _travel(block_address, at, n, deck_address, tick):
     call(deck[D_LAW], deck[D_BLOCK], base, n, deck[D_LAW_TABLES], deck[D_LAW_SIZE])
 
 
+def _finish(block_address, at, n, deck_address, tick):
+    """The end of a period: the cut, the recorder, and what comes next."""
+    deck, block = words(deck_address, _DECK), doubles(block_address, _ANY)
+    g, jobs = doubles(deck[D_BLOCK], _ANY), doubles(deck[D_JOBS], _ANY)
+    base = _base(at)
+    now, after = TRAIL + (tick & TRAIL_LAST) * _TRAIL, TRAIL + ((tick + U1) & TRAIL_LAST) * _TRAIL
+    cut_all(block, at, g, base, n, now)
+    if deck[D_RECORD] > U0:
+        first = (at // _STRIDE_Z) * UW
+        where = (tick - deck[D_RECORD_TICK]) * _CHANNELS * deck[D_MACHINES] + first
+        record_all(block, at, g, base, n, now, singles(deck[D_RECORD], _ANY), where, deck[D_MACHINES])
+    decide_all(block, at, g, base, n, jobs, now, after)
+    call(deck[D_PROCESS], deck[D_BLOCK], base, n, deck[D_PROCESS_TABLES], deck[D_PROCESS_SIZE])
+
+
+def _ready(block_address, at, n, deck_address, tick):
+    """The end of the beginning: sums are empty, the process is decided for the first time."""
+    deck, block = words(deck_address, _DECK), doubles(block_address, _ANY)
+    g, jobs = doubles(deck[D_BLOCK], _ANY), doubles(deck[D_JOBS], _ANY)
+    base = _base(at)
+    store(g, base + S_CUT, cut.fresh())
+    store(g, base + FIGURES, cut.nothing())
+    store(g, base + SUMS, Sums(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    now, after = TRAIL + (tick & TRAIL_LAST) * _TRAIL, TRAIL + ((tick + U1) & TRAIL_LAST) * _TRAIL
+    decide_all(block, at, g, base, n, jobs, now, after)
+    call(deck[D_PROCESS], deck[D_BLOCK], base, n, deck[D_PROCESS_TABLES], deck[D_PROCESS_SIZE])
+
+
 start = Kernel(_start)
 travel = Kernel(_travel).together_with(start)
+finish = Kernel(_finish).together_with(start)
+ready = Kernel(_ready).together_with(start)

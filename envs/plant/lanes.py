@@ -261,6 +261,26 @@ def logarithm(x):
     return fma(e, 0.6931471805599453, 2.0 * s * series)
 
 
+_S1023 = np.int64(1023)
+
+
+@part
+def exponential(x):
+    """e^x to 1e-14 for |x| < 700, beyond it as at ±700; a polynomial that vectorises."""
+    y = clip(x, -700.0, 700.0)
+    k = np.rint(y * 1.4426950408889634)
+    r = fma(-k, 1.9082149292705877e-10, fma(-k, 0.693147180369123816490, y))
+    p = fma(r, fma(r, fma(r, fma(r, 1 / 39916800, 1 / 3628800), 1 / 362880), 1 / 40320), 1 / 5040)
+    p = fma(r, fma(r, fma(r, fma(r, fma(r, fma(r, p, 1 / 720), 1 / 120), 1 / 24), 1 / 6), 0.5), 1.0)
+    return fma(r, p, 1.0) * as_number(U(np.int64(k) + _S1023) << _S52)
+
+
+@part
+def power(x, y):
+    """x^y for normal x > 0."""
+    return exponential(y * logarithm(x))
+
+
 F32 = np.float32
 _LN2, _SQRT2, _HALF = F32(0.6931472), F32(1.4142135), F32(0.5)
 _EXPONENT32, _MANTISSA32, _ONE32, _S23 = np.uint32(0xFF), np.uint32(0x007FFFFF), np.uint32(0x3F800000), np.uint32(23)

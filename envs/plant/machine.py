@@ -143,8 +143,9 @@ the period counts as cutting; distance along the path, mm; whether the superviso
 # Addresses and counts that a kernel gets in one array, the deck.
 (D_BLOCK, D_KEYS, D_MACHINES, D_TICK, D_WINDOW, D_WAVES, D_VIBRATIONS, D_FLAGS, D_FREQUENCIES, D_HEIGHTS, D_TABLES,
  D_CONTOUR_X, D_CONTOUR_Y, D_CONTOUR_ON, D_CONTOURS, D_PROFILE, D_PROFILES, D_LAW, D_LAW_TABLES, D_LAW_SIZE, D_ACT,
- D_OBSERVE, D_IO, D_RECORD, D_RECORD_TICK, D_NEXT, D_STEPS, D_START, D_TRAVEL, D_CUT, D_GANTRY) = range(31)  # fmt: skip
-DECK = 31
+ D_OBSERVE, D_IO, D_RECORD, D_RECORD_TICK, D_NEXT, D_STEPS, D_START, D_READY, D_TRAVEL,
+ D_FINISH, D_GANTRY) = range(32)  # fmt: skip
+DECK = 32
 _DECK = U(DECK)
 
 F_CONTOURS, F_FEATURES, F_PROFILES, F_BULGES, F_RANKS = (U(2**i) for i in range(5))
@@ -563,8 +564,8 @@ def live_all(deck, b):
         if deck[D_RECORD] > U0:
             place = (tick - deck[D_RECORD_TICK]) * _CHANNELS * machines + b * UW
             record_all(block, at, n, tick, record, place, machines)
-        if deck[D_CUT] > U0:
-            call(deck[D_CUT], deck[D_BLOCK], at, n, deck[D_GANTRY], tick)
+        if deck[D_FINISH] > U0:
+            call(deck[D_FINISH], deck[D_BLOCK], at, n, deck[D_GANTRY], tick)
         if deck[D_OBSERVE] > U0 and i + U1 == steps:
             call(deck[D_OBSERVE], deck[D_BLOCK], at, n, deck[D_IO], b * UW)
         tick += U1
@@ -654,8 +655,8 @@ def _begin(deck_address, machine, key):
     block[at + ORIGIN] = block[at + SIGNALS + _HEAD_POSITION]
     store(block, at + HAND, Hand(1.0, 0.0))
     call(deck[D_LAW], deck[D_BLOCK], at, U1, deck[D_LAW_TABLES], deck[D_LAW_SIZE])
-    if deck[D_CUT] > U0:
-        call(deck[D_CUT], deck[D_BLOCK], at, U1, deck[D_GANTRY], tick)
+    if deck[D_READY] > U0:
+        call(deck[D_READY], deck[D_BLOCK], at, U1, deck[D_GANTRY], tick)
     if deck[D_OBSERVE] > U0:
         call(deck[D_OBSERVE], deck[D_BLOCK], at, U1, deck[D_IO], machine)
 

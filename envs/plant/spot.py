@@ -13,8 +13,8 @@ of each amplitude A the amplitude A·|H(f)| and lags by its phase; the piezo lik
 delays it further. Changes of the dither are immediate.
 
 ``V = A·f`` is the scan head's speed in Huang2024 (eq. 2); the peak speed of a sine is 2πAf. Both are given
-(:func:`speeds`). ±1 mm at 2 kHz and ±5 mm at 4 kHz would be 1.6e4 g and 3.2e5 g for a lens: z is a shift of the focus by
-optics, not by a mass. Eqs. 10 and 11 are not reproducible as printed: with eq. 9 they collapse to expressions whose
+(:func:`speeds`). ±1 mm at 2 kHz and ±5 mm at 4 kHz would be 1.6e4 g and 3.2e5 g for a lens: z is a shift of the focus
+by optics, not by a mass. Eqs. 10 and 11 are not reproducible as printed: with eq. 9 they collapse to expressions whose
 dimensions disagree; where power and speed must be coupled, the cut uses the line energy P/(v·2ω0).
 """
 

@@ -1,0 +1,237 @@
+"""Quality of a cut from its whole trajectory: the full form of the model whose streaming form is :mod:`plant.cut`.
+
+The beam's energy is deposited along the simulated way of the spot, ``S_a = S_e + S_r`` (Huang2024 eq. 13), with a
+Gaussian whose radius follows from the depth and the momentary focus, on a grid of cells along the path, layers over the
+thickness and places across it. Its lateral density gives ∫p², effective width and kerf at each cell and depth, its edge
+what path and dither write on the wall; melt margin, roughness and dross follow as in the streaming form.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from .plant import cut
+from .plant.cut import CUTOFF, LENGTH
+from .plant.quantity import InvalidInput
+
+Floats = npt.NDArray[np.float64]
+
+CELL = 0.025
+"""mm along the path."""
+
+LAYERS = 10
+BINS = 0.25
+"""Rayleigh lengths of focus that are deposited together."""
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """The way of the spot, sampled evenly in time and finely enough for the dither (20 samples a period).
+
+    Arrays of equal length: ``along`` and ``across``, mm, of the spot, dither included, from the commanded path, left
+    positive; ``carrier``, mm/s, speed of the axes along the path; ``standoff``, mm, standoff error; ``focus``, mm, of
+    the spot above its nominal depth, dither included, standoff not; ``power``, W. ``dt`` in s.
+    """
+
+    dt: float
+    along: Floats
+    across: Floats
+    carrier: Floats
+    standoff: Floats
+    focus: Floats
+    power: Floats
+    dithered: Floats  # mm, along the path: the dither's share of ``along``
+
+    def __post_init__(self) -> None:
+        size = len(self.along)
+        for name in ("across", "carrier", "standoff", "focus", "power", "dithered"):
+            array = getattr(self, name)
+            if len(array) != size:
+                raise InvalidInput(f"trajectory.{name} has {len(array)} samples; 'along' has {size}")
+            if not np.isfinite(array).all():
+                raise InvalidInput(f"trajectory.{name} holds a number that is not finite")
+
+
+@dataclass(frozen=True)
+class Quality:
+    """The cut, cell by cell along the path; lengths in mm. ``margin``: (cells, layers)."""
+
+    place: Floats  # mm along the path
+    margin: Floats
+    roughness: Floats
+    dross: Floats
+    kerf_top: Floats
+    kerf_bottom: Floats
+    taper: Floats
+
+    @property
+    def through(self) -> npt.NDArray[np.bool_]:
+        """Where the beam cuts through."""
+        return self.margin.mean(axis=1) >= 1.0
+
+    def means(self) -> dict[str, float]:
+        """Means along the path, and the share that is cut through."""
+        names = ("roughness", "dross", "kerf_top", "kerf_bottom", "taper")
+        return {**{n: float(getattr(self, n).mean()) for n in names}, "through": float(self.through.mean())}
+
+
+def evaluate(trajectory: Trajectory, p: cut.Params, span: float = 0.6) -> Quality:
+    """The quality along a trajectory of constant direction or with ``along`` and ``across`` unrolled along its path.
+
+    Args:
+        trajectory: the way of the spot.
+        p: material and coefficients.
+        span: mm, how far the energy is followed to either side.
+
+    Raises:
+        InvalidInput: the spot leaves ``span``, or the way is shorter than 5 sampling lengths.
+    """
+    t = trajectory
+    start, stop = float(t.along.min()), float(t.along.max())
+    if stop - start < 5 * LENGTH:
+        raise InvalidInput(f"the cut is {stop - start:.2f} mm long; at least {5 * LENGTH} mm are needed for Rz")
+    if np.abs(t.across).max() > span:
+        raise InvalidInput(f"the spot is up to {np.abs(t.across).max():.2f} mm beside the path; at most {span} mm")
+    pitch = p.w0 / 12
+    cells, places = int((stop - start) / CELL) + 1, 2 * int(span / pitch) + 1
+    row, column = (t.along - start) / CELL, (t.across + span) / pitch
+    depth = p.focus - t.standoff - t.focus
+    which, levels = _bins(depth, BINS * p.zr)
+
+    # Energy by place and focus, each sample shared by its four neighbours.
+    maps = np.zeros((len(levels), cells + 1, places + 1))
+    i, j = np.floor(row).astype(int), np.floor(column).astype(int)
+    u, w = row - i, column - j
+    energy = t.power * t.dt
+    for di, dj, share in ((0, 0, (1 - u) * (1 - w)), (1, 0, u * (1 - w)), (0, 1, (1 - u) * w), (1, 1, u * w)):
+        np.add.at(maps, (which, np.minimum(i + di, cells), np.minimum(j + dj, places)), energy * share)
+
+    layers = (np.arange(LAYERS) + 0.5) / LAYERS * p.thickness
+    spread = t.dithered - t.dithered.mean()
+    length = 4.0 * np.sqrt(0.25 * p.w0**2 + spread.var())
+    absorbed = cut.absorptivity(p, length)
+    front = length / CELL / np.sqrt(12.0)  # σ of a box as long as the front
+    densities, edges = [], []
+    kerfs = {}
+    for depth_of in (*layers, 0.0, p.thickness):
+        field = np.zeros((cells + 1, places + 1))
+        for level, single in zip(levels, maps, strict=True):
+            sigma = 0.5 * p.w0 * np.sqrt(1.0 + ((depth_of - level) / p.zr) ** 2)
+            field += ndimage.gaussian_filter(single, (sigma / CELL, sigma / pitch), mode="nearest", truncate=5.0)
+        smooth = ndimage.gaussian_filter1d(field, front, axis=0, mode="nearest")
+        if depth_of in (0.0, p.thickness):
+            kerfs[depth_of] = smooth
+            if depth_of == 0.0:
+                edges = [_edge(field, pitch, side) for side in (-1, 1)]
+        else:
+            density = smooth / np.maximum(smooth.sum(axis=1, keepdims=True) * pitch, 1e-300)
+            densities.append((density**2).sum(axis=1) * pitch)
+    density = np.array(densities).T[:cells]
+    v = np.maximum(_cellwise(t.carrier, i, cells), 0.05)
+    power, error = _cellwise(t.power, i, cells), _cellwise(t.standoff, i, cells)
+    margin = _margins(p, absorbed * power / p.thickness, v, density)
+    log_g = np.log(np.where(error > 0, 1 / (1 + (error / p.gas_above) ** 2), 1 / (1 + (error / p.gas_below) ** 2)))
+    log_g = log_g + np.log(p.pressure)
+    mean, bottom = margin.mean(axis=1), margin[:, -LAYERS // 5 :].mean(axis=1)
+    melted = p.rough * np.maximum(mean, 0.02) ** -p.rough_power * np.exp(-p.rough_gas * log_g)
+    ends = int((np.ptp(spread) + 2 * length) / CELL)  # where the dither has not been everywhere yet
+    written = np.mean([_geometric(_interior(edge[:cells], ends)) for edge in edges], axis=0)
+    felt = np.sqrt(ndimage.uniform_filter1d(error**2, int(5 * LENGTH / CELL), mode="nearest"))
+    burnt = p.upturn * np.maximum(0.0, mean - p.upturn_from)
+    rough = np.sqrt(melted**2 + written**2 + (p.follow * felt) ** 2 + burnt**2)
+    top, low = (_kerf(kerfs[z][:cells], m, pitch) for z, m in ((0.0, margin[:, 0]), (p.thickness, margin[:, -1])))
+    return Quality(
+        start + CELL * np.arange(cells), margin, np.maximum(rough, p.floor),
+        p.dross * np.maximum(bottom, 0.02) ** -p.dross_power * np.exp(-0.5 * log_g), top, low, 0.5 * np.abs(top - low),
+    )  # fmt: skip
+
+
+def _bins(values: Floats, width: float) -> tuple[npt.NDArray[np.int64], Floats]:
+    """Index of each value's bin, and the bins' middles."""
+    low = float(values.min())
+    count = max(1, int(np.ceil((values.max() - low) / width)))
+    size = (float(values.max()) - low) / count
+    if size == 0.0:
+        return np.zeros(len(values), np.int64), np.array([low])
+    which = np.minimum((values - low) / size, count - 1).astype(np.int64)
+    return which, low + (np.arange(count) + 0.5) * size
+
+
+def _cellwise(values: Floats, cell: npt.NDArray[np.int64], cells: int) -> Floats:
+    """Mean of the samples in each cell; cells without any take their neighbours'."""
+    count = np.bincount(cell, minlength=cells)[:cells]
+    total = np.bincount(cell, values, minlength=cells)[:cells]
+    known = np.flatnonzero(count)
+    return np.interp(np.arange(cells), known, total[known] / count[known])
+
+
+def _margins(p: cut.Params, absorbed: Floats, v: Floats, density: Floats) -> Floats:
+    """Melt margin, (cells, layers), from absorbed W/mm and ∫p² in 1/mm."""
+    width, v = 1.0 / density, v[:, None]
+    needed = v * width * p.melt + p.conduct * (0.25 * v * width / p.diffusivity) ** 0.36
+    share = density / density.mean(axis=1, keepdims=True)
+    return (absorbed[:, None] * share + v * width * p.burn) / needed
+
+
+def _edge(field: Floats, pitch: float, side: int) -> Floats:
+    """Where the energy falls to half its usual maximum on one side of the kerf, mm, per cell."""
+    level = 0.5 * np.median(field.max(axis=1))
+    rows = field if side > 0 else field[:, ::-1]
+    inside = rows >= level
+    last = rows.shape[1] - 1 - np.argmax(inside[:, ::-1], axis=1)
+    last = np.clip(last, 0, rows.shape[1] - 2)
+    every = np.arange(len(rows))
+    a, b = rows[every, last], rows[every, last + 1]
+    place = last + np.clip((a - level) / np.maximum(a - b, 1e-300), 0.0, 1.0)
+    return side * (place - 0.5 * (rows.shape[1] - 1)) * pitch
+
+
+def _interior(edge: Floats, ends: int) -> Floats:
+    """The edge with its first and last cells as their neighbours further in."""
+    inner = edge[ends:-ends]
+    return np.concatenate([np.full(ends, inner[0]), inner, np.full(ends, inner[-1])])
+
+
+def _geometric(edge: Floats) -> Floats:
+    """Mean of the five last peak-to-valleys of an edge behind the high-pass of CUTOFF, per cell."""
+    passed = 2 * np.pi * CELL / CUTOFF
+    keep = 1.0 / (1.0 + passed)
+    base = np.empty_like(edge)
+    value = edge[0]
+    for i, x in enumerate(edge):
+        value = keep * value + (1.0 - keep) * x
+        base[i] = value
+    rest, size = edge - base, round(LENGTH / CELL)
+    count = len(rest) // size
+    swing = np.ptp(rest[: count * size].reshape(count, size), axis=1)
+    mean = np.array([swing[max(0, k - 4) : k + 1].mean() for k in range(count)])
+    return (
+        np.repeat(np.append(mean, mean[-1]), size)[: len(edge)] if len(rest) > count * size else np.repeat(mean, size)
+    )
+
+
+def _kerf(field: Floats, margin: Floats, pitch: float) -> Floats:
+    """Width over which the energy exceeds what is needed; without dither and at m = 1 four σ, the paper's 2·ω0."""
+    peak = field.max(axis=1, keepdims=True)
+    return ((field >= peak * np.exp(-2.0) / np.maximum(margin, 1e-6)[:, None]).sum(axis=1)) * pitch
+
+
+def iso_range(roughness: float, thickness: float) -> str:
+    """Range of ISO 9013 of a mean height of the profile Rz5, both in mm: ``"1"`` … ``"4"`` or ``"outside"``."""
+    limits = [(10 + 0.6 * thickness), (40 + 0.8 * thickness), (70 + 1.2 * thickness), (110 + 1.8 * thickness)]
+    return _range(1e3 * roughness, limits)
+
+
+def iso_taper(u: float, thickness: float) -> str:
+    """Range of ISO 9013 of a perpendicularity tolerance u, both in mm: ``"1"`` … ``"5"`` or ``"outside"``."""
+    limits = [
+        0.05 + 0.003 * thickness, 0.15 + 0.007 * thickness, 0.4 + 0.01 * thickness, 0.8 + 0.02 * thickness,
+        1.2 + 0.035 * thickness,
+    ]  # fmt: skip
+    return _range(u, limits)
+
+
+def _range(value: float, limits: list[float]) -> str:
+    return next((str(i) for i, limit in enumerate(limits, start=1) if value <= limit), "outside")
