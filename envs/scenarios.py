@@ -389,9 +389,10 @@ def read(path: str | Path) -> Scenario:
 @functools.lru_cache(maxsize=8)
 def contour(drawing: str) -> Contour:
     """The journey through a DXF drawing, moved so that it begins at x = y = 0 at its lower left corner."""
-    from . import drawings
+    from .paths.drawing import journey as journey_of
+    from .paths.read import read as read_drawing
 
-    journey = drawings.journey(drawings.read_dxf(drawing))
+    journey = journey_of(read_drawing(drawing))
     return Contour(journey.name, journey.x - journey.x.min(), journey.y - journey.y.min(), journey.cutting)
 
 

@@ -8,8 +8,9 @@ import pytest
 from scipy.interpolate import BSpline
 from scipy.special import ellipe
 
-from kerfgym.envs import drawings
-from kerfgym.envs.drawings import CHORD, GAP, journey, read_dxf
+from kerfgym.envs.paths import dxf
+from kerfgym.envs.paths.drawing import CHORD, GAP, journey
+from kerfgym.envs.paths.dxf import read_dxf
 from kerfgym.envs.plant.path import SPACING
 from kerfgym.envs.plant.quantity import InvalidInput
 
@@ -493,14 +494,6 @@ def test_a_missing_file_is_named(tmp_path):
         read_dxf(tmp_path / "none.dxf")
 
 
-@pytest.mark.parametrize("suffix", [".svg", ".ngc", ""])
-def test_other_formats_are_refused(tmp_path, suffix):
-    file = tmp_path / f"part{suffix}"
-    file.touch()
-    with pytest.raises(InvalidInput, match=f"'{suffix}' files cannot be read; only DXF is read so far"):
-        read_dxf(str(file))
-
-
 def test_the_suffix_may_be_in_capitals(tmp_path):
     document = ezdxf.new("R12")
     document.modelspace().add_line((0, 0), (5, 0))
@@ -558,5 +551,5 @@ def test_a_block_that_contains_itself_is_refused(sheet):
         block.add_blockref("loop", (1, 1))
         space.add_blockref("loop", (0, 0))
 
-    with pytest.raises(InvalidInput, match=f"nested more than {drawings.NESTING} deep"):
+    with pytest.raises(InvalidInput, match=f"nested more than {dxf.NESTING} deep"):
         sheet(draw)
