@@ -274,6 +274,12 @@ def ordered(contours: list[tuple[Points, bool]]) -> list[tuple[Points, bool]]:
     return ordered
 
 
+def holes(drawing: Drawing) -> list[bool]:
+    """For each contour whether it is a hole: within an odd number of others."""
+    inside = _containment(list(zip(drawing.pieces, drawing.closed, strict=True)))
+    return (inside.sum(axis=1) % 2 == 1).tolist()
+
+
 def _containment(contours: list[tuple[Points, bool]]) -> npt.NDArray[np.bool_]:
     """[i, j]: contour i lies within contour j, which is closed and larger; by most of its points, not by all."""
     area = np.array([_area(p) if closed else 0.0 for p, closed in contours])

@@ -45,7 +45,7 @@ class _State:
 
 
 def read_gcode(path: str | Path, units: str | None = None) -> Drawing:
-    """The contours of a programme: what G1, G2 and G3 trace while M3 or M4 is on, in the order of the programme's parts.
+    """The contours of a programme: what G1, G2 and G3 trace while M3 or M4 is on.
 
     Args:
         path: the file.

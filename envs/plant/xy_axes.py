@@ -2,8 +2,11 @@
 
 Every interpolation period the path gives a new position; the way there is issued to the loops in equal increments, one
 per servo period (8 ms and 4 ms with Wu). At a servo instant i the position error is
-``E_i = E_{i−1} − ΔA_i + ΔO_{i−1}``, what was issued before, less what the encoder has moved. A law makes a velocity command of it, which passes the D/A
-converter, the drive's gain of that direction, its limits of speed and acceleration, and the drive itself::
+
+    ``E_i = E_{i−1} − ΔA_i + ΔO_{i−1}``,
+
+which is what was issued before, less what the encoder has moved. A law makes a velocity command of it, which passes
+the D/A converter, the drive's gain of that direction, its limits of speed and acceleration, and the drive itself::
 
     V(s)/U(s) = (1 + τs)/((1 + T1·s)(1 + T2·s)) = c1/(1 + T1·s) + c2/(1 + T2·s),
     c1 = (T1 − τ)/(T1 − T2),  c2 = (τ − T2)/(T1 − T2)

@@ -1,0 +1,234 @@
+"""Jobs: from a drawing to everything the machine does, millisecond by millisecond.
+
+Each contour is *rapid → approach → pierce (staged) → lead-in → cut → lift*, or a frog-leap in place of lift, rapid and
+approach; all of it is cutting time. A job is sampled at every millisecond of nominal time, the time that it takes at a
+feed override of 1.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..plant.quantity import InvalidInput
+from .drawing import Drawing, Points, holes
+from .profile import MILLISECOND, Limits, at_constant_feed, stretches, timed
+
+Floats = npt.NDArray[np.float64]
+
+RAPID, APPROACH, PIERCE, LEAD_IN, CUT, LIFT = range(6)
+PHASES = ("rapid", "approach", "pierce", "lead-in", "cut", "lift")
+
+HIGHEST = 6.0
+"""mm above the cutting height, as far as a height follower can still see the sheet well enough."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a drawing becomes a job; mm, s, mm/s."""
+
+    feed: float = 30.0  # mm/s of the cuts
+    rapid: float = 166.0  # mm/s [S] Wu: 10 m/min
+    speed: float = 133.4  # mm/s, highest feed of a cut [S] Wu: 8 m/min
+    acceleration: float = 1000.0
+    jerk: float = 5e4
+    jump: float = 1.0  # mm/s in corners
+    corners: bool = True  # acceleration, deceleration and slow corners; off: constant feed
+    lead_in: float = 3.0  # mm; 0: pierce on the contour
+    pierce: tuple[tuple[float, float], ...] = ((3.0, 0.3), (1.5, 0.2))  # mm above the sheet, s
+    standoff: float = 1.0  # mm, nominal
+    clearance: float = 4.0  # mm above the cutting height in rapids
+    frog_leap: bool = True  # rise and fall during the rapid instead of before and after
+    lift_speed: float = 60.0  # mm/s of lifts and approaches [A]
+    most_speed: float = 166.6667  # mm/s and mm/s² that the axes allow, for the feed override
+    most_acceleration: float = 2000.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.clearance <= HIGHEST:
+            raise InvalidInput(f"clearance = {self.clearance:g} mm is out of range; allowed: 0 to {HIGHEST:g} mm")
+        for height, seconds in self.pierce:
+            if not 0.0 < height <= self.standoff + HIGHEST or seconds < 0:
+                raise InvalidInput(
+                    f"pierce stage ({height:g} mm, {seconds:g} s): heights above 0 and up to "
+                    f"{self.standoff + HIGHEST:g} mm, times of 0 s and more are allowed"
+                )
+        if self.lead_in < 0:
+            raise InvalidInput(f"lead_in = {self.lead_in:g} mm; it must be 0 or more")
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """A job; arrays have one entry for each millisecond of nominal time.
+
+    ``x``, ``y``: commanded position of the carrier, mm; ``s``: way along the whole programme, mm; ``cut_s``: mm cut so
+    far; ``feed``: planned speed, mm/s; ``tx``, ``ty``: unit tangent; ``beam``: 1 where the laser is on; ``phase``: into
+    :data:`PHASES`; ``lift``: mm by which the set height lies above the cutting height; ``most``: largest feed
+    override at which speed and acceleration of the axes still suffice. ``contours``: rows (first, last sample of the
+    contour's lead-in and cut). ``outlines``: the contours as drawn, for pictures.
+    """
+
+    name: str
+    x: Floats
+    y: Floats
+    s: Floats
+    cut_s: Floats
+    feed: Floats
+    tx: Floats
+    ty: Floats
+    beam: Floats
+    phase: Floats
+    lift: Floats
+    most: Floats
+    contours: npt.NDArray[np.int64]
+    settings: Settings
+    outlines: list[Points] = field(repr=False)
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def cut_feed(self) -> float:
+        """mm/s that the cuts were planned with."""
+        return self.settings.feed
+
+    @property
+    def duration(self) -> float:
+        """s at a feed override of 1."""
+        return (len(self.x) - 1) * MILLISECOND
+
+    @property
+    def cut_length(self) -> float:
+        """mm of contours, lead-ins included."""
+        return float(self.cut_s[-1])
+
+
+class _Tape:
+    """What a job is made of so far."""
+
+    def __init__(self, start: Floats) -> None:
+        self.rows: list[dict[str, Any]] = []
+        self.here, self.lift, self.tangent = np.asarray(start, float), 0.0, np.array([1.0, 0.0])
+
+    def stand(self, seconds: float, phase: int, beam: float, lift: float) -> None:
+        """Stays where it is while the set height goes to ``lift``."""
+        count = max(1, round(seconds / MILLISECOND))
+        self._add(
+            np.tile(self.here, (count, 1)), np.tile(self.tangent, (count, 1)), phase, beam, self._rise(lift, count)
+        )
+
+    def lifted(self, lift: float, phase: int, speed: float) -> None:
+        """Stays where it is for as long as the head needs to ``lift``."""
+        if abs(lift - self.lift) > 1e-9:
+            self.stand(1.5 * abs(lift - self.lift) / speed, phase, 0.0, lift)
+
+    def move(self, positions: Floats, tangents: Floats, phase: int, beam: float, lift: Floats | None = None) -> None:
+        """Goes along; the first position is where it is."""
+        count = len(positions) - 1
+        self._add(positions[1:], tangents[1:], phase, beam, np.full(count, self.lift) if lift is None else lift)
+
+    def _rise(self, lift: float, count: int) -> Floats:
+        u = np.arange(1, count + 1) / count
+        return self.lift + (lift - self.lift) * u * u * (3.0 - 2.0 * u)
+
+    def _add(self, positions: Floats, tangents: Floats, phase: int, beam: float, lift: Floats) -> None:
+        if len(positions) == 0:
+            return
+        self.rows.append({"at": positions, "t": tangents, "phase": phase, "beam": beam, "lift": lift})
+        self.here, self.tangent, self.lift = positions[-1], tangents[-1], float(lift[-1])
+
+    @property
+    def count(self) -> int:
+        return sum(len(row["at"]) for row in self.rows)
+
+
+def plan(drawing: Drawing, settings: Settings) -> Job:
+    """The job that cuts ``drawing``, which begins above its first pierce point.
+
+    Raises:
+        InvalidInput: a feed beyond the limits, or a contour that cannot be travelled.
+    """
+    s = settings
+    cutting = Limits(s.speed, s.acceleration, s.jerk, s.jump)
+    moving = Limits(s.rapid, s.acceleration, s.jerk, s.jump)
+    begun = [
+        _lead_in(piece, closed, hole, s.lead_in)
+        for piece, closed, hole in zip(drawing.pieces, drawing.closed, holes(drawing), strict=True)
+    ]
+    tape, contours = _Tape(begun[0][0]), []
+    tape.lift = s.clearance
+    tape.stand(0.02, RAPID, 0.0, s.clearance)
+    travel = timed if s.corners else at_constant_feed
+    for number, (piece, lead) in enumerate(zip(drawing.pieces, begun, strict=True)):
+        start = lead[0]
+        if np.hypot(*(start - tape.here)) > 1e-6:
+            positions, tangents, _ = timed(stretches(np.array([tape.here, start])), s.rapid, moving)
+            first = (s.pierce[0][0] if s.pierce else s.standoff) - s.standoff
+            tape.move(positions, tangents, RAPID, 0.0, _leap(tape.lift, first, s, len(positions) - 1))
+        for height, seconds in s.pierce:
+            tape.lifted(height - s.standoff, APPROACH, s.lift_speed)
+            if seconds > 0:
+                tape.stand(seconds, PIERCE, 1.0, height - s.standoff)
+        tape.lifted(0.0, APPROACH, s.lift_speed)
+        first_sample = tape.count
+        try:
+            path = stretches(piece)
+            into = stretches(lead) if len(lead) > 1 else []
+            positions, tangents, way = travel([*into, *path], s.feed, cutting)
+        except InvalidInput as error:
+            raise InvalidInput(f"'{drawing.name}', contour {number + 1}: {error}") from None
+        led = int(np.searchsorted(way, sum(x.length for x in into), side="right")) if into else 1
+        if led > 1:
+            tape.move(positions[:led], tangents[:led], LEAD_IN, 1.0)
+        tape.move(positions[max(led - 1, 0) :], tangents[max(led - 1, 0) :], CUT, 1.0)
+        contours.append((first_sample, tape.count - 1))
+        if number == len(drawing.pieces) - 1 or not s.frog_leap:
+            tape.lifted(s.clearance, LIFT, s.lift_speed)
+    tape.stand(0.05, RAPID, 0.0, tape.lift)
+    return _job(drawing, settings, tape, np.array(contours))
+
+
+def _leap(low: float, to: float, s: Settings, count: int) -> Floats:
+    """Lift during a rapid: up to the clearance and down again, smoothly; at most as fast as the head lifts."""
+    if count <= 0:
+        return np.zeros(0)
+    u = np.arange(1, count + 1) / count
+    top = min(max(low, to) + s.lift_speed * count * MILLISECOND / 4.0, s.clearance)
+    base = low + (to - low) * u * u * (3.0 - 2.0 * u)
+    peak = max(top - max(low, to), 0.0)
+    return base + peak * np.sin(np.pi * u) ** 2
+
+
+def _lead_in(piece: Points, closed: bool, hole: bool, length: float) -> Points:
+    """A straight way of up to ``length`` mm into the start of a closed contour, from the waste: within a hole or outside
+    a part. In a hole it is at most 0.7 of the way to the middle."""
+    if not closed or length <= 0:
+        return piece[:1]
+    leg = piece[1] - piece[0]
+    t = leg / np.hypot(*leg)
+    x, y = (piece - piece[0]).T
+    area = 0.5 * float(x[:-1] @ y[1:] - x[1:] @ y[:-1])
+    outward = np.array([t[1], -t[0]]) * (1.0 if area > 0 else -1.0)
+    if hole:
+        room = 0.7 * abs(area) / (0.5 * np.hypot(*np.diff(piece, axis=0).T).sum())  # of a circle: 0.7 radii
+        return np.array([piece[0] - outward * min(length, room), piece[0]])
+    return np.array([piece[0] + outward * length, piece[0]])
+
+
+def _job(drawing: Drawing, settings: Settings, tape: _Tape, contours: npt.NDArray[np.int64]) -> Job:
+    at, t = (np.concatenate([row[key] for row in tape.rows]) for key in ("at", "t"))
+    phase, beam = (
+        np.concatenate([np.full(len(row["at"]), float(row[key])) for row in tape.rows]) for key in ("phase", "beam")
+    )
+    lift = np.concatenate([row["lift"] for row in tape.rows])
+    steps = np.append(0.0, np.hypot(*np.diff(at, axis=0).T))
+    cutting = (phase == LEAD_IN) | (phase == CUT)
+    speed = np.append(steps[1:], 0.0) / MILLISECOND
+    velocity = np.diff(at, axis=0, prepend=at[:1]) / MILLISECOND
+    acceleration = np.append(np.hypot(*np.diff(velocity, axis=0).T) / MILLISECOND, 0.0)
+    speed_room = settings.most_speed / np.maximum(speed, 1e-3)
+    acceleration_room = np.sqrt(settings.most_acceleration / np.maximum(acceleration, 1e-3))
+    most = np.clip(np.minimum(speed_room, acceleration_room), 1.0, 3.0)
+    return Job(
+        drawing.name, at[:, 0].copy(), at[:, 1].copy(), np.cumsum(steps), np.cumsum(np.where(cutting, steps, 0.0)), speed,
+        t[:, 0].copy(), t[:, 1].copy(), beam, phase, lift, most, contours, settings, list(drawing.pieces),
+        drawing.warnings,
+    )  # fmt: skip
