@@ -37,6 +37,27 @@ _CATALOGUE: dict[str, tuple[str, str, dict, bool]] = {
         {"filter.kind": "anti-impulse", "filter.hold": 4, "guard.rise": 0.05}, True,
     ),
     "preview-5ms": ("preview", "knows the sheet 5 ms ahead, tuned: score 1", {}, True),
+    "wu": (
+        "wu", "Wu: proportional position loops, Kv 30 1/s, slow in corners", {"law.kp": 0.54}, False,
+    ),
+    "wu-no-corners": (
+        "wu", "Wu without acceleration, deceleration and corner handling", {"law.kp": 0.54, "plan.corners": 0}, False,
+    ),
+    "wu-tuned": (
+        "wu", "Wu, gain tuned to an overshoot of at most 1 %: the reference of the slot xy", {}, True,
+    ),
+    "wu-feedforward": ("wu", "Wu with feed-forward of velocity and acceleration, tuned", {}, True),
+    "recipe": ("recipe", "the material's recipe: nominal feed and power, no dither", {}, False),
+    "huang2024-static-quality": (
+        "recipe", "Huang2024 Table 2: static, surface quality first, 0.2 m/min", {"plan.feed": 200.0 / 60}, False,
+    ),
+    "huang2024-static-fast": (
+        "recipe", "Huang2024 Table 2: static, fastest, 0.5 m/min", {"plan.feed": 500.0 / 60}, False,
+    ),
+    "huang2024-dynamic": (
+        "recipe", "Huang2024 Table 2: dynamic compound, 1 m/min, circular helix ±0.3 mm and ±1 mm at 2 kHz",
+        {"plan.feed": 1000.0 / 60, "law.frequency": 2000.0, "law.x": 0.3, "law.y": 0.3, "law.z": 1.0}, False,
+    ),
 }  # fmt: skip
 
 
@@ -49,7 +70,7 @@ def preset(name: str) -> dict:
 def _make(name: str) -> Stack:
     module, summary, values, _ = _CATALOGUE[name]
     space = importlib.import_module(f"kerfgym.baselines.{module}")
-    law = make_law(space, f"kerfgym.{module}", getattr(space, "INFORMATION", "sensor"))
+    law = make_law(space, f"kerfgym.{module}", getattr(space, "INFORMATION", "sensor"), getattr(space, "SLOT", "z"))
     tuned = preset(name)
     return Stack(name, summary, law, {**values, **tuned.get("parameters", {})}, provenance=tuned.get("provenance", {}))
 

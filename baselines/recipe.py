@@ -10,6 +10,8 @@ from kerfgym.envs.plant.controller import Process
 from kerfgym.envs.plant.lanes import part
 from kerfgym.envs.plant.quantity import Quantity
 
+SLOT = "process"
+
 
 class Params(NamedTuple):
     """The settings."""

@@ -11,6 +11,8 @@ from kerfgym.envs.plant.controller import Velocities
 from kerfgym.envs.plant.lanes import part
 from kerfgym.envs.plant.quantity import Quantity
 
+SLOT = "xy"
+
 
 class Params(NamedTuple):
     """Gains."""

@@ -22,7 +22,7 @@ from typing import Annotated, Any, Literal, get_args, get_origin
 import numpy as np
 
 from .distributions import Choice, Draws, LogUniform, Number, Uniform, as_number, bounds, draw
-from .plant import heads, sensor, sheet, z_axis
+from .plant import heads, sensor, sheet, spot, xy_axes, z_axis
 from .plant.calibration import read_columns
 from .plant.controller import PERIOD
 from .plant.fleet import Fleet
@@ -213,6 +213,56 @@ class Sheet(_Section):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Job(_Section):
+    """What is cut, from what, and how the programme around the cuts looks; axes follow it with an error."""
+
+    part: str = "square"  # a built-in part, or a file: DXF, SVG, G-code
+    size: Annotated[float, _q("mm", 0, 1500, "first size of a built-in part; 0: its own")] = 0.0
+    layers: tuple[str, ...] = ()
+    units: str | None = None
+    material: str = "c45-10"
+    thickness: Annotated[float, _q("mm", 0, 50, "of a material that comes in several; 0: its thinnest")] = 0.0
+    feed: Annotated[float, _q("mm/s", 0, 2000, "of the cuts; 0: the material's recipe")] = 0.0
+    kerf: Annotated[float, _q("mm", 0, 5, "compensated; 0: the path is the drawing")] = 0.0
+    lead_in: Annotated[float, _q("mm", 0, 50, "from the waste into a closed contour")] = 3.0
+    clearance: Annotated[float, _q("mm", 0, 6, "above the cutting height in rapids")] = 4.0
+    frog_leap: bool = True
+    pierce: bool = True
+    override: Annotated[float, _q("1", 1, 3, "largest feed override that the process control may ask for")] = 2.0
+    power: Annotated[float, _q("1", 0, 2, "largest power, of the nominal one")] = 1.2
+    pressure: Annotated[Number, _q("1", 0.1, 3, "of the gas, of the nominal one")] = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gantry(_Section):
+    """The X and Y axes, see ``plant/xy_axes.py``; defaults are Wu's."""
+
+    preset: Literal["wu", "modern"] = "wu"
+    literal: bool = False
+    x_plus: Annotated[Number, _q("1", 0.2, 5, "gain of +x, of the nominal one")] = 1.0
+    x_minus: Annotated[Number, _q("1", 0.2, 5, "gain of −x")] = 1.0
+    y_plus: Annotated[Number, _q("1", 0.2, 5, "gain of +y")] = 1.0
+    y_minus: Annotated[Number, _q("1", 0.2, 5, "gain of −y")] = 1.0
+    slower: Annotated[Number, _q("1", 0.2, 5, "time constants of the drives, of the nominal ones")] = 1.0
+    travel_x: Annotated[float, _q("mm", 10, 1e5, "", "Wu")] = 1500.0
+    travel_y: Annotated[float, _q("mm", 10, 1e5, "", "Wu")] = 1000.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Optics(_Section):
+    """Galvo and piezo that dither the spot, see ``plant/spot.py``."""
+
+    galvo: Annotated[Number, _q("Hz", 100, 1e5, "natural frequency of the galvo")] = 5000.0
+    galvo_range: Annotated[float, _q("mm", 0.001, 5, "±, along each axis", "Huang2024")] = 0.3
+    piezo: Annotated[Number, _q("Hz", 100, 1e5, "natural frequency of the focus drive")] = 8000.0
+    piezo_range: Annotated[float, _q("mm", 0.01, 50, "±", "Huang2024")] = 5.0
+    hysteresis: Annotated[Number, _q("1", 0, 0.3, "width of the piezo's loop over its stroke")] = 0.02
+    highest: Annotated[float, _q("Hz", 1, 1e5, "frequency of the dither", "Huang2024")] = 4000.0
+    shape: Literal["circular", "hat", "elliptical"] = "circular"
+    along: bool = False  # x of the dither along the path instead of along the machine's x
+
+
+@dataclass(frozen=True, kw_only=True)
 class Scenario(_Section):
     """A frozen scenario; see the module's text."""
 
@@ -230,6 +280,9 @@ class Scenario(_Section):
     axis: Axis = Axis()
     head: Head = Head()
     sheet: Sheet = Sheet()
+    job: Job | None = None
+    gantry: Gantry = Gantry()
+    optics: Optics = Optics()
 
     @functools.cached_property
     def labels(self) -> dict[str, int]:
@@ -434,6 +487,8 @@ def prepare(fleet: Fleet, scenario: Scenario, machines: Any, seeds: Any, again: 
         _prepare_axis(fleet, m, functools.partial(value, scenario.axis, label="axis."))
         _prepare_head(fleet, scenario.head, m, draws, functools.partial(value, scenario.head, label="head."))
         _prepare_sheet(fleet, scenario, m, draws)
+        if fleet.gantries is not None:
+            _prepare_gantry(fleet, scenario, m, draws)
         if scenario.path:
             fleet.put_contours([contour(scenario.path)], np.zeros(len(m), int), m)
         else:
@@ -538,6 +593,35 @@ def _prepare_sheet(fleet: Fleet, scenario: Scenario, m: np.ndarray, draws: Draws
         fleet.put_profile(profile(shape.profile), shape.profile.spacing, m)
     else:
         fleet.set("path.profile", m, -1.0)
+
+
+GANTRIES = {
+    "wu": xy_axes.Params(),
+    # A machine of today: servo and interpolation every millisecond, 100 m/min, 1.5 g [A].
+    "modern": xy_axes.Params(
+        servo=1.0, interpolation=1.0, t1=0.003, t2=0.001, gain=1.0, speed=1666.7, acceleration=15000.0,
+        dac=1666.7 / 32768.0, encoder=1e-3,
+    ),
+}  # fmt: skip
+"""Axes by name."""
+
+
+def _prepare_gantry(fleet: Fleet, scenario: Scenario, m: np.ndarray, draws: Draws) -> None:
+    assert fleet.gantries
+    g, shape = scenario.gantry, scenario.optics
+    base = GANTRIES[g.preset]
+    slower = draw(g.slower, draws, "gantry.slower")
+    fleet.gantries.put("xy", m, base._replace(literal=g.literal))
+    for name in ("x_plus", "x_minus", "y_plus", "y_minus"):
+        fleet.gantries.set(f"xy.{name}", m, draw(getattr(g, name), draws, f"gantry.{name}"))
+    for name in ("t1", "t2", "tau"):
+        fleet.gantries.set(f"xy.{name}", m, getattr(base, name) * slower)
+    for name in ("galvo", "galvo_range", "piezo", "piezo_range", "hysteresis", "highest"):
+        fleet.gantries.set(f"optics.{name}", m, draw(getattr(shape, name), draws, f"optics.{name}"))
+    fleet.gantries.set("optics.shape", m, float(spot.SHAPES.index(shape.shape)))
+    fleet.gantries.set("optics.along", m, float(shape.along))
+    if scenario.job:
+        fleet.gantries.set("cut.pressure", m, draw(scenario.job.pressure, draws, "job.pressure"))
 
 
 def _put_steps(fleet: Fleet, steps: Steps, m: np.ndarray, draws: Draws) -> None:

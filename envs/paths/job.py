@@ -20,6 +20,9 @@ Floats = npt.NDArray[np.float64]
 RAPID, APPROACH, PIERCE, LEAD_IN, CUT, LIFT = range(6)
 PHASES = ("rapid", "approach", "pierce", "lead-in", "cut", "lift")
 
+SETTLE = 0.1
+"""s at the cutting height before the cut begins [A]."""
+
 HIGHEST = 6.0
 """mm above the cutting height, as far as a height follower can still see the sheet well enough."""
 
@@ -168,6 +171,7 @@ def plan(drawing: Drawing, settings: Settings) -> Job:
             if seconds > 0:
                 tape.stand(seconds, PIERCE, 1.0, height - s.standoff)
         tape.lifted(0.0, APPROACH, s.lift_speed)
+        tape.stand(SETTLE, APPROACH, 0.0, 0.0)
         first_sample = tape.count
         try:
             path = stretches(piece)
@@ -198,8 +202,8 @@ def _leap(low: float, to: float, s: Settings, count: int) -> Floats:
 
 
 def _lead_in(piece: Points, closed: bool, hole: bool, length: float) -> Points:
-    """A straight way of up to ``length`` mm into the start of a closed contour, from the waste: within a hole or outside
-    a part. In a hole it is at most 0.7 of the way to the middle."""
+    """A straight way of up to ``length`` mm into the start of a closed contour, from the waste: within a hole or
+    outside a part. In a hole it is at most 0.7 of the way to the middle."""
     if not closed or length <= 0:
         return piece[:1]
     leg = piece[1] - piece[0]
@@ -228,7 +232,8 @@ def _job(drawing: Drawing, settings: Settings, tape: _Tape, contours: npt.NDArra
     acceleration_room = np.sqrt(settings.most_acceleration / np.maximum(acceleration, 1e-3))
     most = np.clip(np.minimum(speed_room, acceleration_room), 1.0, 3.0)
     return Job(
-        drawing.name, at[:, 0].copy(), at[:, 1].copy(), np.cumsum(steps), np.cumsum(np.where(cutting, steps, 0.0)), speed,
+        drawing.name, at[:, 0].copy(), at[:, 1].copy(), np.cumsum(steps), np.cumsum(np.where(cutting, steps, 0.0)),
+        speed,
         t[:, 0].copy(), t[:, 1].copy(), beam, phase, lift, most, contours, settings, list(drawing.pieces),
         drawing.warnings,
     )  # fmt: skip

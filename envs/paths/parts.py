@@ -108,7 +108,12 @@ PARTS: dict[str, Callable[..., list[Points]]] = {
 }  # fmt: skip
 
 
-def part(name: str, **sizes: Any) -> Drawing:
+def sizes(name: str) -> list[str]:
+    """Names of a part's sizes, the most important first."""
+    return list(inspect.signature(PARTS[name]).parameters)
+
+
+def part(name: str, **dimensions: Any) -> Drawing:
     """A built-in part.
 
     Raises:
@@ -116,11 +121,11 @@ def part(name: str, **sizes: Any) -> Drawing:
     """
     if name not in PARTS:
         raise InvalidInput(f"unknown part '{name}'; {did_you_mean(name, PARTS)}, or a drawing's file")
-    known = inspect.signature(PARTS[name]).parameters
-    for size, value in sizes.items():
+    known = list(inspect.signature(PARTS[name]).parameters)
+    for size, value in dimensions.items():
         if size not in known:
             raise InvalidInput(f"part '{name}': unknown size '{size}'; {did_you_mean(size, known)}")
         if not value > 0:
             raise InvalidInput(f"part '{name}': {size} = {value}; it must be above 0")
-    order = ordered([(points, True) for points in PARTS[name](**sizes)])
+    order = ordered([(points, True) for points in PARTS[name](**dimensions)])
     return Drawing(name, [p for p, _ in order], [c for _, c in order], "mm", ["0"], {})

@@ -64,7 +64,6 @@ class Axis(NamedTuple):
     issued: float = 0.0  # mm, what the loop has been asked for so far
     step: float = 0.0  # mm, issued at each servo instant until the next interpolation
     command: float = 0.0  # mm/s, behind D/A and gain
-    ramp: float = 0.0  # mm/s, behind the limit of acceleration
     part_1: float = 0.0  # mm/s, the drive's velocity in two parts
     part_2: float = 0.0
     position: float = 0.0  # mm, the slide
@@ -84,7 +83,7 @@ def gains(p, dt):
 @part
 def at_rest(position):
     """An axis standing still, mm."""
-    return Axis(position, 0.0, 0.0, 0.0, 0.0, 0.0, position, position, 0.0)
+    return Axis(position, 0.0, 0.0, 0.0, 0.0, position, position, 0.0)
 
 
 @part
@@ -105,9 +104,7 @@ def sampled(p, a):
     """The axis at a servo instant: the literal mode adds the sampled speed to its sum."""
     moved = velocity(a) * p.servo * 1e-3
     if p.literal:
-        return Axis(
-            a.issued, a.step, a.command, a.ramp, a.part_1, a.part_2, a.position, a.summed + moved, moved / p.servo
-        )
+        return Axis(a.issued, a.step, a.command, a.part_1, a.part_2, a.position, a.summed + moved, moved / p.servo)
     return a
 
 
@@ -115,7 +112,7 @@ def sampled(p, a):
 def headed(p, a, target):
     """The axis at an interpolation instant: the way to ``target`` (mm), in one increment per servo period."""
     step = (target - a.issued) * p.servo / p.interpolation
-    return Axis(a.issued, step, a.command, a.ramp, a.part_1, a.part_2, a.position, a.summed, a.drawn)
+    return Axis(a.issued, step, a.command, a.part_1, a.part_2, a.position, a.summed, a.drawn)
 
 
 @part
@@ -123,18 +120,22 @@ def commanded(p, a, command, plus, minus):
     """The axis takes the law's ``command`` (mm/s) and is issued the next increment."""
     u = np.rint(command / p.dac) * p.dac if p.dac > 0.0 else command
     u = clip(u * p.gain * (plus if u > 0.0 else minus), -p.speed, p.speed)
-    return Axis(a.issued + a.step, a.step, u, a.ramp, a.part_1, a.part_2, a.position, a.summed, a.drawn)
+    return Axis(a.issued + a.step, a.step, u, a.part_1, a.part_2, a.position, a.summed, a.drawn)
 
 
 @part
 def moved(p, g, a, dt):
-    """The axis one control period of ``dt`` seconds later."""
-    most = p.acceleration * dt
-    u = a.ramp + clip(a.command - a.ramp, -most, most)
-    way = fma(g.way_1, a.part_1, fma(g.way_2, a.part_2, g.drag * u))
-    part_1, part_2 = fma(g.keep_1, a.part_1, g.feed_1 * u), fma(g.keep_2, a.part_2, g.feed_2 * u)
+    """The axis one control period of ``dt`` seconds later; what the motor cannot do at once, it does with the share
+    ``f`` of what the drive asks for."""
+    next_1, next_2 = fma(g.keep_1, a.part_1, g.feed_1 * a.command), fma(g.keep_2, a.part_2, g.feed_2 * a.command)
+    now = a.part_1 + a.part_2
+    change, most = next_1 + next_2 - now, p.acceleration * dt
+    f = most / abs(change) if abs(change) > most else 1.0
+    asked = fma(g.way_1, a.part_1, fma(g.way_2, a.part_2, g.drag * a.command))
+    way = f * asked + (1.0 - f) * now * dt
+    part_1, part_2 = a.part_1 + f * (next_1 - a.part_1), a.part_2 + f * (next_2 - a.part_2)
     position = a.position + (a.drawn if p.literal else way)
-    return Axis(a.issued, a.step, a.command, u, part_1, part_2, position, a.summed, a.drawn)
+    return Axis(a.issued, a.step, a.command, part_1, part_2, position, a.summed, a.drawn)
 
 
 # ------------------------------------------------------------------------------------------------- the z domain

@@ -53,11 +53,11 @@ def travelled(jobs, axes, kp):
     size, every = len(jobs), np.arange(len(jobs))
     fleet = Fleet(size, get("idle").law, heads.POOL)
     g = fleet.use_gantries(LAW, RECIPE)
+    scenarios.prepare(fleet, scenarios.load("flat"), every, every)
     for i in range(size):
         g.put_job(jobs[i], [i])
         g.put_axes([i], axes[i])
         g.put_law("xy", [i], wu.Params(kp=kp[i]))
-    scenarios.prepare(fleet, scenarios.load("flat"), every, every)
     fleet.begin(every, every)
     names = {
         "x": "x.position", "y": "y.position", "sum": "x.summed", "error": "axes_signals.error_x", "tau": "progress.tau",

@@ -1,0 +1,124 @@
+"""The workshop: from a scenario with a job and a team of controllers to machines that are ready to cut.
+
+The programme depends on all three: the scenario says what is cut, the stack in the slot ``xy`` how the path is planned
+for the axes, the stack in the slot ``process`` how fast it is cut.
+"""
+
+import functools
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from . import scenarios
+from .material import Material, material
+from .paths import kerf, parts
+from .paths.drawing import Drawing, check_travel
+from .paths.job import Job, Settings, plan
+from .paths.read import read
+from .plant import heads
+from .plant.fleet import Fleet
+from .plant.gantry import Recipe
+from .plant.quantity import InvalidInput
+from .scenarios import Scenario
+from .stack import Team
+
+
+@functools.lru_cache(maxsize=32)
+def drawing_of(job: scenarios.Job, travel: tuple[float, float]) -> Drawing:
+    """The drawing that a scenario's job cuts, moved so that it begins at x = y = 0, kerf compensated.
+
+    Raises:
+        InvalidInput: neither a built-in part nor a file that can be read, too large, or what the reader finds.
+    """
+    if job.part in parts.PARTS:
+        sizes = {next(iter(parts.sizes(job.part))): job.size} if job.size else {}
+        drawing = parts.part(job.part, **sizes)
+    elif Path(job.part).suffix:
+        drawing = read(job.part, job.layers or None, job.units)
+    else:
+        drawing = parts.part(job.part)  # an error that names the nearest
+    drawing = kerf.compensated(drawing, job.kerf)
+    check_travel(drawing, travel)
+    corner = np.concatenate(drawing.pieces).min(axis=0)
+    return Drawing(
+        drawing.name, [piece - corner for piece in drawing.pieces], drawing.closed, drawing.units, drawing.layers,
+        drawing.skipped, drawing.warnings,
+    )  # fmt: skip
+
+
+def material_of(scenario: Scenario) -> Material:
+    """The material of a scenario's job."""
+    job = _job(scenario)
+    return material(job.material, job.thickness or None)
+
+
+def programme(scenario: Scenario, team: Team) -> Job:
+    """The job that the team makes of the scenario; the same object for the same question.
+
+    Raises:
+        InvalidInput: the scenario has no job, the feed is out of range, or what the drawing's reader finds.
+    """
+    axes, feed = team.xy.part("plan"), team.process.part("plan").feed
+    return _programme(scenario.name, _job(scenario), scenario.gantry, tuple(axes), float(feed))
+
+
+@functools.lru_cache(maxsize=32)
+def _programme(name: str, job: scenarios.Job, gantry: scenarios.Gantry, axes: tuple, feed: float) -> Job:
+    from .plant.planning import Axes
+
+    plan_of, steel, limits = (
+        Axes(*axes),
+        material(job.material, job.thickness or None),
+        scenarios.GANTRIES[gantry.preset],
+    )
+    settings = Settings(
+        feed=feed or job.feed or steel.feed, rapid=limits.speed, speed=limits.speed, acceleration=plan_of.acceleration,
+        jerk=plan_of.jerk, jump=plan_of.corner_jump, corners=plan_of.corners > 0.5, lead_in=job.lead_in,
+        pierce=steel.pierce if job.pierce else (), standoff=steel.standoff, clearance=job.clearance,
+        frog_leap=job.frog_leap, most_speed=limits.speed, most_acceleration=limits.acceleration,
+    )  # fmt: skip
+    if plan_of.acceleration > limits.acceleration:
+        raise InvalidInput(
+            f"plan.acceleration = {plan_of.acceleration:g} mm/s² is beyond the axes' limit, {limits.acceleration:g} mm/s²"
+        )
+    try:
+        return plan(drawing_of(job, (gantry.travel_x, gantry.travel_y)), settings)
+    except InvalidInput as error:
+        raise InvalidInput(f"scenario '{name}': {error}") from None
+
+
+def equip(fleet: Fleet, scenario: Scenario, team: Team, machines: Any) -> Job:
+    """Writes job, recipe and material into the columns of ``machines``, whose fleet has gantries."""
+    assert fleet.gantries
+    g, steel, job = fleet.gantries, material_of(scenario), programme(scenario, team)
+    wanted = _job(scenario)
+    g.put_job(job, machines)
+    g.put("recipe", machines, Recipe(
+        power=steel.power, standoff=steel.standoff, thickness=steel.thickness, most_override=wanted.override,
+        most_power=wanted.power,
+    ))  # fmt: skip
+    g.put("cut", machines, steel.params)
+    fleet.set("start.gap", machines, steel.standoff + job.lift[0])
+    fleet.set("job.set_height", machines, steel.standoff + job.lift[0])
+    return job
+
+
+def fleet_for(scenario: Scenario, team: Team, seeds: Any, threads: int = 1) -> Fleet:
+    """A fleet with one machine per seed that has begun the scenario's job under ``team``."""
+    seeds = np.atleast_1d(np.asarray(seeds, np.uint64))
+    fleet = Fleet(len(seeds), team.z.law, heads.POOL, threads)
+    fleet.use_gantries(team.xy.law, team.process.law)
+    every = np.arange(len(seeds))
+    equip(fleet, scenario, team, every)
+    scenarios.prepare(fleet, scenario, every, seeds)
+    team.install(fleet, every)
+    equip(fleet, scenario, team, every)
+    fleet.begin(every, scenarios.noise_keys(seeds))
+    return fleet
+
+
+def _job(scenario: Scenario) -> scenarios.Job:
+    if scenario.job is None:
+        raise InvalidInput(f"scenario '{scenario.name}' has no job; it needs a table [job]")
+    return scenario.job

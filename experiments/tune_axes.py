@@ -1,0 +1,117 @@
+"""Tuning of the position loops: ``python -m kerfgym.experiments.tune_axes``.
+
+``wu-tuned`` has the largest gain whose step overshoots by at most 1 % (Wu: no overshoot), found by bisection on the
+nominal axes in simulation. ``wu-feedforward`` keeps that gain; its feed-forward of the velocity is the inverse of the
+drive's gain, that of the acceleration the one with the smallest contour error on the tune seeds of the contour suite.
+"""
+
+import time
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import tomli_w
+from scipy.optimize import minimize_scalar
+
+from ..baselines import PRESETS
+from ..envs import job_metrics, scenarios, workshop
+from ..envs import stack as stacks
+from ..envs.plant import heads, xy_axes
+from ..envs.plant.fleet import Fleet
+from ..envs.stack import Stack
+from . import runs
+
+OVERSHOOT = 0.01
+STEP = 1.0
+"""mm."""
+
+SEEDS = range(0, 4)
+
+
+def step_response(kp: float, axes: xy_axes.Params, periods: int = 1500) -> np.ndarray:
+    """Position of one axis, mm, every control period after a step of 1 mm."""
+    stack = stacks.get("wu").varied({"law.kp": kp})
+    fleet = Fleet(1, stacks.get("idle").law, heads.POOL)
+    gantries = fleet.use_gantries(stack.law, stacks.get("recipe").law)
+    to = np.where(np.arange(periods + 20) < 8, 0.0, STEP)
+    none = np.zeros_like(to)
+    gantries.put_job(SimpleNamespace(
+        x=to, y=none, s=to, cut_s=none, feed=none, tx=none + 1.0, ty=none, beam=none, phase=none, lift=none,
+        most=none + 1.0, cut_feed=1.0,
+    ), [0])  # fmt: skip
+    gantries.put_law("xy", [0], stack.part("law"))
+    scenarios.prepare(fleet, scenarios.Scenario(name="step"), [0], [0])
+    gantries.put_axes([0], axes)
+    fleet.begin([0], [0])
+    seen = np.empty(periods)
+    for i in range(periods):
+        fleet.advance()
+        seen[i] = gantries.column("x.position")[0]
+    return seen
+
+
+def largest_gain(axes: xy_axes.Params) -> float:
+    """Largest Kp whose step overshoots by at most :data:`OVERSHOOT`."""
+    low, high = 0.02, 2.0
+    for _ in range(24):
+        middle = 0.5 * (low + high)
+        fine = step_response(middle, axes).max() <= STEP * (1.0 + OVERSHOOT)
+        low, high = (middle, high) if fine else (low, middle)
+    return low
+
+
+def contour_error(stack: Stack) -> float:
+    """Geometric mean over the suite's core of the RMS contour error on the tune seeds, µm."""
+    team = stacks.team(stack)
+    errors = []
+    for name in scenarios.core("contour"):
+        scenario = scenarios.load(name)
+        fleet = workshop.fleet_for(scenario, team, np.array(SEEDS))
+        job = workshop.programme(scenario, team)
+        fleet.advance(len(job.x) + 500)
+        figures = job_metrics.evaluate(job_metrics.Jobs.of(fleet, job))
+        errors.append(np.sqrt(np.mean(figures["contour_rms"] ** 2)))
+    return float(np.exp(np.mean(np.log(errors))))
+
+
+def write(name: str, parameters: dict[str, float], provenance: dict[str, Any]) -> None:
+    """Writes a preset with its record."""
+    head = "# Found by: python -m kerfgym.experiments.tune_axes\n"
+    with runs.atomic(PRESETS / f"{name}.toml") as part:
+        part.write_text(head + tomli_w.dumps({"parameters": parameters, "provenance": provenance}), encoding="utf-8")
+
+
+def main() -> None:
+    """Tunes, prints and writes both presets."""
+    started, axes = time.process_time(), xy_axes.Params()
+    kp = float(np.floor(1e4 * largest_gain(axes)) / 1e4)
+    record = runs.record(["python", "-m", "kerfgym.experiments.tune_axes"])
+    common = {"kerfgym": record["kerfgym"], "git": record["git"]["commit"]}
+    overshoot = float(step_response(kp, axes).max() / STEP - 1.0)
+    write(
+        "wu-tuned",
+        {"law.kp": kp},
+        {**common, "criterion": "overshoot of a step at most 1 %", "overshoot": round(overshoot, 5)},
+    )
+    base = stacks.get("wu").varied({"law.kp": kp, "law.velocity": round(1.0 / axes.gain, 5)})
+    tried: list[tuple[float, float]] = []
+
+    def cost(milliseconds: float) -> float:
+        error = contour_error(base.varied({"law.acceleration": milliseconds}))
+        tried.append((milliseconds, error))
+        return error
+
+    found = minimize_scalar(cost, bounds=(0.0, 60.0), method="bounded", options={"maxiter": 20})
+    parameters = {"law.kp": kp, "law.velocity": round(1.0 / axes.gain, 5), "law.acceleration": round(float(found.x), 3)}
+    write("wu-feedforward", parameters, {
+        **common, "suite": "contour-1", "score_tune_um": round(float(found.fun), 3), "trials": len(tried),
+        "tune_seeds": f"{SEEDS[0]}-{SEEDS[-1]}", "cpu_seconds": round(time.process_time() - started, 1),
+    })  # fmt: skip
+    print(
+        f"wu-tuned: Kp {kp}, overshoot {overshoot:.2%}, contour error {contour_error(stacks.get('wu').varied({'law.kp': kp})):.2f} µm"
+    )
+    print(f"wu-feedforward: {parameters}, contour error {found.fun:.2f} µm after {len(tried)} trials")
+
+
+if __name__ == "__main__":
+    main()
