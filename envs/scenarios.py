@@ -672,7 +672,7 @@ def suite(name: str) -> dict[str, Scenario]:
 
 @functools.cache
 def _suite(name: str) -> tuple[tuple[str, Scenario], ...]:
-    order = tomllib.loads((_SUITES / f"{name}.toml").read_text(encoding="utf-8"))["scenarios"]
+    order = rules(name)["scenarios"]
     return tuple((s, _shipped(name, s)) for s in order)
 
 
@@ -683,9 +683,15 @@ def _shipped(group: str, name: str) -> Scenario:
 
 
 @functools.cache
+def rules(name: str) -> dict[str, Any]:
+    """What a suite's file says beside its scenarios: ``score``, ``reference``, ``controllers``."""
+    return tomllib.loads((_SUITES / f"{name}.toml").read_text(encoding="utf-8"))
+
+
+@functools.cache
 def core(name: str) -> tuple[str, ...]:
     """Names of the scenarios over which the suite's score is taken."""
-    return tuple(tomllib.loads((_SUITES / f"{name}.toml").read_text(encoding="utf-8"))["core"])
+    return tuple(rules(name)["core"])
 
 
 def load(name: str | Path | Scenario) -> Scenario:

@@ -130,6 +130,11 @@ class Stack:
                 raise InvalidInput(f"controller '{self.name}': unknown parameter '{key}'; {did_you_mean(key, known)}")
         return replace(self, values={**self.values, **changes}, name=name or self.name)
 
+    @property
+    def program(self) -> list[str]:
+        """Text of the files that hold its law."""
+        return [self.law.source, self.source]
+
     def install(self, fleet: Fleet, machines: Any) -> None:
         """Writes the stack's parameters into the columns of ``machines``; the fleet must run the stack's law."""
         if self.slot != "z":
@@ -245,6 +250,16 @@ class Team:
     def parameters(self) -> dict[str, Parameter]:
         """Every declared parameter, its name preceded by the slot: ``z.law.kp``."""
         return {f"{s.slot}.{name}": p for s in self.stacks for name, p in s.parameters().items()}
+
+    @property
+    def program(self) -> list[str]:
+        """Text of the files that hold its laws."""
+        return [text for stack in self.stacks for text in stack.program]
+
+    @property
+    def provenance(self) -> dict[str, Any]:
+        """How its stacks were tuned, by slot."""
+        return {stack.slot: stack.provenance for stack in self.stacks if stack.provenance}
 
     def install(self, fleet: Fleet, machines: Any) -> None:
         """Writes the parameters of all stacks into the columns of ``machines``."""

@@ -80,7 +80,7 @@ def _programme(name: str, job: scenarios.Job, gantry: scenarios.Gantry, axes: tu
     )  # fmt: skip
     if plan_of.acceleration > limits.acceleration:
         raise InvalidInput(
-            f"plan.acceleration = {plan_of.acceleration:g} mm/s² is beyond the axes' limit, {limits.acceleration:g} mm/s²"
+            f"plan.acceleration = {plan_of.acceleration:g} mm/s² is beyond the axes' {limits.acceleration:g} mm/s²"
         )
     try:
         return plan(drawing_of(job, (gantry.travel_x, gantry.travel_y)), settings)
@@ -99,8 +99,16 @@ def equip(fleet: Fleet, scenario: Scenario, team: Team, machines: Any) -> Job:
         most_power=wanted.power,
     ))  # fmt: skip
     g.put("cut", machines, steel.params)
-    fleet.set("start.gap", machines, steel.standoff + job.lift[0])
-    fleet.set("job.set_height", machines, steel.standoff + job.lift[0])
+    return job
+
+
+def prepare(fleet: Fleet, scenario: Scenario, team: Team, machines: Any, seeds: Any) -> Job:
+    """Writes everything about a scenario's job into the columns of ``machines``, one seed each; returns the job."""
+    job = equip(fleet, scenario, team, machines)
+    scenarios.prepare(fleet, scenario, machines, seeds)
+    height = material_of(scenario).standoff + job.lift[0]
+    fleet.set("start.gap", machines, height)
+    fleet.set("job.set_height", machines, height)
     return job
 
 
@@ -110,10 +118,8 @@ def fleet_for(scenario: Scenario, team: Team, seeds: Any, threads: int = 1) -> F
     fleet = Fleet(len(seeds), team.z.law, heads.POOL, threads)
     fleet.use_gantries(team.xy.law, team.process.law)
     every = np.arange(len(seeds))
-    equip(fleet, scenario, team, every)
-    scenarios.prepare(fleet, scenario, every, seeds)
+    prepare(fleet, scenario, team, every, seeds)
     team.install(fleet, every)
-    equip(fleet, scenario, team, every)
     fleet.begin(every, scenarios.noise_keys(seeds))
     return fleet
 

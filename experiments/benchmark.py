@@ -11,14 +11,14 @@ import numpy as np
 import pandas as pd
 
 from .. import __version__
-from ..envs import metrics, scenarios
+from ..envs import metrics, scenarios, workshop
 from ..envs import stack as stacks
 from ..envs.plant import kernels, machine
 from ..envs.plant.controller import PERIOD
 from ..envs.plant.path import SPACING
 from ..envs.plant.quantity import InvalidInput, did_you_mean
 from ..envs.scenarios import Scenario
-from . import rollout, runs, stability
+from . import jobs, rollout, runs, stability
 from .results import Results
 
 DEFAULT = ("xi2023-ma", "xi2023-improved", "xi2023-tuned", "pid", "observer", "preview-5ms")
@@ -38,11 +38,11 @@ class Case:
     seeds: tuple[int, ...]
     trace: int | None
 
-    def key(self, stack: stacks.Stack) -> str:
+    def key(self, stack: stacks.Stack | stacks.Team) -> str:
         """Name of the task's file when ``stack`` does it; it changes with anything the result depends on."""
         parameters = {name: p.value for name, p in stack.parameters().items()}
         physics = self.scenario.to_toml() if self.scenario else None
-        program = [__version__, kernels.STAMP, stack.law.source, stack.source]
+        program = [__version__, kernels.STAMP, *stack.program]
         text = json.dumps([self.controller, parameters, program, physics, self.seeds, self.trace])
         return hashlib.sha256(text.encode()).hexdigest()[:20]
 
@@ -61,8 +61,24 @@ def split_seeds(count: int, split: str = "test") -> range:
     return seeds[:count]
 
 
-def compute(case: Case, stack: stacks.Stack) -> dict[str, pd.DataFrame]:
+def along(path: Path, names: list[str], suite: str) -> list[Scenario]:
+    """Scenarios along a drawing: the suite's (or the named) ones with the drawing as their part or path.
+
+    Raises:
+        InvalidInput: the drawing cannot be read, or lies outside what scenario and machine allow.
+    """
+    found = [scenarios.load(s) for s in names] or [scenarios.load(scenarios.rules(suite).get("along", "drawing"))]
+    return [
+        s.varied(name=f"{s.name}@{path.stem}", job={"part": str(path), "size": 0.0}) if s.job else s.along(path)
+        for s in found
+    ]
+
+
+def compute(case: Case, stack: stacks.Stack | stacks.Team) -> dict[str, pd.DataFrame]:
     """Tables ``runs``, ``traces`` and ``sensitivity`` of one task, with its cost in ``ledger``."""
+    if isinstance(stack, stacks.Team):
+        assert case.scenario is not None
+        return jobs.compute(case.controller, case.scenario, stack, case.seeds, case.trace)
     start, steps = time.process_time(), 0
     tables: dict[str, pd.DataFrame] = {}
     if case.scenario is None:
@@ -123,35 +139,43 @@ def run(
     seeds: range | tuple[int, ...],
     *,
     core: tuple[str, ...] = (),
+    suite: str = "following",
     with_ms: bool = True,
-    jobs: int = 2,
+    workers: int = 2,
     command: list[str] | None = None,
     overwrite: bool = False,
     resume: bool = False,
     quiet: bool = False,
-) -> Results:
+) -> Results | jobs.JobResults:
     """Runs the grid, writes the folder, returns the results.
 
     Raises:
         InvalidInput: unknown controller or scenario, the folder exists, or a controller's file was edited meanwhile.
     """
-    if jobs < 1:
-        raise InvalidInput(f"--jobs {jobs} is out of range; at least 1")
+    if workers < 1:
+        raise InvalidInput(f"--jobs {workers} is out of range; at least 1")
     for what, given in (("controller", controllers), ("scenario", [s.name for s in chosen])):
         twice = [name for name in given if given.count(name) > 1]
         if twice:
             raise InvalidInput(f"{what} '{twice[0]}' is given twice")
-    known = {name: stacks.resolve(name) for name in controllers}  # errors before anything is written
+    with_jobs = {s.job is not None for s in chosen} == {True}
+    if not with_jobs and any(s.job for s in chosen):
+        raise InvalidInput("scenarios with a job and scenarios without one cannot share a table")
+    known = {name: _resolved(name, with_jobs) for name in controllers}  # errors before anything is written
+    for scenario in chosen if with_jobs else []:
+        for team in known.values():
+            workshop.programme(scenario, team)
     runs.open_folder(folder, overwrite, resume)
     started = time.time()
     parts = folder / "parts"
+    with_ms = with_ms and not with_jobs
     todo = {case.key(known[case.controller]): case for case in cases(controllers, chosen, seeds, with_ms)}
 
     def missing() -> list[Case]:
         return [case for key, case in todo.items() if not (parts / f"{key}.json").is_file()]
 
     _warm(known, missing())
-    _run_all(missing(), parts, jobs, quiet)
+    _run_all(missing(), parts, workers, with_jobs, quiet)
     if left := missing():
         edited = ", ".join(sorted({f"'{case.controller}'" for case in left}))
         raise InvalidInput(f"{edited} was edited during the run; --resume computes what the edit has changed")
@@ -182,6 +206,8 @@ def run(
         "tuning": {name: stack.provenance for name, stack in known.items() if stack.provenance},
         "parameters": {name: {k: p.value for k, p in stack.parameters().items()} for name, stack in known.items()},
     }  # fmt: skip
+    if with_jobs:
+        return _finish_jobs(folder, frame.reset_index(drop=True), joined, meta, chosen, core, suite)
     empty = pd.DataFrame({"controller": [], "frequency": [], "magnitude": []})
     results = Results(
         frame.reset_index(drop=True), joined.get("traces", pd.DataFrame()), joined.get("sensitivity", empty), meta,
@@ -189,42 +215,88 @@ def run(
         {s.name: s.summary for s in chosen},
     )  # fmt: skip
     _write(folder, results, chosen)
-    for file in parts.iterdir():
-        file.unlink()
-    parts.rmdir()
+    _clear(parts)
     return results
 
 
-def _warm(known: dict[str, stacks.Stack], missing: list[Case]) -> None:
+def _clear(parts: Path) -> None:
+    for file in parts.iterdir():
+        file.unlink()
+    parts.rmdir()
+
+
+def _resolved(name: str, with_jobs: bool) -> stacks.Stack | stacks.Team:
+    """The controller of a name: a team for jobs, a stack of the slot ``z`` for followers."""
+    if with_jobs:
+        return stacks.team(name)
+    stack = stacks.resolve(name)
+    if stack.slot != "z":
+        raise InvalidInput(
+            f"controller '{name}' drives slot '{stack.slot}'; scenarios without a job need one of slot 'z', such as pid"
+        )
+    return stack
+
+
+def _finish_jobs(
+    folder: Path, frame: pd.DataFrame, joined: dict[str, pd.DataFrame], meta: dict[str, Any], chosen: list[Scenario],
+    core: tuple[str, ...], suite: str,
+) -> jobs.JobResults:  # fmt: skip
+    from .report.jobs_page import write_report
+
+    rules = scenarios.rules(suite)
+    labels = tuple(dict.fromkeys(workshop.material_of(s).label for s in chosen))
+    results = jobs.JobResults(
+        frame, joined.get("traces", pd.DataFrame()), meta, rules.get("score", "contour_rms"),
+        rules.get("reference", "wu-tuned"), tuple(c for c in core if c in meta["scenarios"]), labels,
+        {s.name: s.summary for s in chosen},
+    )  # fmt: skip
+    runs.write_table(folder, "runs", results.runs)
+    runs.write_table(folder, "summary", results.summary().reset_index())
+    if len(results.traces):
+        runs.write_table(folder, "traces", results.traces, csv=False)
+    for scenario in chosen:
+        with runs.atomic(folder / "scenarios" / f"{scenario.name}.toml") as part:
+            part.write_text(scenario.to_toml(), encoding="utf-8")
+    write_report(folder, results)
+    runs.write_json(folder / "run.json", results.meta)
+    _clear(folder / "parts")
+    return results
+
+
+def _warm(known: dict[str, stacks.Stack | stacks.Team], missing: list[Case]) -> None:
     """Compiles what is not in the cache yet, here and once, before the workers need it."""
-    needed = {case.controller for case in missing}
     flat = Scenario(name="warm", duration=0.05, settle=0.0)
-    for name in needed:
-        rollout.roll(flat, known[name], [0])
+    job = scenarios.Scenario(name="warm", job=scenarios.Job(part="circle", size=5.0))
+    for name in {case.controller for case in missing}:
+        stack = known[name]
+        if isinstance(stack, stacks.Team):
+            workshop.fleet_for(job, stack, [0]).advance(1)
+        else:
+            rollout.roll(flat, stack, [0])
 
 
-def _work(case: Case, parts: Path) -> None:
-    stack = stacks.resolve(case.controller)
+def _work(case: Case, parts: Path, with_jobs: bool) -> None:
+    stack = _resolved(case.controller, with_jobs)
     key, tables = case.key(stack), compute(case, stack)
     for name, frame in tables.items():
         runs.write_table(parts, f"{key}.{name}", frame, csv=False)
     runs.write_json(parts / f"{key}.json", list(tables))
 
 
-def _run_all(missing: list[Case], parts: Path, jobs: int, quiet: bool) -> None:
+def _run_all(missing: list[Case], parts: Path, workers: int, with_jobs: bool, quiet: bool) -> None:
     from joblib import Parallel, delayed
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, disable=quiet) as progress:
         bar = progress.add_task("simulating", total=len(missing))
-        if jobs == 1 or len(missing) <= 2:
+        if workers == 1 or len(missing) <= 2:
             for case in missing:
-                _work(case, parts)
+                _work(case, parts, with_jobs)
                 progress.advance(bar)
         elif missing:
-            pool = Parallel(n_jobs=jobs, return_as="generator_unordered", inner_max_num_threads=1)
-            for _ in pool(delayed(_work)(case, parts) for case in missing):
+            pool = Parallel(n_jobs=workers, return_as="generator_unordered", inner_max_num_threads=1)
+            for _ in pool(delayed(_work)(case, parts, with_jobs) for case in missing):
                 progress.advance(bar)
 
 

@@ -56,7 +56,7 @@ def benchmark(
     controller: Annotated[UseAppendAction[list[str]], arg(aliases=["-c"], metavar="NAME")] = [],  # noqa: B006
     scenario: Annotated[UseAppendAction[list[str]], arg(aliases=["-s"], metavar="NAME|FILE")] = [],  # noqa: B006
     suite: str = "following",
-    path: Annotated[Path | None, arg(metavar="FILE.dxf")] = None,
+    path: Annotated[Path | None, arg(metavar="FILE")] = None,
     seeds: int | None = None,
     split: str = "test",
     name: str | None = None,
@@ -69,11 +69,13 @@ def benchmark(
 
     Args:
         controller: built-in name with overrides (pid:law.kp=80,filter.window=9), or module:attr or file.py:attr of your
-            own; may be given several times. Default: the standard six.
+            own, or a team for jobs (z=pid,xy=wu,process=huang2024-dynamic); may be given several times. Default: the
+            suite's standard ones.
         scenario: name or TOML file; may be given several times. Default: the whole suite.
         suite: whose scenarios are run.
-        path: drawing whose contours the nozzle travels, on a wavy, tilted sheet unless --scenario says otherwise.
-        seeds: how many seeds of the split. Default: 200, along a drawing 20.
+        path: drawing or programme (DXF, SVG, G-code). In the suites contour and cutting it is the part that is cut; in
+            following the nozzle travels its contours, on a wavy, tilted sheet unless --scenario says otherwise.
+        seeds: how many seeds of the split. Default: 200, for jobs and along a drawing 20.
         split: test, tune or reserve.
         name: of the run folder. Default: date and time.
         jobs: worker processes.
@@ -83,10 +85,11 @@ def benchmark(
     """
     from ..envs import scenarios
     from . import benchmark as bench
+    from .jobs import JobResults
 
     scenarios.suite(suite)  # an unknown one is an error even where it is not needed
     if path is not None:
-        chosen = [scenarios.load(s).along(path) for s in scenario or ["drawing"]]
+        chosen = bench.along(path, scenario, suite)
         core: tuple[str, ...] = tuple(s.name for s in chosen)
     elif scenario:
         chosen, core = (
@@ -95,15 +98,20 @@ def benchmark(
         )
     else:
         chosen, core = list(scenarios.suite(suite).values()), scenarios.core(suite)
-    wanted = bench.split_seeds(seeds if seeds is not None else (bench.PATH_SEEDS if path else 200), split)
+    few = path is not None or any(s.job for s in chosen)
+    wanted = bench.split_seeds(seeds if seeds is not None else (bench.PATH_SEEDS if few else 200), split)
     folder = Path("runs") / (name or datetime.datetime.now().strftime("%Y-%m-%d-%H%M%S"))
+    standard = scenarios.rules(suite).get("controllers", bench.DEFAULT)
     results = bench.run(
-        list(dict.fromkeys(controller)) or list(bench.DEFAULT), chosen, folder, wanted, core=core, with_ms=ms,
-        jobs=jobs, overwrite=overwrite, resume=resume,
+        list(dict.fromkeys(controller)) or list(standard), chosen, folder, wanted, core=core, suite=suite, with_ms=ms,
+        workers=jobs, overwrite=overwrite, resume=resume,
     )  # fmt: skip
-    from .table import print_summary
+    from .table import print_jobs, print_summary
 
-    print_summary(results)
+    if isinstance(results, JobResults):
+        print_jobs(results)
+    else:
+        print_summary(results)
     print(f"\n{folder / 'report.html'}")
 
 

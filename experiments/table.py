@@ -8,7 +8,9 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from ..envs.job_metrics import METRICS
 from ..envs.plant.machine import SUBSTEPS
+from .jobs import JobResults
 from .results import REFERENCE, Results
 
 
@@ -47,6 +49,33 @@ def print_summary(results: Results) -> None:
         f"score: geometric mean over {', '.join(core)}; reported: the same of what the machine itself measures;\n"
         f"jitter: RMS change of the command, mm/s per ms; collisions of all scenarios{exempt}."
     )
+
+
+def print_jobs(results: JobResults) -> None:
+    """Prints one row per team, best score first, and how far the quality figures can be trusted."""
+    summary = results.summary().sort_values("score")
+    unit = METRICS[results.metric].unit
+    table = Table(title=f"jobs · {results.meta['seed_count']} seeds per scenario")
+    table.add_column("controller", no_wrap=True)
+    titles = (
+        f"{results.metric}, {unit}", f"× {results.reference}", "contour rms, µm", "max, µm", "gap rms, µm", "dross, mm",
+        "Rz, µm", "ISO 9013", "through", "kerf, mm", "u, mm", "time, s", "feed, mm/s", "collisions", "failed",
+    )  # fmt: skip
+    for title in titles:
+        table.add_column(title, justify="right")
+    for name, row in summary.iterrows():
+        forms = {
+            "score": "{:.2f}", "ratio": "{:.2f}", "contour_rms": "{:.1f}", "contour_max": "{:.0f}", "gap_rms": "{:.1f}",
+            "dross": "{:.3f}", "roughness": "{:.1f}", "iso_roughness": "", "through": "{:.2f}", "kerf": "{:.3f}",
+            "taper": "{:.3f}", "time": "{:.2f}", "mean_feed": "{:.1f}",
+        }  # fmt: skip
+        cells = [_number(row[m], form) if form else str(row[m]) for m, form in forms.items()]
+        table.add_row(str(name), *cells, f"{row['collisions']}/{row['count']}", str(row["failed"]))
+    console = Console(width=max(Console().width, 190))
+    console.print(table)
+    console.print(f"score: geometric mean over {', '.join(results.core)} of the RMS over seeds.")
+    for label in results.labels:
+        console.print(f"quality: {label}.")
 
 
 @contextlib.contextmanager

@@ -107,9 +107,8 @@ def main() -> None:
         **common, "suite": "contour-1", "score_tune_um": round(float(found.fun), 3), "trials": len(tried),
         "tune_seeds": f"{SEEDS[0]}-{SEEDS[-1]}", "cpu_seconds": round(time.process_time() - started, 1),
     })  # fmt: skip
-    print(
-        f"wu-tuned: Kp {kp}, overshoot {overshoot:.2%}, contour error {contour_error(stacks.get('wu').varied({'law.kp': kp})):.2f} µm"
-    )
+    plain = contour_error(stacks.get("wu").varied({"law.kp": kp}))
+    print(f"wu-tuned: Kp {kp}, overshoot {overshoot:.2%}, contour error {plain:.2f} µm")
     print(f"wu-feedforward: {parameters}, contour error {found.fun:.2f} µm after {len(tried)} trials")
 
 

@@ -119,7 +119,7 @@ def figures(folder):
 
 def test_the_same_command_gives_the_same_figures_with_any_number_of_workers(tmp_path):
     for name, jobs in (("first", 1), ("second", 1), ("third", 2)):
-        go(tmp_path / name, ["xi2023-improved", "pid"], jobs=jobs)
+        go(tmp_path / name, ["xi2023-improved", "pid"], workers=jobs)
     assert figures(tmp_path / "first") == figures(tmp_path / "second") == figures(tmp_path / "third")
 
 

@@ -1,0 +1,139 @@
+"""Jobs under teams of controllers: one task of a benchmark, and what is concluded from many."""
+
+import time
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ..envs import job_metrics, workshop
+from ..envs.plant import gantry
+from ..envs.plant.controller import PERIOD
+from ..envs.plant.fleet import Fleet
+from ..envs.quality import iso_range, iso_taper
+from ..envs.scenarios import Scenario
+from ..envs.stack import Team
+
+LONGEST = 3.0
+"""Times the nominal time, after which a job that is not done has failed."""
+
+_STRIDE = 500
+SHOWN = ("x", "y", "speed", "error", "phase", "gap_error", "margin", "roughness", "dross", "kerf_top")
+"""Channels that a trace keeps."""
+
+
+def roll(scenario: Scenario, team: Team, seeds: Any, record: bool = False) -> tuple[Fleet, Any, np.ndarray | None]:
+    """The job of a scenario under a team, one machine per seed, until all are done or have taken too long.
+
+    Returns:
+        ``(fleet, job, channels)``: channels are float32 (periods, ``gantry.CHANNELS``, seeds) if recorded.
+    """
+    fleet, job = workshop.fleet_for(scenario, team, seeds), workshop.programme(scenario, team)
+    assert fleet.gantries
+    most = round(LONGEST * len(job.x)) + _STRIDE
+    channels = fleet.gantries.start_recording(most, fleet.tick) if record else None
+    done = 0
+    while done < most:
+        steps = min(_STRIDE, most - done)
+        fleet.advance(steps)
+        done += steps
+        over = fleet.gantries.column("progress.near") >= len(job.x) - 1.5
+        if (over | (fleet.column("tally.collided") > 0.5)).all():
+            break
+    fleet.gantries.stop_recording()
+    return fleet, job, channels[:done] if channels is not None else None
+
+
+def compute(
+    name: str, scenario: Scenario, team: Team, seeds: tuple[int, ...], trace: int | None
+) -> dict[str, pd.DataFrame]:
+    """Tables ``runs`` and ``traces`` of one task, with its cost in ``ledger``."""
+    start = time.process_time()
+    fleet, job, _ = roll(scenario, team, seeds)
+    jobs = job_metrics.Jobs.of(fleet, job)
+    frame = pd.DataFrame(job_metrics.evaluate(jobs))
+    steel = workshop.material_of(scenario)
+    frame.insert(0, "controller", name)
+    frame.insert(1, "information", team.information)
+    frame.insert(2, "scenario", scenario.name)
+    frame.insert(3, "seed", seeds)
+    frame.insert(4, "failed", job_metrics.failed(jobs))
+    ranges = [iso_range(1e-3 * r, steel.thickness) if np.isfinite(r) else "–" for r in frame["roughness"]]
+    frame["iso_roughness"] = ranges
+    frame["iso_taper"] = [iso_taper(u, steel.thickness) if np.isfinite(u) else "–" for u in frame["taper"]]
+    steps = int(fleet.tick) * len(seeds)
+    tables = {"runs": frame}
+    if trace is not None and trace in seeds:
+        tables["traces"] = traced(name, scenario, team, trace)
+        steps += len(tables["traces"])
+    cost = {"controller": name, "steps": steps, "cpu_seconds": time.process_time() - start}
+    return {**tables, "ledger": pd.DataFrame([cost])}
+
+
+def traced(name: str, scenario: Scenario, team: Team, seed: int) -> pd.DataFrame:
+    """Every period of one run."""
+    _, _, channels = roll(scenario, team, [seed], record=True)
+    assert channels is not None
+    index = [gantry.CHANNELS.index(channel) for channel in SHOWN]
+    frame = pd.DataFrame(channels[:, index, 0], columns=list(SHOWN))
+    frame.insert(0, "controller", name)
+    frame.insert(1, "scenario", scenario.name)
+    frame.insert(2, "seed", seed)
+    frame.insert(3, "time", (np.arange(len(frame)) + 1) * PERIOD)
+    return frame
+
+
+@dataclass
+class JobResults:
+    """Tables of a benchmark of jobs; ``runs`` has one row per run with every metric of :mod:`envs.job_metrics`.
+
+    The score is the geometric mean over the core's scenarios of the RMS over seeds of the suite's ``metric``.
+    """
+
+    runs: pd.DataFrame
+    traces: pd.DataFrame
+    meta: dict[str, Any]
+    metric: str
+    reference: str
+    core: tuple[str, ...] = ()
+    labels: tuple[str, ...] = ()
+    summaries: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def controllers(self) -> list[str]:
+        """In the order in which they were asked for."""
+        return list(self.runs["controller"].unique())
+
+    @property
+    def scenarios(self) -> list[str]:
+        """In the order in which they were run."""
+        return list(self.runs["scenario"].unique())
+
+    def pooled(self, metric: str) -> pd.DataFrame:
+        """RMS over seeds, controllers × scenarios; NaN where a run failed."""
+
+        def root(values: pd.Series) -> float:
+            return float(np.sqrt(np.mean(np.square(values.to_numpy(float)))))
+
+        table = self.runs.groupby(["controller", "scenario"], sort=False)[metric].apply(root).unstack()
+        return table.reindex(index=self.controllers, columns=self.scenarios)
+
+    def summary(self) -> pd.DataFrame:
+        """One row per controller: score, ratio of the reference over it, and the mean of every metric over the core."""
+        pooled = self.pooled(self.metric)
+        scored = [s for s in self.core if s in pooled.columns] or list(pooled.columns)
+        score = pd.Series(np.exp(np.log(pooled[scored].to_numpy(float)).mean(axis=1)), index=pooled.index)
+        frame = pd.DataFrame({"score": score, "ratio": score.get(self.reference, np.nan) / score})
+        groups = self.runs.groupby("controller", sort=False)
+        frame["information"] = groups["information"].first()
+        core = self.runs[self.runs["scenario"].isin(scored)].groupby("controller", sort=False)
+        for name in job_metrics.METRICS:
+            worst = name.endswith("_max")
+            frame[name] = core[name].max() if worst else core[name].apply(lambda values: values.mean(skipna=False))
+        frame["collisions"] = groups["collision"].sum().astype(int)
+        frame["failed"] = groups["failed"].sum().astype(int)
+        frame["count"] = groups.size()
+        for column in ("iso_roughness", "iso_taper"):
+            frame[column] = core[column].agg(lambda values: "/".join(sorted(set(values))))
+        return frame
