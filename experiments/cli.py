@@ -56,7 +56,7 @@ def benchmark(
     controller: Annotated[UseAppendAction[list[str]], arg(aliases=["-c"], metavar="NAME")] = [],  # noqa: B006
     scenario: Annotated[UseAppendAction[list[str]], arg(aliases=["-s"], metavar="NAME|FILE")] = [],  # noqa: B006
     suite: str = "following",
-    path: Annotated[Path | None, arg(metavar="FILE.dxf")] = None,
+    path: Annotated[Path | None, arg(metavar="FILE")] = None,
     seeds: int | None = None,
     split: str = "test",
     name: str | None = None,
@@ -72,7 +72,8 @@ def benchmark(
             own; may be given several times. Default: the standard six.
         scenario: name or TOML file; may be given several times. Default: the whole suite.
         suite: whose scenarios are run.
-        path: drawing whose contours the nozzle travels, on a wavy, tilted sheet unless --scenario says otherwise.
+        path: DXF, SVG or G-code file whose contours the nozzle travels, on a wavy, tilted sheet unless --scenario says
+            otherwise.
         seeds: how many seeds of the split. Default: 200, along a drawing 20.
         split: test, tune or reserve.
         name: of the run folder. Default: date and time.
@@ -88,6 +89,8 @@ def benchmark(
     if path is not None:
         chosen = [scenarios.load(s).along(path) for s in scenario or ["drawing"]]
         core: tuple[str, ...] = tuple(s.name for s in chosen)
+        for note in scenarios.drawn(str(path)).notes:
+            print(f"kerfgym: {path}: {note}", file=sys.stderr)
     elif scenario:
         chosen, core = (
             [scenarios.load(s) for s in scenario],
