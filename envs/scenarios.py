@@ -17,7 +17,7 @@ import functools
 import tomllib
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin
 
 import numpy as np
 
@@ -29,6 +29,9 @@ from .plant.fleet import Fleet
 from .plant.lanes import mix
 from .plant.path import Contour
 from .plant.quantity import InvalidInput, Quantity, did_you_mean
+
+if TYPE_CHECKING:
+    from .paths.drawing import Drawing
 
 SPLITS = {
     "tune": range(0, 1000),
@@ -300,7 +303,7 @@ class Scenario(_Section):
         return round(self.settle / PERIOD)
 
     def along(self, drawing: str | Path) -> "Scenario":
-        """The scenario along the contours of a DXF drawing, once through at the (slowest) feed.
+        """The scenario along the contours of a DXF, SVG or G-code file, once through at the (slowest) feed.
 
         Raises:
             InvalidInput: the drawing cannot be read, or the feed may be 0.
@@ -440,13 +443,20 @@ def read(path: str | Path) -> Scenario:
 
 
 @functools.lru_cache(maxsize=8)
-def contour(drawing: str) -> Contour:
-    """The journey through a DXF drawing, moved so that it begins at x = y = 0 at its lower left corner."""
-    from .paths.drawing import journey as journey_of
-    from .paths.read import read as read_drawing
+def drawn(drawing: str) -> "Drawing":
+    """The drawing in a DXF, SVG or G-code file."""
+    from .paths.read import read as read_path
 
-    journey = journey_of(read_drawing(drawing))
-    return Contour(journey.name, journey.x - journey.x.min(), journey.y - journey.y.min(), journey.cutting)
+    return read_path(drawing)
+
+
+@functools.lru_cache(maxsize=8)
+def contour(drawing: str) -> Contour:
+    """The journey through a drawing, moved so that its lower left corner lies at x = y = 0."""
+    from .paths.drawing import journey
+
+    path = journey(drawn(drawing))
+    return Contour(path.name, path.x - path.x.min(), path.y - path.y.min(), path.cutting)
 
 
 @functools.lru_cache(maxsize=32)

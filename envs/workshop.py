@@ -5,6 +5,7 @@ for the axes, the stack in the slot ``process`` how fast it is cut.
 """
 
 import functools
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,8 @@ import numpy as np
 from . import scenarios
 from .material import Material, material
 from .paths import kerf, parts
-from .paths.drawing import Drawing, check_travel
+from .paths.checks import check_travel
+from .paths.drawing import Drawing
 from .paths.job import Job, Settings, plan
 from .paths.read import read
 from .plant import heads
@@ -35,16 +37,13 @@ def drawing_of(job: scenarios.Job, travel: tuple[float, float]) -> Drawing:
         sizes = {next(iter(parts.sizes(job.part))): job.size} if job.size else {}
         drawing = parts.part(job.part, **sizes)
     elif Path(job.part).suffix:
-        drawing = read(job.part, job.layers or None, job.units)
+        drawing = read(job.part, layers=job.layers or None, units=job.units)
     else:
         drawing = parts.part(job.part)  # an error that names the nearest
     drawing = kerf.compensated(drawing, job.kerf)
     check_travel(drawing, travel)
     corner = np.concatenate(drawing.pieces).min(axis=0)
-    return Drawing(
-        drawing.name, [piece - corner for piece in drawing.pieces], drawing.closed, drawing.units, drawing.layers,
-        drawing.skipped, drawing.warnings,
-    )  # fmt: skip
+    return replace(drawing, pieces=[piece - corner for piece in drawing.pieces])
 
 
 def material_of(scenario: Scenario) -> Material:

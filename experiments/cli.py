@@ -91,6 +91,8 @@ def benchmark(
     if path is not None:
         chosen = bench.along(path, scenario, suite)
         core: tuple[str, ...] = tuple(s.name for s in chosen)
+        for note in scenarios.drawn(str(path)).notes:
+            print(f"kerfgym: {path}: {note}", file=sys.stderr)
     elif scenario:
         chosen, core = (
             [scenarios.load(s) for s in scenario],

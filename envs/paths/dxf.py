@@ -1,22 +1,24 @@
-"""DXF drawings.
+"""DXF: what the model space of a drawing shows, as curves.
 
-The third dimension is dropped. Bulges and splines are evaluated here and not by the library where its own way would
-leave the tolerance (bulges through Bézier curves) or the curve (splines whose ends are not clamped).
+The third dimension is dropped. Arcs, bulges, ellipses and splines are evaluated here and not by the DXF reader, where
+its own way would leave the tolerance (bulges through Bézier curves) or the curve (splines whose ends are not clamped),
+and because it does not give the tangents.
 """
 
-from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ..plant.quantity import InvalidInput, did_you_mean
-from .drawing import CHORD, Curves, Drawing, Points, arc, assembled, without_repeats
+from ..plant.quantity import InvalidInput
+from .contours import joined, ordered
+from .curve import Complex, Curve, arc, line, linked, polyline, smooth
+from .drawing import UNITS, Collected, Drawing, chosen, drawing, unit
 
-UNITS = {1: ("inches", 25.4), 4: ("mm", 1.0), 5: ("cm", 10.0), 6: ("m", 1000.0)}
-"""Code of $INSUNITS: name, mm."""
+INSUNITS = {1: "inches", 4: "mm", 5: "cm", 6: "m"}
+"""Code of $INSUNITS: name of the unit."""
 
 CUT = ("LINE", "ARC", "CIRCLE", "LWPOLYLINE", "POLYLINE", "ELLIPSE", "SPLINE")
 """Entities that are cut; the contents of INSERT are looked into, everything else is skipped."""
@@ -25,41 +27,40 @@ NESTING = 16
 """Blocks within blocks; more means that a block contains itself."""
 
 
-def read_dxf(path: str | Path, layers: Sequence[str] | None = None, units: str | None = None) -> Drawing:
+def read_dxf(
+    path: str | Path, *, layers: tuple[str, ...] | list[str] | str | None = None, units: str | None = None
+) -> Drawing:
     """The contours of a DXF drawing, inner ones before those that contain them, otherwise the nearest next.
 
     Cut are the lines, arcs, circles, ellipses, splines and 2D polylines of the model space, also inside blocks. Left
-    out and counted are other entities, those on layers that are off, frozen or not chosen, those of zero length and
-    duplicates. The nozzle comes from the origin.
+    out and counted are other entities, those on layers that are off or frozen, those of zero length and duplicates. The
+    nozzle comes from the origin.
 
     Args:
-        path: a file that ends in ``.dxf``, text or binary.
-        layers: what is cut; None: all layers.
-        units: ``"mm"``, ``"inches"`` …, whatever the header says; None: the header's, or mm if it names none.
+        path: a DXF file, text or binary.
+        layers: names of the layers that are cut, in any case; None: all.
+        units: what the file's numbers are in, instead of what its header says.
 
     Raises:
-        InvalidInput: no such file, not a DXF file, unknown units or layer, an entity that cannot be read, nothing to
-            cut, or a journey whose length is out of range.
+        InvalidInput: not a DXF file, unknown units or layer, an entity that cannot be read, nothing to cut, or a
+            journey whose length is out of range.
     """
     file = Path(path)
     document = _document(file)
-    named, scale, warnings = _units(file, document, units)
-    curves = _curves(file, document, scale, _chosen(file, document, layers))
-    return assembled(file, curves, named, ", ".join(CUT), warnings)
-
-
-def _chosen(file: Path, document: Any, layers: Sequence[str] | None) -> set[str] | None:
-    known = {layer.dxf.name.casefold(): layer.dxf.name for layer in document.layers}
-    for layer in layers or ():
-        if layer.casefold() not in known:
-            raise InvalidInput(f"{file}: no layer '{layer}'; {did_you_mean(layer, known.values())}")
-    return {layer.casefold() for layer in layers} if layers else None
+    name, warnings = (unit(units)[0], []) if units is not None else _units(file, document)
+    found = Collected()
+    wanted = chosen(file, layers, _layers(document))
+    hidden = {layer.dxf.name.casefold() for layer in document.layers if layer.is_off() or layer.is_frozen()}
+    for entity, layer in _entities(file, document.modelspace(), hidden, wanted, found):
+        found.add(entity.dxftype(), _curve(file, entity, UNITS[name]), layer)
+    contours = ordered(joined(list(found.curves.values())))
+    return drawing(
+        file, file.stem, contours, name, list(found.layers), found.skipped, warnings=warnings, cuts=", ".join(CUT)
+    )
 
 
 def _document(file: Path) -> Any:
     """The file as the DXF reader's document."""
-    if not file.is_file():
-        raise InvalidInput(f"{file}: no such file")
     import ezdxf  # slow
 
     try:
@@ -68,48 +69,46 @@ def _document(file: Path) -> Any:
         raise InvalidInput(f"{file}: cannot be read as DXF: {error}") from None
 
 
-def _units(file: Path, document: Any, wanted: str | None) -> tuple[str, float, tuple[str, ...]]:
-    """Name and size in mm of the drawing's unit; mm where the file names none, with a warning."""
-    if wanted is not None:
-        by_name = dict(UNITS.values())
-        if wanted not in by_name:
-            raise InvalidInput(f"{file}: unknown units '{wanted}'; {did_you_mean(wanted, by_name)}")
-        return wanted, by_name[wanted], ()
-    code, warnings = _header(file, document, "$INSUNITS", 0), ()
+def _units(file: Path, document: Any) -> tuple[str, list[str]]:
+    """Name of the drawing's unit, and a warning where the file names none."""
+    code, measurement = _header(file, document, "$INSUNITS"), _header(file, document, "$MEASUREMENT")
+    if code is None:
+        also = ", although $MEASUREMENT says inches" if measurement == 0 else ""
+        return "mm", [f"no unit in the header, read as mm{also}; units= reads it otherwise"]
     if code == 0:
-        metric = _header(file, document, "$MEASUREMENT", 1) != 0
-        code = 4 if metric else 1
-        warnings = (f"{file}: the header names no unit; read as {UNITS[code][0]}",)
-    if code not in UNITS:
-        allowed = ", ".join(f"{known} ({name})" for known, (name, _) in UNITS.items())
+        name = "inches" if measurement == 0 else "mm"
+        return name, [f"no unit in the header, read as {name} by its $MEASUREMENT; units= reads it otherwise"]
+    if code not in INSUNITS:
+        allowed = ", ".join(f"{known} ({name})" for known, name in INSUNITS.items())
         raise InvalidInput(f"{file}: $INSUNITS = {code} is not supported; allowed: 0 (unitless), {allowed}")
-    return *UNITS[code], warnings
+    return INSUNITS[code], []
 
 
-def _header(file: Path, document: Any, variable: str, missing: int) -> int:
-    """A header variable, or ``missing``; the reader makes up a header (in metres) for files that have none."""
-    return document.header.get(variable, missing) if variable.encode() in file.read_bytes() else missing
+def _header(file: Path, document: Any, variable: str) -> int | None:
+    """A header variable, if it is there; the reader makes up a header (in metres) for files that have none."""
+    return document.header.get(variable, None) if variable.encode() in file.read_bytes() else None
 
 
-# Entities to polylines
+def _layers(document: Any) -> list[str]:
+    """Names of the layers that are declared or used."""
+    declared = [layer.dxf.name for layer in document.layers]
+    used = (entity.dxf.get("layer", "0") for entity in document.chain_layouts_and_blocks())
+    return list({name.casefold(): name for name in (*used, *declared)}.values())
 
 
-def _curves(file: Path, document: Any, scale: float, chosen: set[str] | None) -> Curves:
-    """What is cut as polylines in mm."""
-    hidden = {layer.dxf.name.casefold() for layer in document.layers if layer.is_off() or layer.is_frozen()}
-    curves = Curves()
-    for entity, layer in _entities(file, document.modelspace(), hidden, curves.skipped):
-        if chosen is not None and layer.casefold() not in chosen:
-            curves.skipped[f"{entity.dxftype()} on layer '{layer}', not chosen"] += 1
-        else:
-            curves.add(_flattened(file, entity, scale), entity.dxftype(), layer)
-    return curves
+# Entities
 
 
 def _entities(
-    file: Path, entities: Iterable[Any], hidden: set[str], skipped: Counter[str], block_layer: str = "0", depth: int = 0
+    file: Path,
+    entities: Iterable[Any],
+    hidden: set[str],
+    wanted: set[str] | None,
+    found: Collected,
+    block_layer: str = "0",
+    depth: int = 0,
 ) -> Iterator[tuple[Any, str]]:
-    """Every visible entity that is cut, with its layer; the rest is counted in ``skipped``."""
+    """Every visible entity that is cut, with its layer; the rest is counted."""
     if depth > NESTING:
         raise InvalidInput(f"{file}: blocks are nested more than {NESTING} deep; does one contain itself?")
     for entity in entities:
@@ -118,15 +117,17 @@ def _entities(
         if layer == "0":  # inside a block this means the layer on which the block was inserted
             layer = block_layer
         if layer.casefold() in hidden:
-            skipped[f"{kind} on hidden layer '{layer}'"] += 1
+            found.skipped[f"{kind} on hidden layer '{layer}'"] += 1
         elif entity.dxf.get("invisible", 0):
-            skipped[f"invisible {kind}"] += 1
+            found.skipped[f"invisible {kind}"] += 1
         elif kind == "INSERT":
-            yield from _entities(file, _exploded(file, entity), hidden, skipped, layer, depth + 1)
+            yield from _entities(file, _exploded(file, entity), hidden, wanted, found, layer, depth + 1)
+        elif wanted is not None and layer.casefold() not in wanted:
+            found.skipped[f"{kind} on layer '{layer}'"] += 1
         elif kind not in CUT:
-            skipped[kind] += 1
+            found.skipped[kind] += 1
         elif kind == "POLYLINE" and (entity.is_polygon_mesh or entity.is_poly_face_mesh):
-            skipped["POLYLINE (mesh)"] += 1
+            found.skipped["POLYLINE (mesh)"] += 1
         else:
             yield entity, layer
 
@@ -139,69 +140,100 @@ def _exploded(file: Path, insert: Any) -> list[Any]:
         raise InvalidInput(f"{file}: {insert} cannot be read: {error}") from None
 
 
-def _flattened(file: Path, entity: Any, scale: float) -> Points:
-    """An entity as polyline."""
-    chord = CHORD / scale
+def _curve(file: Path, entity: Any, scale: float) -> Curve:
+    """An entity as curve; ``scale``: mm of the drawing's unit."""
+    dxf = entity.dxf
     try:
         match entity.dxftype():
             case "LINE":
-                points = _plane([entity.dxf.start, entity.dxf.end])
-            case "SPLINE":
-                points = _spline(entity.construction_tool(), chord)
+                curve = line(scale * _point(dxf.start), scale * _point(dxf.end))
+            case "CIRCLE":
+                curve = _placed(entity, _arc(scale, dxf, 0.0, 360.0))
+            case "ARC":
+                curve = _placed(entity, _arc(scale, dxf, dxf.start_angle, dxf.end_angle))
             case "LWPOLYLINE":
-                points = _polyline(entity, entity.get_points("xyb"), entity.closed, chord)
+                curve = _placed(entity, _bulged(scale, entity.get_points("xyb"), entity.closed))
             case "POLYLINE":
-                points = _polyline(entity, _vertices(entity), entity.is_closed, chord)
+                curve = _placed(entity, _bulged(scale, _vertices(entity), entity.is_closed))
             case "ELLIPSE":
-                points = _plane(entity.flattening(_bounded(chord, entity.dxf.major_axis.magnitude)))
+                curve = _ellipse(scale, entity)
             case _:
-                points = _plane(entity.flattening(_bounded(chord, abs(entity.dxf.radius))))
+                curve = _spline(scale, entity.construction_tool())
     except Exception as error:
         raise InvalidInput(f"{file}: {entity} cannot be read: {error}") from None
-    if not np.isfinite(points).all():
+    if not np.isfinite(curve.points).all():
         raise InvalidInput(f"{file}: {entity} has coordinates that are not numbers")
-    return without_repeats(points * scale)
+    return curve
 
 
-def _bounded(chord: float, radius: float) -> float:
-    """A tolerance that the reader can work with: beyond the radius, or far below it, it makes points without end."""
-    return float(np.clip(chord, 1e-9 * radius, 0.5 * radius))
+def _point(vector: Any) -> complex:
+    """x and y of one of the reader's vectors."""
+    return complex(vector.x, vector.y)
 
 
-def _plane(vertices: Iterable[Any]) -> Points:
-    """x and y of the reader's vectors."""
-    return np.array([(v.x, v.y) for v in vertices], float).reshape(-1, 2)
+def _placed(entity: Any, curve: Curve) -> Curve:
+    """A plane curve in the world, whose axes its own may not be: seen from below it is mirrored."""
+    ocs = entity.ocs()
+    if not ocs.transform:
+        return curve
+
+    def image(z: Complex) -> Complex:
+        return np.array([_point(v) for v in ocs.points_to_wcs([(p.real, p.imag, 0.0) for p in z.tolist()])])
+
+    return curve.mapped(image)
 
 
-def _vertices(polyline: Any) -> list[tuple[float, float, float]]:
+def _arc(scale: float, dxf: Any, begin: float, end: float) -> Curve:
+    """Counter-clockwise from angle to angle, degrees."""
+    from ezdxf.math import arc_angle_span_deg
+
+    centre, radius = scale * _point(dxf.center), scale * abs(dxf.radius)
+    span = arc_angle_span_deg(begin, end)
+    first = centre + radius * np.exp(1j * np.radians(begin))
+    last = first if span == 360.0 else centre + radius * np.exp(1j * np.radians(begin + span))
+    return arc(centre, first, last, np.radians(span))
+
+
+def _vertices(entity: Any) -> list[tuple[float, float, float]]:
     """x, y and bulge, without the control points from which CAD fitted a spline (flag 16)."""
-    return [v.format("xyb") for v in polyline.vertices if not v.dxf.flags & 16]
+    return [v.format("xyb") for v in entity.vertices if not v.dxf.flags & 16]
 
 
-def _polyline(entity: Any, vertices: list[tuple[float, float, float]], closed: bool, chord: float) -> Points:
+def _bulged(scale: float, vertices: list[tuple[float, float, float]], closed: bool) -> Curve:
     """Straight lines and arcs through ``vertices`` (x, y, bulge)."""
-    corners = [complex(x, y) for x, y, _ in vertices]
-    bulges = [bulge for *_, bulge in vertices]
-    legs = zip(corners, corners[1:] + (corners[:1] if closed else []), bulges, strict=False)
-    z = np.concatenate([corners[:1], *(arc(a, b, bulge, chord) for a, b, bulge in legs)])
-    return _plane(entity.ocs().points_to_wcs([(p.real, p.imag, 0.0) for p in z.tolist()]))
+    z = np.array([complex(scale * x, scale * y) for x, y, _ in vertices], np.complex128)
+    bulges = np.array([bulge for *_, bulge in vertices], float)
+    if closed:
+        z, bulges = np.append(z, z[:1]), np.append(bulges, 0.0)
+    if not bulges[:-1].any():
+        return polyline(z)
+    legs = zip(z[:-1].tolist(), z[1:].tolist(), bulges[:-1].tolist(), strict=True)
+    return linked(_bulge(a, b, bulge) for a, b, bulge in legs)
 
 
-def _spline(tool: Any, chord: float) -> Points:
-    """A (rational) B-spline over the knots where it is defined; halved until the chords are close enough."""
+def _bulge(start: complex, end: complex, bulge: float) -> Curve:
+    """An arc whose included angle is 4·atan(``bulge``), positive counter-clockwise; 0 is a straight line."""
+    angle = 4.0 * np.arctan(bulge)
+    if abs(angle) * abs(end - start) < 1e-12 or start == end:
+        return line(start, end)
+    centre = 0.5 * (start + end) + 0.5j * (end - start) / np.tan(0.5 * angle)
+    return arc(centre, start, end, angle)
+
+
+def _ellipse(scale: float, entity: Any) -> Curve:
+    from ezdxf.math import arc_angle_span_rad
+
+    begin = entity.dxf.start_param
+    span = arc_angle_span_rad(begin, entity.dxf.end_param)
+    centre, major, minor = (_point(v) * scale for v in (entity.dxf.center, entity.dxf.major_axis, entity.minor_axis))
+    return smooth(lambda t: centre + major * np.cos(t) + minor * np.sin(t), begin + span * np.linspace(0.0, 1.0, 5))
+
+
+def _spline(scale: float, tool: Any) -> Curve:
+    """A (rational) B-spline over the knots where it is defined."""
     degree, knots = tool.order - 1, np.array(tool.knots(), float)
-    at = np.unique(knots[degree : len(knots) - degree])
-    for _ in range(3):  # a chord may touch an S-shaped span in its middle
-        at = _halved(at)
-    while True:
-        finer = _halved(at)
-        points = _plane(tool.points(finer.tolist()))
-        sagitta = points[1::2] - 0.5 * (points[:-2:2] + points[2::2])
-        if np.hypot(*sagitta.T).max() <= chord or len(at) > 1e5:
-            return points
-        at = finer
 
+    def at(t: npt.NDArray[np.float64]) -> Complex:
+        return scale * np.array([_point(v) for v in tool.points(t.tolist())], np.complex128)
 
-def _halved(at: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """The middle of every interval added."""
-    return np.insert(at, range(1, len(at)), 0.5 * (at[1:] + at[:-1]))
+    return smooth(at, np.unique(knots[degree : len(knots) - degree]))

@@ -1,220 +1,379 @@
-"""G-code programmes: what the beam, torch or tool cuts in the plane.
+"""G-code: what a programme cuts, in its own order and direction.
 
-Understood are G0, G1, G2, G3 (I, J relative to the start or absolute, or R; full circles), G4, G17, G20, G21, G90, G91,
-G90.1, G91.1, F, M2, M3, M4, M5, M30, comments and line numbers; positions are modal. Z only moves the head. Words that
-change nothing about the path are listed as warnings; anything else is an error with its line and word.
-
-The rules are those of RS274/NGC (NIST, Kramer et al. 2000). No library is used for them: those that exist read words,
-but neither modes nor mistakes.
+Read is the plane part of RS274/NGC: straight lines and arcs in the XY plane, with the beam switched by M3, M4 and M5.
+Heights are left to the machine, which follows the sheet. A word that is not understood is an error, so that nothing
+is cut otherwise than programmed; words that change nothing about the path are listed.
 """
 
-import re
-from dataclasses import dataclass, field
+import math
 from pathlib import Path
 
 import numpy as np
 
-from ..plant.quantity import InvalidInput, did_you_mean
-from .drawing import CHORD, EXACT, Curves, Drawing, arc, assembled
+from ..plant.quantity import InvalidInput
+from .contours import GAP
+from .curve import EXACT, Curve, arc, key, linked
+from .curve import line as straight
+from .drawing import UNITS, Drawing, drawing, unit
+from .gcode_words import Line, Programme, Word
 
-UNITS = {"mm": 1.0, "inches": 25.4}
+MOTION = ("G0", "G1", "G2", "G3")
 
-HARMLESS_G = (40.0, 43.0, 49.0, *(54.0 + i for i in range(6)), 61.0, 64.0, 80.0, 94.0)
-HARMLESS_M = (0, 1, 6, 7, 8, 9, 48, 49, 50, 51, 52, 53, 64, 65)
-"""Words that do not change the path: compensation off, offsets of length, work coordinates, path modes, coolant …"""
+HARMLESS = {
+    "G4": ("dwell", "P"),
+    "G15": ("no polar coordinates", ""),
+    "G40": ("no cutter compensation", ""),
+    "G43": ("tool length", "H"),
+    "G49": ("no tool length", ""),
+    "G61": ("exact path", ""),
+    "G61.1": ("exact stop", ""),
+    "G64": ("path blending", "PQ"),
+    "G69": ("no rotation", ""),
+    "G80": ("no canned cycle", ""),
+    "G94": ("feed per minute", ""),
+    "G97": ("constant spindle speed", ""),
+    "G98": ("retract of cycles", ""),
+    "G99": ("retract of cycles", ""),
+    "M0": ("pause", ""),
+    "M1": ("pause", ""),
+    "M6": ("tool change", ""),
+    "M7": ("coolant or gas", ""),
+    "M8": ("coolant or gas", ""),
+    "M9": ("coolant or gas", ""),
+    "M48": ("overrides", ""),
+    "M49": ("overrides", ""),
+    "M50": ("feed override", "P"),
+    "M51": ("spindle override", "P"),
+    "M52": ("adaptive feed", "P"),
+    "M53": ("feed stop", "P"),
+    "M60": ("pause", ""),
+    "T": ("tool", ""),
+    "S": ("spindle speed or power", ""),
+    "Z": ("heights: the head follows the sheet", ""),
+}
+"""Words that change nothing about the path: what they are, and the letters that may come with them."""
 
-_WORD = re.compile(r"\s*(?:([A-Za-z])\s*([+-]?(?:\d+\.?\d*|\.\d+))|([A-Za-z]?#<[^>]*>|[A-Za-z$]?\s*\S))")
-_TOLERANCE = 0.02
-"""mm by which the end of an arc may miss its radius: programmes are rounded."""
+SYSTEMS = ("G54", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3")
+MODES = ("G17", "G18", "G19", "G20", "G21", "G90", "G91", "G90.1", "G91.1")
+SWITCHES = ("M2", "M3", "M4", "M5", "M30")
+READ = "G0 to G3, G17, G20, G21, G90, G91, G90.1, G91.1, F, M2 to M5, M30"
+
+SLACK = 2 * 0.01 * math.sqrt(2.0)
+"""mm by which the two radii of an arc may differ, or its ends be too far apart: numbers rounded to 0.01 mm.
+[P] LinuxCNC, CENTER_ARC_RADIUS_TOLERANCE_MM"""
+
+SLACK_SHARE = 0.001
+"""Of the radius, by which they may differ all the same, [P] LinuxCNC, SPIRAL_RELATIVE_TOLERANCE …"""
+
+SLACK_MOST = 0.5
+"""mm, … up to this. [P] Grbl"""
 
 
-@dataclass
-class _State:
-    """What is modal."""
+def read_gcode(
+    path: str | Path, *, layers: tuple[str, ...] | list[str] | str | None = None, units: str | None = None
+) -> Drawing:
+    """The cuts of a G-code programme as they stand in it: neither joined nor put into another order.
 
-    scale: float
-    position: complex = 0j  # mm
-    motion: float | None = None
-    absolute: bool = True
-    absolute_centre: bool = False
-    cutting: bool = False
-    feed: float | None = None  # mm/s
-    line: list[complex] = field(default_factory=list)
-    units: str | None = None
-    over: bool = False
-
-
-def read_gcode(path: str | Path, units: str | None = None) -> Drawing:
-    """The contours of a programme: what G1, G2 and G3 trace while M3 or M4 is on.
+    G1, G2 and G3 cut while M3 or M4 is on (S0 is off); G0 does not. A piece ends where the beam goes off or a G0 moves.
 
     Args:
-        path: the file.
-        units: ``"mm"`` or ``"inches"`` until the programme says G20 or G21; None: mm, with a warning.
+        path: a G-code file.
+        layers: None; programmes have no layers.
+        units: what numbers are in until the programme says G20 or G21.
 
     Raises:
-        InvalidInput: with file, line and word: what is not understood, an arc that does not close, a number that is
-            missing; or nothing to cut.
+        InvalidInput: file, line and word of the first that cannot be read; an arc whose numbers do not fit each other;
+            nothing to cut; or a journey whose length is out of range.
     """
     file = Path(path)
-    if units is not None and units not in UNITS:
-        raise InvalidInput(f"{file}: unknown units '{units}'; {did_you_mean(units, UNITS)}")
-    state, curves, warnings = _State(UNITS[units or "mm"], units=units), Curves(), []
-    text = file.read_text(encoding="utf-8", errors="replace")
-    for number, raw in enumerate(text.splitlines(), start=1):
-        where = f"{file}, line {number}"
-        words = _words(raw, where, warnings)
-        if words and not state.over:
-            _execute(words, state, curves, where, warnings)
-    _finish(state, curves)
-    if state.units is None:
-        warnings.append(f"{file}: neither G20 nor G21; read in mm")
-    return assembled(file, curves, state.units or "mm", "G1, G2, G3 while M3 or M4 is on", tuple(warnings))
+    if layers is not None:
+        raise InvalidInput(f"{file}: layers = {layers!r}: G-code has no layers")
+    return _Machine(file, unit(units)[0] if units is not None else None).run()
 
 
-def _words(raw: str, where: str, warnings: list[str]) -> list[tuple[str, float]]:
-    """Letters and numbers of a line."""
-    line = re.sub(r"\([^)]*\)", "", raw).split(";")[0].strip()
-    if "(" in line:
-        raise InvalidInput(f"{where}: a comment that begins with '(' does not end")
-    if line in ("", "%") or line.startswith("/"):
-        return []
-    if re.fullmatch(r"#<\w+>\s*=\s*[+-]?[\d.]+", line):
-        warnings.append(f"{where}: '{line}' is not used")
-        return []
-    if re.match(r"[oO]\s*[\d<]", line):
-        raise InvalidInput(f"{where}: '{line.split()[0]}': subroutines and loops are not understood; unroll them first")
-    found: list[tuple[str, float]] = []
-    at = 0
-    while at < len(line):
-        match = _WORD.match(line, at)
-        if match is None:
-            break
-        letter, value, other = match.groups()
-        if letter:
-            found.append((letter.upper(), float(value)))
-        elif other[0] in "Ff" and "#<" in other:
-            warnings.append(f"{where}: '{line[at:].strip()}' is the machine's own feed; left to the job")
-        elif other[0] == "$":
-            digits = re.match(r"\$\s*\d+", line[match.start(3) :])
-            if digits is None:
-                raise InvalidInput(f"{where}: '$' without a number")
-            at = match.start(3) + digits.end()
-            continue
-        elif "#" in other or "[" in line[at : match.end() + 1]:
-            word = line[at:].split()[0]
-            raise InvalidInput(f"{where}: '{word}': parameters and expressions are not understood; use numbers")
-        else:
-            raise InvalidInput(f"{where}: '{line[at:].split()[0]}' is not a word of a letter and a number")
-        at = match.end()
-    return found
+class _Machine:
+    """The state that a programme leads through."""
 
+    def __init__(self, file: Path, units: str | None) -> None:
+        self.file = file
+        self.units, self.told = units or "mm", units is not None
+        self.used: dict[str, None] = {}
+        self.motion = ""
+        self.plane = "G17"
+        self.absolute, self.absolute_centre = True, False
+        self.at, self.placed = 0j, {"X": False, "Y": False}
+        self.feed = math.nan
+        self.spindle, self.power = False, math.nan
+        self.system = ""
+        self.listed: dict[str, list[int]] = {}
+        self.skipped: dict[str, int] = {}
+        self.strokes: list[tuple[int, Curve, float]] = []  # of the piece that is being cut: line, curve, mm/s
+        self.pieces: list[tuple[int, Curve, float]] = []
+        self.programme = Programme(file, _text(file))
 
-def _execute(words: list[tuple[str, float]], s: _State, curves: Curves, where: str, warnings: list[str]) -> None:
-    """One line of the programme."""
-    values: dict[str, float] = {}
-    given: list[float] = []
-    switch: bool | None = None
-    dwell = False
-    for letter, value in words:
-        if letter == "G":
-            if value in (0.0, 1.0, 2.0, 3.0):
-                given.append(value)
-            elif value == 4.0:
-                dwell = True
-            elif value in (20.0, 21.0):
-                s.units = "inches" if value == 20.0 else "mm"
-                s.scale = UNITS[s.units]
-            elif value in (90.0, 91.0):
-                s.absolute = value == 90.0
-            elif value in (90.1, 91.1):
-                s.absolute_centre = value == 90.1
-            elif value in HARMLESS_G:
-                warnings.append(f"{where}: 'G{value:g}' does not change the path")
-            elif value != 17.0:
-                raise InvalidInput(f"{where}: 'G{value:g}' is not understood")
-        elif letter == "M":
-            if value in (3.0, 4.0, 5.0):
-                switch = value != 5.0
-            elif value in (2.0, 30.0):
-                s.over = True
-            elif value in HARMLESS_M:
-                warnings.append(f"{where}: 'M{value:g}' does not change the path")
-            else:
-                raise InvalidInput(f"{where}: 'M{value:g}' is not understood")
-        elif letter in "XYZIJRF":
+    def run(self) -> Drawing:
+        for line in self.programme:
+            if self.line(line):
+                break
+        self.finish()
+        self.name_repeats()
+        feeds = [feed for *_, feed in self.pieces]
+        if feeds and not any(math.isfinite(f) for f in feeds):
+            feeds = []
+        notes = [f"{text} (line {_lines(lines)})" for text, lines in self.listed.items()] + self.programme.unused()
+        return drawing(
+            self.file, self.file.stem, [curve for _, curve, _ in self.pieces], " and ".join(self.used) or self.units,
+            skipped=self.skipped, feeds=feeds or None, warnings=notes,
+            cuts="G1, G2 and G3 while M3 or M4 is on and S is not 0",
+        )  # fmt: skip
+
+    # A line
+
+    def line(self, line: Line) -> bool:
+        """Does what a line says, in the order of RS274/NGC; whether the programme ends with it."""
+        codes: dict[str, Word] = {}
+        values: dict[str, Word] = {}
+        for word in line.words:
+            name = f"{word.letter}{word.value:g}" if word.letter in "GM" else word.letter
+            group = codes if word.letter in "GM" else values
+            if name in group:
+                raise self.wrong(line, word, "it stands twice in this line")
+            group[name] = word
+        self.check(line, codes, values)
+        self.set_modes(line, codes, values)
+        self.switch(line, codes, values)
+        self.move(line, codes, values)
+        return "M2" in codes or "M30" in codes
+
+    def wrong(self, line: Line, word: Word | str, problem: str) -> InvalidInput:
+        text = word if isinstance(word, str) else word.text
+        return InvalidInput(f"{self.programme.where(line.number)}: '{text}': {problem}")
+
+    def note(self, line: Line, text: str) -> None:
+        self.listed.setdefault(text, []).append(line.number)
+
+    def check(self, line: Line, codes: dict[str, Word], values: dict[str, Word]) -> None:
+        """Every word must be known, and every letter belong to a word of the line."""
+        letters = set("NXYZFST$")
+        for name, word in codes.items():
+            if name in HARMLESS:
+                what, with_it = HARMLESS[name]
+                letters |= set(with_it)
+                self.note(line, f"{name} ({what}) is left out")
+            elif name in SYSTEMS:
+                if self.system not in ("", name):
+                    raise self.wrong(
+                        line, word, f"after {self.system}: where one lies from the other is not known here"
+                    )
+                self.system = name
+                self.note(line, f"{name} (coordinate system) is left out")
+            elif name not in (*MOTION, *MODES, *SWITCHES):
+                raise self.wrong(line, word, f"it is not read; read are {READ} and words that change no path")
+        motions = [name for name in codes if name in (*MOTION, "G80")]
+        if len(motions) > 1:
+            raise self.wrong(line, codes[motions[1]], f"{motions[0]} stands in the same line")
+        for a, b in (("G20", "G21"), ("G90", "G91"), ("G90.1", "G91.1"), ("M3", "M5"), ("M4", "M5"), ("M3", "M4")):
+            if a in codes and b in codes:
+                raise self.wrong(line, codes[b], f"{a} stands in the same line")
+        if (motions[0] if motions else self.motion) in ("G2", "G3"):
+            letters |= set("IJRP")
+        for letter, word in values.items():
+            if letter not in letters:
+                raise self.wrong(line, word, "it is not read, or not with the other words of this line")
+            if math.isnan(word.value) and letter not in "FS":
+                raise self.wrong(line, word, "its value is known to the machine only")
+        if "$" in values and values["$"].value != 0:
+            raise self.wrong(line, values["$"], "only spindle $0 is the beam")
+        for letter in ("T", "Z"):
             if letter in values:
-                raise InvalidInput(f"{where}: '{letter}' is given twice")
-            values[letter] = value
-        elif letter not in "NSTHPDK":
-            raise InvalidInput(f"{where}: '{letter}{value:g}' is not understood")
-        elif letter == "K":
-            raise InvalidInput(f"{where}: 'K{value:g}': arcs outside the plane of X and Y are not understood")
-    if len(given) > 1:
-        raise InvalidInput(f"{where}: two motions, G{given[0]:g} and G{given[1]:g}, in one line")
-    s.motion = given[0] if given else s.motion
-    if "F" in values:
-        s.feed = values["F"] * s.scale / 60.0
-    if switch is not None:
-        _finish(s, curves)
-        s.cutting = switch
-    moves = "X" in values or "Y" in values or ("I" in values or "J" in values)
-    if moves and not dwell:
-        _move(values, s, curves, where)
+                self.note(line, f"{letter} ({HARMLESS[letter][0]}) is left out")
 
+    def set_modes(self, line: Line, codes: dict[str, Word], values: dict[str, Word]) -> None:
+        for name in codes:
+            match name:
+                case "G17" | "G18" | "G19":
+                    self.plane = name
+                case "G20" | "G21":
+                    self.units, self.told = ("inches" if name == "G20" else "mm"), True
+                case "G90" | "G91":
+                    self.absolute = name == "G90"
+                case "G90.1" | "G91.1":
+                    self.absolute_centre = name == "G90.1"
+                case "G80":
+                    self.motion = ""
+                case _ if name in MOTION:
+                    self.motion = name
+        if "F" in values:
+            self.feed = values["F"].value * UNITS[self.units] / 60.0
+            if math.isnan(self.feed):
+                self.note(line, f"{values['F'].text} is known to the machine only; the feed is left open")
+            elif self.feed <= 0.0:
+                raise self.wrong(line, values["F"], "a feed must be more than 0")
 
-def _move(values: dict[str, float], s: _State, curves: Curves, where: str) -> None:
-    if s.motion is None:
-        raise InvalidInput(f"{where}: a position, but no G0, G1, G2 or G3 before it")
-    base = 0j if s.absolute else s.position
-    end = complex(
-        base.real + values["X"] * s.scale if "X" in values else s.position.real,
-        base.imag + values["Y"] * s.scale if "Y" in values else s.position.imag,
-    )
-    if s.motion == 0.0 or not s.cutting:
-        if s.motion >= 2.0:
-            _arc(values, s, end, where)  # mistakes are mistakes without the beam too
-        _finish(s, curves)
-    else:
-        s.line = s.line or [s.position]
-        s.line += [end] if s.motion == 1.0 else _arc(values, s, end, where)
-    s.position = end
+    def switch(self, line: Line, codes: dict[str, Word], values: dict[str, Word]) -> None:
+        """The beam: before the motion of the line, as in RS274/NGC."""
+        if "S" in values:
+            self.power = values["S"].value
+            self.note(line, f"S ({HARMLESS['S'][0]}) is left out; S0 is off")
+        if "M3" in codes or "M4" in codes:
+            self.spindle = True
+        if "M5" in codes:
+            self.spindle = False
+        if not self.cutting:
+            self.finish()
 
+    @property
+    def cutting(self) -> bool:
+        return self.spindle and self.power != 0.0
 
-def _arc(values: dict[str, float], s: _State, end: complex, where: str) -> list[complex]:
-    """Points after the start of the arc to ``end``."""
-    start, sense = s.position, 1.0 if s.motion == 3.0 else -1.0
-    if "R" in values:
-        radius, half = values["R"] * s.scale, 0.5 * abs(end - start)
-        if half < EXACT:
-            raise InvalidInput(f"{where}: an arc with R that ends where it starts has no centre; use I and J")
-        if half > abs(radius) + _TOLERANCE:
-            raise InvalidInput(f"{where}: R = {values['R']:g} is too small: the end lies {2 * half / s.scale:g} away")
-        rise = np.sqrt(max(radius * radius - half * half, 0.0)) * (1.0 if radius > 0 else -1.0)
-        centre = 0.5 * (start + end) + sense * 1j * rise * (end - start) / (2.0 * half)
-    elif "I" in values or "J" in values:
-        offset = complex(values.get("I", 0.0), values.get("J", 0.0)) * s.scale
-        centre = offset if s.absolute_centre else start + offset
-        radius = abs(start - centre)
-        if radius < EXACT:
-            raise InvalidInput(f"{where}: the arc's centre is its start")
-        if abs(abs(end - centre) - radius) > max(_TOLERANCE, 1e-3 * radius):
-            raise InvalidInput(
-                f"{where}: the arc's end lies {abs(end - centre) / s.scale:.4f} from its centre, its start "
-                f"{radius / s.scale:.4f}"
+    # Motion
+
+    def move(self, line: Line, codes: dict[str, Word], values: dict[str, Word]) -> None:
+        axes = [values[a] for a in ("X", "Y", "Z", "I", "J", "R") if a in values]
+        if not axes:
+            if any(name in ("G2", "G3") for name in codes):
+                raise self.wrong(line, codes[self.motion], "an arc without X, Y, I, J or R")
+            return
+        if "G4" in codes:
+            raise self.wrong(line, axes[0], "it stands with a dwell, G4")
+        if not self.motion:
+            raise self.wrong(line, axes[0], "no G0, G1, G2 or G3 says how to move there")
+        if not self.told:
+            self.told = True
+            self.note(line, "neither G20 nor G21 before it, numbers read as mm; units= reads them otherwise")
+        self.used.setdefault(self.units)
+        start, end = self.at, self.target(values)
+        if self.motion in ("G0", "G1"):
+            stroke = straight(start, end)
+        else:
+            stroke = self.arc(line, values, start, end)
+        if self.motion == "G0":
+            self.pause(line, stroke)
+        elif self.cutting:
+            self.cut(line, stroke, moves="X" in values or "Y" in values or self.motion != "G1")
+        self.at = end
+        for axis in ("X", "Y"):
+            self.placed[axis] |= axis in values
+
+    def target(self, values: dict[str, Word]) -> complex:
+        x, y = (self.mm(values, a) for a in "XY")
+        if not self.absolute:
+            return self.at + complex(x or 0.0, y or 0.0)
+        return complex(self.at.real if x is None else x, self.at.imag if y is None else y)
+
+    def mm(self, values: dict[str, Word], letter: str) -> float | None:
+        return values[letter].value * UNITS[self.units] if letter in values else None
+
+    def pause(self, line: Line, stroke: Curve) -> None:
+        """A rapid move."""
+        if len(stroke.points) > 1:
+            if self.cutting:
+                self.note(line, "G0 while M3 or M4 is on: read as a move without cutting")
+            self.finish()
+
+    def cut(self, line: Line, stroke: Curve, moves: bool) -> None:
+        if len(stroke.points) < 2:
+            if moves:
+                self.skipped[f"{self.motion} of zero length"] = self.skipped.get(f"{self.motion} of zero length", 0) + 1
+            return
+        if not all(self.placed.values()) and not self.strokes and not self.pieces:
+            self.note(
+                line, f"the first cut begins at X{self.at.real:g} Y{self.at.imag:g} mm without having been sent there"
             )
-    else:
-        raise InvalidInput(f"{where}: an arc needs I and J, or R")
-    turn = sense * float(np.angle((end - centre) / (start - centre)))
-    turn = turn if turn > 1e-9 else turn + 2 * np.pi
-    if turn > 1.9 * np.pi or abs(end - start) < EXACT:  # in two, because a bulge cannot be a full turn
-        middle = centre + (start - centre) * np.exp(0.5j * sense * turn)
-        bulge = sense * float(np.tan(turn / 8.0))
-        return [*arc(start, middle, bulge, CHORD).tolist(), *arc(middle, end, bulge, CHORD).tolist()]
-    return arc(start, end, sense * float(np.tan(turn / 4.0)), CHORD).tolist()
+        if math.isnan(self.feed) and not any("feed is left open" in text for text in self.listed):
+            self.note(line, "no F before it; the feed is left open")
+        self.strokes.append((line.number, stroke, self.feed))
+
+    def arc(self, line: Line, values: dict[str, Word], start: complex, end: complex) -> Curve:
+        word = next(values[a] for a in ("X", "Y", "I", "J", "R", "Z") if a in values)
+        if self.plane != "G17":
+            raise self.wrong(line, word, f"an arc in the plane of {self.plane}; only those of G17 are read")
+        if "P" in values and values["P"].value != 1:
+            raise self.wrong(line, values["P"], "an arc of more than one turn")
+        sense = 1.0 if self.motion == "G3" else -1.0
+        i, j, r = (self.mm(values, a) for a in "IJR")
+        if r is not None:
+            if i is not None or j is not None:
+                raise self.wrong(line, values["R"], "an arc has either R or I and J")
+            return self.by_radius(line, values["R"], start, end, r, sense)
+        if i is None and j is None:
+            raise self.wrong(line, word, f"{self.motion} needs I, J or R")
+        if self.absolute_centre and (i is None or j is None):
+            raise self.wrong(line, word, "after G90.1 an arc needs both I and J")
+        centre = complex(i or 0.0, j or 0.0) + (0j if self.absolute_centre else start)
+        inner, outer = sorted((abs(start - centre), abs(end - centre)))
+        if outer - inner > SLACK_MOST or outer - inner > max(SLACK, SLACK_SHARE * outer):
+            raise self.wrong(
+                line, " ".join(values[a].text for a in "XYIJ" if a in values),
+                f"the ends of the arc are {abs(start - centre):.4f} and {abs(end - centre):.4f} mm from its centre; "
+                f"they may differ by {max(SLACK, min(SLACK_SHARE * outer, SLACK_MOST)):.4f} mm",
+            )  # fmt: skip
+        if outer < EXACT:
+            raise self.wrong(line, word, "an arc without radius")
+        if abs(end - start) < EXACT:
+            return arc(centre, start, start, sense * 2 * math.pi)
+        return arc(centre, start, end, _swept(start - centre, end - centre, sense))
+
+    def by_radius(self, line: Line, word: Word, start: complex, end: complex, r: float, sense: float) -> Curve:
+        """The arc of radius ``r``; of the two, the shorter if it is positive, else the longer."""
+        half = 0.5 * abs(end - start)
+        if half < EXACT / 2:
+            raise self.wrong(
+                line, word, "an arc by its radius must end elsewhere than it begins; a circle needs I or J"
+            )
+        if half - abs(r) > SLACK:
+            raise self.wrong(line, word, f"the ends of the arc are {2 * half:.4f} mm apart, more than twice its radius")
+        rise = math.sqrt(max(r * r - half * half, 0.0)) * math.copysign(sense, sense * r)
+        centre = 0.5 * (start + end) + 1j * rise * (end - start) / (2 * half)
+        return arc(centre, start, end, _swept(start - centre, end - centre, sense))
+
+    # Pieces
+
+    def finish(self) -> None:
+        """What has been cut since the beam came on becomes a piece."""
+        if not self.strokes:
+            return
+        curves = [curve for _, curve, _ in self.strokes]
+        line = self.strokes[0][0]
+        curve = linked(curves)
+        gap = float(np.hypot(*(curve.points[-1] - curve.points[0])))
+        if gap <= GAP < curve.length:
+            curve = linked(curves, closed=True)
+        spent: dict[float, float] = {}
+        for _, stroke, feed in self.strokes:
+            feed = -1.0 if math.isnan(feed) else feed
+            spent[feed] = spent.get(feed, 0.0) + stroke.length
+        feed = max(spent, key=lambda f: spent[f])
+        if len(spent) > 1:
+            text = "F changes within a cut; the feed of its longest part is taken for all of it"
+            self.listed.setdefault(text, []).append(line)
+        self.pieces.append((line, curve, math.nan if feed < 0 else feed))
+        self.strokes = []
+
+    def name_repeats(self) -> None:
+        """Lists the pieces that are cut where another has been cut before."""
+        seen: dict[bytes, int] = {}
+        for line, curve, _ in self.pieces:
+            before = seen.setdefault(key(curve.points), line)
+            if before != line:
+                self.listed.setdefault(f"the cut from line {before} is made again", []).append(line)
 
 
-def _finish(s: _State, curves: Curves) -> None:
-    """The present cut is over."""
-    if len(s.line) > 1:
-        curves.add(np.array([(z.real, z.imag) for z in s.line]), "cut")
-    s.line = []
+def _swept(a: complex, b: complex, sense: float) -> float:
+    """The angle from ``a`` to ``b`` in that sense, rad: more than 0 and at most 2π, with the sign of ``sense``."""
+    angle = sense * float(np.angle(b * np.conj(a)))
+    return sense * (angle if angle > 0.0 else angle + 2 * math.pi)
+
+
+def _lines(numbers: list[int]) -> str:
+    """«3, 5, 8 and 12 more»."""
+    shown = ", ".join(map(str, numbers[:3]))
+    return shown if len(numbers) <= 3 else f"{shown} and {len(numbers) - 3} more"
+
+
+def _text(file: Path) -> str:
+    raw = file.read_bytes()
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return raw.decode("latin-1")

@@ -12,7 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..plant.quantity import InvalidInput
-from .drawing import Drawing, Points, holes
+from .contours import holes
+from .curve import Points
+from .drawing import Drawing
 from .profile import MILLISECOND, Limits, at_constant_feed, stretches, timed
 
 Floats = npt.NDArray[np.float64]
@@ -86,7 +88,7 @@ class Job:
     contours: npt.NDArray[np.int64]
     settings: Settings
     outlines: list[Points] = field(repr=False)
-    warnings: tuple[str, ...] = ()
+    warnings: list[str] = field(default_factory=list)
 
     @property
     def cut_feed(self) -> float:
@@ -154,13 +156,15 @@ def plan(drawing: Drawing, settings: Settings) -> Job:
     moving = Limits(s.rapid, s.acceleration, s.jerk, s.jump)
     begun = [
         _lead_in(piece, closed, hole, s.lead_in)
-        for piece, closed, hole in zip(drawing.pieces, drawing.closed, holes(drawing), strict=True)
+        for piece, closed, hole in zip(
+            drawing.pieces, drawing.closed, holes(drawing.pieces, drawing.closed), strict=True
+        )
     ]
     tape, contours = _Tape(begun[0][0]), []
     tape.lift = s.clearance
     tape.stand(0.02, RAPID, 0.0, s.clearance)
     travel = timed if s.corners else at_constant_feed
-    for number, (piece, lead) in enumerate(zip(drawing.pieces, begun, strict=True)):
+    for number, (piece, lead, corners) in enumerate(zip(drawing.pieces, begun, drawing.corners, strict=True)):
         start = lead[0]
         if np.hypot(*(start - tape.here)) > 1e-6:
             positions, tangents, _ = timed(stretches(np.array([tape.here, start])), s.rapid, moving)
@@ -174,7 +178,7 @@ def plan(drawing: Drawing, settings: Settings) -> Job:
         tape.stand(SETTLE, APPROACH, 0.0, 0.0)
         first_sample = tape.count
         try:
-            path = stretches(piece)
+            path = stretches(piece, corners)
             into = stretches(lead) if len(lead) > 1 else []
             positions, tangents, way = travel([*into, *path], s.feed, cutting)
         except InvalidInput as error:
@@ -235,5 +239,5 @@ def _job(drawing: Drawing, settings: Settings, tape: _Tape, contours: npt.NDArra
         drawing.name, at[:, 0].copy(), at[:, 1].copy(), np.cumsum(steps), np.cumsum(np.where(cutting, steps, 0.0)),
         speed,
         t[:, 0].copy(), t[:, 1].copy(), beam, phase, lift, most, contours, settings, list(drawing.pieces),
-        drawing.warnings,
+        drawing.notes,
     )  # fmt: skip

@@ -5,7 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from ..plant.quantity import InvalidInput
-from .drawing import Drawing, Points, check_closed
+from .checks import require_closed
+from .curve import Points
+from .drawing import Drawing
+from .profile import corners_of
 
 _SHARE = 0.002
 """mm between an offset corner's arc and its chords."""
@@ -24,7 +27,7 @@ def compensated(drawing: Drawing, kerf: float, mitre: bool = False) -> Drawing:
         raise InvalidInput(f"kerf = {kerf} mm; it must be 0 or more")
     if kerf == 0:
         return drawing
-    check_closed(drawing)
+    require_closed(drawing)
     from shapely import Point, Polygon
 
     shapes = [Polygon(piece) for piece in drawing.pieces]
@@ -51,4 +54,4 @@ def compensated(drawing: Drawing, kerf: float, mitre: bool = False) -> Drawing:
             ring = ring[::-1]
         first = int(np.hypot(*(ring - drawing.pieces[i][0]).T).argmin())
         moved.append(np.concatenate([ring[first:-1], ring[: first + 1]]))
-    return replace(drawing, pieces=moved)
+    return replace(drawing, pieces=moved, corners=[corners_of(piece) for piece in moved])

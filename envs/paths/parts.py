@@ -8,7 +8,10 @@ import numpy as np
 
 from ..plant.quantity import InvalidInput, did_you_mean
 from . import bspline
-from .drawing import Drawing, Points, ordered
+from .contours import ordered
+from .curve import Curve, Points
+from .drawing import Drawing, drawing
+from .profile import corners_of
 
 _STEP = np.deg2rad(1.0)
 
@@ -127,5 +130,10 @@ def part(name: str, **dimensions: Any) -> Drawing:
             raise InvalidInput(f"part '{name}': unknown size '{size}'; {did_you_mean(size, known)}")
         if not value > 0:
             raise InvalidInput(f"part '{name}': {size} = {value}; it must be above 0")
-    order = ordered([(points, True) for points in PARTS[name](**dimensions)])
-    return Drawing(name, [p for p, _ in order], [c for _, c in order], "mm", ["0"], {})
+    return drawing(f"part '{name}'", name, ordered([_closed(points) for points in PARTS[name](**dimensions)]))
+
+
+def _closed(points: Points) -> Curve:
+    legs = np.diff(points, axis=0)
+    first, last = legs[0], legs[-1]
+    return Curve(points, corners_of(points), complex(*first), complex(*last), closed=True)

@@ -14,7 +14,7 @@ from scipy import ndimage
 from scipy.interpolate import Akima1DInterpolator, CubicSpline
 
 from ..plant.quantity import InvalidInput
-from .drawing import CHORD
+from .curve import CHORD, Indices
 
 Floats = npt.NDArray[np.float64]
 
@@ -72,26 +72,39 @@ class Stretch:
         return d / np.maximum(np.hypot(*d.T), 1e-12)[:, None]
 
 
-def stretches(points: Floats) -> list[Stretch]:
+def stretches(points: Floats, corners: Indices | None = None) -> list[Stretch]:
     """A polyline cut at its corners; between them a smooth curve through its vertices.
 
-    A vertex is a corner if it cannot be the trace of a curve that was flattened to CHORD: the direction's jump times
-    the shorter neighbour exceeds what such a curve leaves. Where there are straight lines too, they stay straight
-    (Akima 1970).
+    Where there are straight lines too, they stay straight (Akima 1970).
+
+    Args:
+        points: shape (n, 2), mm.
+        corners: indices of the true corners; None: those of :func:`corners_of`.
     """
     p = np.asarray(points, float)
     if not np.isfinite(p).all():
         raise InvalidInput("the path has coordinates that are not numbers")
-    legs = np.diff(p, axis=0)
-    length = np.hypot(*legs.T)
-    p, legs, length = p[np.append(True, length > 1e-9)], legs[length > 1e-9], length[length > 1e-9]
+    sharp = np.zeros(len(p), bool)
+    sharp[corners_of(p) if corners is None else corners] = True
+    kept = np.append(True, np.hypot(*np.diff(p, axis=0).T) > 1e-9)
+    p, sharp = p[kept], sharp[kept]
     if len(p) < 2:
         raise InvalidInput("the path has no length")
+    sharp[0] = sharp[-1] = True
+    cuts = np.flatnonzero(sharp)
+    return [_stretch(p[a : b + 1]) for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
+
+
+def corners_of(points: Floats) -> Indices:
+    """Inner vertices of a polyline that cannot be the trace of a curve flattened to CHORD.
+
+    The direction's jump times the shorter neighbour exceeds what such a curve leaves.
+    """
+    legs = np.diff(np.asarray(points, float), axis=0)
+    length = np.hypot(*legs.T)
     turn = turns(legs)
     shorter = np.minimum(length[:-1], length[1:])
-    sharp = (np.abs(turn) * shorter > 10.0 * CHORD) | (np.abs(turn) > 1.0)
-    cuts = np.concatenate([[0], np.flatnonzero(sharp) + 1, [len(p) - 1]])
-    return [_stretch(p[a : b + 1]) for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
+    return np.flatnonzero((np.abs(turn) * shorter > 10.0 * CHORD) | (np.abs(turn) > 1.0)) + 1
 
 
 def turns(legs: Floats) -> Floats:

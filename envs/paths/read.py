@@ -1,42 +1,38 @@
-"""Drawings and programmes from files, by the ending of their names."""
+"""Reading a path, whatever its format."""
 
-from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 
 from ..plant.quantity import InvalidInput, did_you_mean
 from .drawing import Drawing
 
-PROGRAMMES = (".ngc", ".nc", ".gcode", ".tap", ".cnc")
-ENDINGS = (".dxf", ".svg", *PROGRAMMES)
+FORMATS = {
+    ".dxf": "dxf", ".svg": "svg", ".ngc": "gcode", ".nc": "gcode", ".gcode": "gcode", ".tap": "gcode", ".cnc": "gcode",
+}  # fmt: skip
+"""Suffix: the module that reads it; they are imported when they are needed, for their libraries are slow."""
 
 
-def read(path: str | Path, layers: Sequence[str] | None = None, units: str | None = None) -> Drawing:
-    """The contours of a drawing (DXF, SVG) or of a programme (G-code), mm.
+def read(
+    path: str | Path, *, layers: tuple[str, ...] | list[str] | str | None = None, units: str | None = None
+) -> Drawing:
+    """The drawing in a DXF, SVG or G-code file.
 
     Args:
-        path: the file.
-        layers: layers that are cut, of a DXF drawing; None: all.
-        units: name of the unit the file is drawn in, if it does not say it or says it wrongly.
+        path: the file; its suffix tells the format.
+        layers: names of the layers that are cut; None: all.
+        units: mm, cm, m or inches, instead of what the file says or is taken to mean (G20 and G21 prevail).
+
+    Returns:
+        its contours in cutting order, with ``warnings`` and ``skipped`` for everything that a user should know.
 
     Raises:
-        InvalidInput: no such file, unknown kind of file, or what its reader finds wrong.
+        InvalidInput: no such file, an unknown suffix, or whatever is wrong in it, where, and what is allowed.
     """
     file = Path(path)
-    ending = file.suffix.lower()
-    if ending not in ENDINGS:
-        raise InvalidInput(f"{file}: '{file.suffix}' files cannot be read; {did_you_mean(ending, ENDINGS)}")
     if not file.is_file():
         raise InvalidInput(f"{file}: no such file")
-    if layers and ending != ".dxf":
-        raise InvalidInput(f"{file}: only DXF drawings have layers to choose from")
-    if ending == ".dxf":
-        from .dxf import read_dxf
-
-        return read_dxf(file, layers, units)
-    if ending == ".svg":
-        from .svg import read_svg
-
-        return read_svg(file, units)
-    from .gcode import read_gcode
-
-    return read_gcode(file, units)
+    suffix = file.suffix.lower()
+    if suffix not in FORMATS:
+        raise InvalidInput(f"{file}: '{file.suffix}' files cannot be read; {did_you_mean(suffix, FORMATS)}")
+    module = FORMATS[suffix]
+    return getattr(import_module(f".{module}", __package__), f"read_{module}")(file, layers=layers, units=units)

@@ -161,6 +161,40 @@ def test_a_drawing_is_travelled_once_through(here, monkeypatch):
     assert len(seen["seeds"]) == 20
 
 
+@pytest.mark.parametrize(
+    ("name", "text", "note"),
+    [
+        (
+            "part.svg",
+            '<svg xmlns="http://www.w3.org/2000/svg" width="20mm" height="20mm" viewBox="0 0 20 20">'
+            '<rect width="15" height="15"/><text>7</text></svg>',
+            "text is left out (1)",
+        ),
+        (
+            "part.NGC",
+            "G21 G0 X0 Y0\nM3\nG1 X15 F600\nY15\nX0\nY0\nG64 P1\nM2\n",
+            "G64 (path blending) is left out (line 7)",
+        ),
+    ],
+)
+def test_pictures_and_programmes_are_travelled_too_and_what_is_left_out_is_said(
+    here, monkeypatch, capsys, name, text, note
+):
+    (here / name).write_text(text, encoding="utf-8")
+    seen = {}
+
+    def watched(controllers, chosen, folder, seeds, **options):
+        seen.update(chosen=chosen)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(benchmark, "run", watched)
+    with pytest.raises(SystemExit):
+        main(["benchmark", "--path", name, "-c", "pid"])
+    (scenario,) = seen["chosen"]
+    assert scenario.duration == pytest.approx(60.0 / 100.0, rel=0.05)
+    assert f"kerfgym: {name}: {note}\n" in capsys.readouterr().err
+
+
 def test_an_interruption_tells_how_to_go_on(here, monkeypatch, capsys):
     def interrupted(*words, **more):
         raise KeyboardInterrupt
@@ -210,6 +244,7 @@ def test_the_standard_benchmark_is_the_whole_suite_with_200_test_seeds(monkeypat
         (["--jobs", "0"], "--jobs 0 is out of range; at least 1"),
         (["--jobs", "-2"], "--jobs -2 is out of range; at least 1"),
         (["--path", "nowhere.dxf"], "nowhere.dxf"),
+        (["--path", "misspelt.toml"], "'.toml' files cannot be read; "),
     ],
 )
 def test_bad_input_is_named_and_leaves_nothing_behind(here, capsys, words, message):

@@ -1,4 +1,4 @@
-"""Drawings: contours in cutting order, with lengths from closed forms."""
+"""DXF: contours in cutting order, with lengths from closed forms."""
 
 from itertools import pairwise
 
@@ -9,7 +9,9 @@ from scipy.interpolate import BSpline
 from scipy.special import ellipe
 
 from kerfgym.envs.paths import dxf
-from kerfgym.envs.paths.drawing import CHORD, GAP, journey
+from kerfgym.envs.paths.contours import GAP
+from kerfgym.envs.paths.curve import CHORD
+from kerfgym.envs.paths.drawing import journey
 from kerfgym.envs.paths.dxf import read_dxf
 from kerfgym.envs.plant.path import SPACING
 from kerfgym.envs.plant.quantity import InvalidInput
@@ -19,12 +21,12 @@ from kerfgym.envs.plant.quantity import InvalidInput
 def sheet(tmp_path):
     """Draws on a new sheet with the function given, saves it, reads it."""
 
-    def read(draw, insunits=4, measurement=1):
+    def read(draw, insunits=4, measurement=1, **choices):
         document = ezdxf.new("R2010")
         document.header["$INSUNITS"], document.header["$MEASUREMENT"] = insunits, measurement
         draw(document.modelspace())
         document.saveas(tmp_path / "part.dxf")
-        return read_dxf(tmp_path / "part.dxf")
+        return read_dxf(tmp_path / "part.dxf", **choices)
 
     return read
 
@@ -167,15 +169,15 @@ def test_a_circle_is_two_pi_r_long_and_leaves_its_chords_by_the_tolerance_at_mos
     assert radius - np.hypot(*middles.T).min() <= CHORD * 1.001
 
 
-@pytest.mark.parametrize("size", [0.4, 0.5, 1.0, 1.5])
-def test_a_circle_as_small_as_the_tolerance_is_still_round(sheet, size):
+@pytest.mark.parametrize("radius", [1e-4, 0.5 * CHORD, CHORD, 0.2 * GAP, GAP])
+def test_a_circle_nearly_as_small_as_the_tolerance_is_round_or_a_speck(sheet, radius):
     def draw(space):
-        space.add_circle((0, 0), size * CHORD)
+        space.add_circle((0, 0), radius)
         box(space, -5, -5, 10)
 
-    sizes = [length(p) for p in sheet(draw).pieces]
-    assert sizes[-1] == pytest.approx(40.0)
-    assert len(sizes) == 1 or sizes[0] == pytest.approx(2 * np.pi * size * CHORD, rel=0.2)
+    *circle, square = [length(p) for p in sheet(draw).pieces]
+    assert square == pytest.approx(40.0)
+    assert circle == ([pytest.approx(2 * np.pi * radius, rel=0.1)] if 2 * np.pi * radius > GAP else [])
 
 
 @pytest.mark.timeout(20)
@@ -304,12 +306,163 @@ def test_lengths_are_converted_to_mm(sheet, insunits, measurement, name, mm):
     assert drawing.cut_length == pytest.approx(2 * np.pi * mm, abs=2.1 * CHORD)
 
 
-def test_a_file_without_header_is_in_mm(tmp_path):
-    pairs = "0 SECTION 2 ENTITIES 0 LINE 8 0 10 0 20 0 11 30 21 40 0 ENDSEC 0 EOF"
-    (tmp_path / "bare.dxf").write_text(pairs.replace(" ", "\n") + "\n")
+BARE = "0 SECTION 2 ENTITIES 0 LINE 8 0 10 0 20 0 11 30 21 40 0 ENDSEC 0 EOF"
+IMPERIAL = f"0 SECTION 2 HEADER 9 $MEASUREMENT 70 0 0 ENDSEC {BARE}"
+
+
+def test_a_file_without_header_is_in_mm_and_says_so(tmp_path):
+    (tmp_path / "bare.dxf").write_text(BARE.replace(" ", "\n") + "\n")
     drawing = read_dxf(tmp_path / "bare.dxf")
     assert (drawing.name, drawing.units) == ("bare", "mm")
     assert drawing.cut_length == pytest.approx(50.0)
+    assert drawing.warnings == ["no unit in the header, read as mm; units= reads it otherwise"]
+
+
+def test_a_measurement_that_contradicts_the_guess_is_named(tmp_path):
+    (tmp_path / "part.dxf").write_text(IMPERIAL.replace(" ", "\n") + "\n")
+    drawing = read_dxf(tmp_path / "part.dxf")
+    assert drawing.cut_length == pytest.approx(50.0)
+    (warning,) = drawing.warnings
+    assert warning.startswith("no unit in the header, read as mm, although $MEASUREMENT says inches")
+
+
+@pytest.mark.parametrize(("insunits", "warned"), [(0, True), (4, False), (1, False)])
+def test_only_a_missing_unit_is_warned_of(sheet, insunits, warned):
+    warnings = sheet(lambda space: space.add_line((0, 0), (9, 9)), insunits).warnings
+    assert [w.startswith("no unit in the header") for w in warnings] == [True] * warned
+
+
+@pytest.mark.parametrize(("units", "name", "mm"), [("mm", "mm", 1), ("in", "inches", 25.4), ("m", "m", 1000)])
+def test_a_chosen_unit_goes_before_the_header(sheet, units, name, mm):
+    drawing = sheet(lambda space: space.add_line((0, 0), (9, 0)), insunits=20, units=units)
+    assert (drawing.units, drawing.warnings) == (name, [])
+    assert drawing.cut_length == pytest.approx(9 * mm)
+
+
+def test_an_unknown_unit_is_refused(sheet):
+    with pytest.raises(InvalidInput, match=r"units = 'inch es' is not known; did you mean 'inches'\? \(known: mm, cm"):
+        sheet(lambda space: space.add_line((0, 0), (9, 0)), units="inch es")
+
+
+# Layers
+
+
+def two_layers(space):
+    box(space, 0, 0, 10, layer="Cut")
+    box(space, 20, 0, 10, layer="Engrave")
+    block = space.doc.blocks.new("slot")
+    box(block, 0, 0, 5)
+    box(block, 0, 8, 1, layer="Engrave")
+    space.add_blockref("slot", (60, 0), dxfattribs={"layer": "CUT"})
+
+
+@pytest.mark.parametrize("layers", [("Cut",), ["cut"], "CUT"])
+def test_only_chosen_layers_are_cut(sheet, layers):
+    drawing = sheet(two_layers, layers=layers)
+    assert left_edges(drawing) == [0, 60]
+    assert drawing.layers == ["Cut", "CUT"]
+    assert drawing.skipped == {"LWPOLYLINE on layer 'Engrave'": 2}
+    assert drawing.notes == ["LWPOLYLINE on layer 'Engrave' is left out (2)"]
+
+
+def test_an_unknown_layer_is_refused_with_the_nearest(sheet):
+    with pytest.raises(InvalidInput, match=r"part\.dxf: no layer 'Engraved'; did you mean 'Engrave'\? \(known: "):
+        sheet(two_layers, layers=("Cut", "Engraved"))
+    with pytest.raises(InvalidInput, match="layers is empty"):
+        sheet(two_layers, layers=())
+
+
+# Corners
+
+
+def corners(drawing):
+    return [c.tolist() for c in drawing.corners]
+
+
+def test_a_closed_contour_has_a_corner_where_it_begins(sheet):
+    drawing = sheet(lambda space: box(space, 0, 0, 10))
+    assert corners(drawing) == [[0, 1, 2, 3]]
+    assert drawing.feeds is None
+
+
+@pytest.mark.parametrize("radius", [0.05, 0.3, 20.0])
+def test_the_chords_of_a_circle_are_no_corners(sheet, radius):
+    def draw(space):
+        space.add_circle((0, 0), radius)
+        space.add_arc((100, 0), radius, 0, 180)
+        space.add_arc((100, 0), radius, 180, 0)
+        space.add_lwpolyline([(200, 0, 1), (200 + 2 * radius, 0, 1)], format="xyb", close=True)
+        space.add_ellipse((300, 0), (2 * radius, 0), 0.5)
+
+    assert corners(sheet(draw)) == [[], [], [], []]
+
+
+def test_a_slot_has_no_corners_and_a_half_moon_two(sheet):
+    def draw(space):
+        space.add_lwpolyline([(0, 0, 0), (30, 0, 1), (30, 10, 0), (0, 10, 1)], format="xyb", close=True)
+        space.add_lwpolyline([(100, 0, 0), (110, 0, 1)], format="xyb", close=True)
+
+    drawing = sheet(draw)
+    assert [len(c) for c in drawing.corners] == [0, 2]
+    assert drawing.pieces[1][drawing.corners[1]] == pytest.approx(np.array([[100, 0], [110, 0]]))
+
+
+@pytest.mark.parametrize(("degrees", "count"), [(4.5, 0), (5.5, 1)])
+@pytest.mark.parametrize("flipped", [False, True])
+def test_entities_that_meet_at_more_than_five_degrees_make_a_corner(sheet, degrees, count, flipped):
+    angle = np.radians(degrees)
+
+    def draw(space):
+        ends = [(10, 0), (10 + 10 * np.cos(angle), 10 * np.sin(angle))]
+        space.add_line((0, 0), (10, 0))
+        space.add_line(*(ends[::-1] if flipped else ends))
+
+    drawing = sheet(draw)
+    assert corners(drawing) == [[1] * count]
+
+
+@pytest.mark.parametrize(("degrees", "count"), [(4.5, 0), (5.5, 1)])
+def test_an_arc_meets_its_neighbour_with_its_tangent_and_not_its_chord(sheet, degrees, count):
+    radius = 0.5  # chords of 10° and more
+
+    def draw(space):
+        space.add_arc((0, radius), radius, 270, 360)
+        direction = np.exp(1j * np.radians(180 + degrees))
+        space.add_line((0, 0), (direction.real, direction.imag))
+
+    assert [len(c) for c in corners(sheet(draw))] == [count]
+
+
+def test_a_contour_travelled_backwards_keeps_its_corners(sheet):
+    def draw(space):
+        space.add_line((0, 0), (100, 0))
+        space.add_lwpolyline([(0, 10), (0, 20), (40, 20), (100, 10)])
+
+    drawing = sheet(draw)
+    assert drawing.pieces[1][0].tolist() == [100, 10]
+    assert drawing.pieces[1][drawing.corners[1]].tolist() == [[40, 20], [0, 20]]
+
+
+def test_a_mirrored_arc_meets_its_line_smoothly(sheet):
+    def draw(space):
+        space.add_arc((0, 0), 10, 0, 90, dxfattribs={"extrusion": (0, 0, -1)})
+        space.add_line((0, 10), (20, 10))
+
+    assert corners(sheet(draw)) == [[]]
+
+
+def test_a_spline_has_a_corner_only_where_its_control_points_make_one(sheet):
+    smooth = [(0, 0), (10, 20), (20, -20), (30, 0), (40, 20), (50, -10), (60, 0)]
+    peaked = [(0, 100), (10, 110), (20, 120), (30, 130), (30, 130), (30, 130), (40, 120), (50, 110), (60, 100)]
+
+    def draw(space):
+        for control in (smooth, peaked):
+            space.add_open_spline([(x, y, 0) for x, y in control])
+
+    drawing = sheet(draw)
+    tips = [piece[c] for piece, c in zip(drawing.pieces, drawing.corners, strict=True)]
+    assert len(tips[0]) == 0
+    assert tips[1] == pytest.approx(np.array([[30, 130]]))
 
 
 # Order
@@ -489,18 +642,6 @@ def test_the_beam_is_off_between_contours(sheet):
 # Errors
 
 
-def test_a_missing_file_is_named(tmp_path):
-    with pytest.raises(InvalidInput, match=r"none\.dxf: no such file"):
-        read_dxf(tmp_path / "none.dxf")
-
-
-def test_the_suffix_may_be_in_capitals(tmp_path):
-    document = ezdxf.new("R12")
-    document.modelspace().add_line((0, 0), (5, 0))
-    document.saveas(tmp_path / "PART.DXF")
-    assert read_dxf(tmp_path / "PART.DXF").units == "mm"
-
-
 @pytest.mark.parametrize("content", [b"", b"solid\n", bytes(range(256)), b"0\nSECTION\n2\nENTITIES\n0\nLINE\n10\n"])
 def test_what_is_not_dxf_is_refused(tmp_path, content):
     (tmp_path / "part.dxf").write_bytes(content)
@@ -541,6 +682,10 @@ def test_an_entity_that_cannot_be_read_is_named(sheet):
         sheet(lambda space: space.add_spline())
     with pytest.raises(InvalidInput, match=r"LINE\(#\w+\) has coordinates that are not numbers"):
         sheet(lambda space: space.add_line((0, float("nan")), (1, 1)))
+    with pytest.raises(InvalidInput, match=r"CIRCLE\(#\w+\) has coordinates that are not numbers"):
+        sheet(lambda space: space.add_circle((0, 0), float("nan")))
+    with pytest.raises(InvalidInput, match=r"LWPOLYLINE\(#\w+\) has coordinates that are not numbers"):
+        sheet(lambda space: space.add_lwpolyline([(0, 0, 1), (float("inf"), 1, 0)], format="xyb"))
     with pytest.raises(InvalidInput, match=r"INSERT\(#\w+\) cannot be read: .*absent"):
         sheet(lambda space: space.add_blockref("absent", (0, 0)))
 
