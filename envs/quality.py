@@ -133,7 +133,7 @@ def evaluate(trajectory: Trajectory, p: cut.Params, span: float = 0.6) -> Qualit
     power, error = _cellwise(t.power, i, cells), _cellwise(t.standoff, i, cells)
     margin = _margins(p, absorbed * power / p.thickness, v, density)
     log_g = np.log(np.where(error > 0, 1 / (1 + (error / p.gas_above) ** 2), 1 / (1 + (error / p.gas_below) ** 2)))
-    log_g = log_g + np.log(p.pressure)
+    log_g = log_g + float(np.log(p.pressure))
     mean, bottom = margin.mean(axis=1), margin[:, -LAYERS // 5 :].mean(axis=1)
     melted = p.rough * np.maximum(mean, 0.02) ** -p.rough_power * np.exp(-p.rough_gas * log_g)
     ends = int((np.ptp(spread) + 2 * length) / CELL)  # where the dither has not been everywhere yet
@@ -156,7 +156,7 @@ def _bins(values: Floats, width: float) -> tuple[npt.NDArray[np.int64], Floats]:
     if size == 0.0:
         return np.zeros(len(values), np.int64), np.array([low])
     which = np.minimum((values - low) / size, count - 1).astype(np.int64)
-    return which, low + (np.arange(count) + 0.5) * size
+    return which, np.asarray(low + (np.arange(count) + 0.5) * size, np.float64)
 
 
 def _cellwise(values: Floats, cell: npt.NDArray[np.int64], cells: int) -> Floats:

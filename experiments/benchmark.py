@@ -162,9 +162,10 @@ def run(
     if not with_jobs and any(s.job for s in chosen):
         raise InvalidInput("scenarios with a job and scenarios without one cannot share a table")
     known = {name: _resolved(name, with_jobs) for name in controllers}  # errors before anything is written
-    for scenario in chosen if with_jobs else []:
-        for team in known.values():
-            workshop.programme(scenario, team)
+    for stack in known.values():
+        if isinstance(stack, stacks.Team):
+            for scenario in chosen:
+                workshop.programme(scenario, stack)
     runs.open_folder(folder, overwrite, resume)
     started = time.time()
     parts = folder / "parts"
@@ -248,6 +249,7 @@ def _finish_jobs(
     results = jobs.JobResults(
         frame, joined.get("traces", pd.DataFrame()), meta, rules.get("score", "contour_rms"),
         rules.get("reference", "wu-tuned"), tuple(c for c in core if c in meta["scenarios"]), labels,
+        tuple(dict.fromkeys((m.name, m.thickness) for m in map(workshop.material_of, chosen))),
         {s.name: s.summary for s in chosen},
     )  # fmt: skip
     runs.write_table(folder, "runs", results.runs)

@@ -7,6 +7,7 @@ logarithms, in the streaming form; the table shows what the full form makes of t
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -18,7 +19,7 @@ from ..envs import quality
 from ..envs.plant import cut, spot
 from . import runs
 
-TABLE_2 = {
+TABLE_2: dict[str, dict[str, Any]] = {
     "static, surface quality": {"feed": 0.2, "dross": 1.0, "roughness": 0.05, "dither": spot.Command()},
     "static, fastest": {"feed": 0.5, "dross": 1.0, "roughness": 0.17, "dither": spot.Command()},
     "dynamic compound": {

@@ -98,6 +98,7 @@ class JobResults:
     reference: str
     core: tuple[str, ...] = ()
     labels: tuple[str, ...] = ()
+    materials: tuple[tuple[str, float], ...] = ()  # with their thickness, mm
     summaries: dict[str, str] = field(default_factory=dict)
 
     @property

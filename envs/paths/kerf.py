@@ -28,7 +28,7 @@ def compensated(drawing: Drawing, kerf: float, mitre: bool = False) -> Drawing:
     if kerf == 0:
         return drawing
     require_closed(drawing)
-    from shapely import Point, Polygon
+    from shapely import Point, Polygon  # type: ignore[import-untyped]
 
     shapes = [Polygon(piece) for piece in drawing.pieces]
     for i, shape in enumerate(shapes):

@@ -56,7 +56,7 @@ class Params(NamedTuple):
     burn: float = 4.94  # J/mm³, share of the oxidation's heat that helps [C]
     conduct: float = 198.0  # W/mm, 4λΔT [P]
     diffusivity: float = 7.0  # mm²/s [P]
-    index: float = 3.81  # refractive index [P]
+    refraction: float = 3.81  # refractive index [P]
     extinction: float = 4.44  # [P]
     rough: float = 0.170  # mm, R0 [C]
     rough_power: float = 3.494  # n [C]
@@ -141,7 +141,7 @@ def absorptivity(p, length):
     """Share of the beam that a front of this length (mm) over the thickness absorbs, unpolarised (Fresnel, |n| ≫ 1)."""
     c = length / np.sqrt(length * length + p.thickness * p.thickness)  # cosine of the angle of incidence
     k2 = p.extinction * p.extinction
-    s_less, s_more, p_less, p_more = p.index - c, p.index + c, p.index - 1.0 / c, p.index + 1.0 / c
+    s_less, s_more, p_less, p_more = p.refraction - c, p.refraction + c, p.refraction - 1.0 / c, p.refraction + 1.0 / c
     return 1.0 - 0.5 * (
         (s_less * s_less + k2) / (s_more * s_more + k2) + (p_less * p_less + k2) / (p_more * p_more + k2)
     )

@@ -13,7 +13,7 @@ from PIL import Image
 from ...envs.job_metrics import METRICS
 from ...envs.kerf_picture import Kerf, picture
 from ...envs.paths.job import CUT, LEAD_IN
-from ...envs.scenarios import SPLITS, load
+from ...envs.scenarios import SPLITS
 from ..jobs import JobResults
 from ..runs import atomic
 
@@ -33,7 +33,7 @@ def write_report(folder: Path, results: JobResults) -> Path:
         loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     summary = results.summary().sort_values("score")
-    figures = [_saved(folder, *made) for made in (*_kerfs(results), *_sensitivity(folder, results))]
+    figures = [_saved(folder, *made) for made in (*_kerfs(results), *_sensitivity(results))]
     pooled = results.pooled(results.metric)
     page = environment.get_template(TEMPLATE).render(
         headline=headline(results, summary), rows=[_row(name, summary.loc[name], results) for name in summary.index],
@@ -95,7 +95,7 @@ def _row(name: str, row: pd.Series, results: JobResults) -> dict[str, Any]:
 
 def _kerfs(results: JobResults) -> list[tuple[str, str, np.ndarray]]:
     """``(stem, caption, image)`` of the shown runs."""
-    out = []
+    out: list[tuple[str, str, np.ndarray]] = []
     if not len(results.traces):
         return out
     folder_names = list(results.traces["scenario"].unique())[:PICTURES]
@@ -126,22 +126,11 @@ def kerf_of(frame: pd.DataFrame, title: str = "") -> Kerf:
     )
 
 
-def _sensitivity(folder: Path, results: JobResults) -> list[tuple[str, str, np.ndarray]]:
-    from .quality_plot import quality_against_error, threshold
+def _sensitivity(results: JobResults) -> list[tuple[str, str, np.ndarray]]:
+    from .quality_plot import quality_against_error
 
-    del folder
-    out = []
-    for name in {load(s).job.material: None for s in results.scenarios if _known(s)}:
-        image, words = quality_against_error(name)
-        out.append((f"quality-{name}", f"{words} {threshold.__doc__ or ''}".strip(), image))
-    return out
-
-
-def _known(scenario: str) -> bool:
-    try:
-        return load(scenario).job is not None
-    except ValueError:
-        return False
+    made = [(name, *quality_against_error(name, thickness)) for name, thickness in results.materials]
+    return [(f"quality-{name}", words, image) for name, image, words in made]
 
 
 def _saved(folder: Path, stem: str, caption: str, image: np.ndarray) -> dict[str, Any]:

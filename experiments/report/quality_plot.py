@@ -51,16 +51,16 @@ def threshold(frame: pd.DataFrame) -> float:
     return float(np.interp(SHOWS, change, frame["error"]))
 
 
-def quality_against_error(name: str) -> tuple[np.ndarray, str]:
+def quality_against_error(name: str, thickness: float | None = None) -> tuple[np.ndarray, str]:
     """The picture, uint8 (height, width, 3), and what it says."""
-    steel = material(name)
+    steel = material(name, thickness)
     frame = table(steel)
     limit = threshold(frame)
     figure = Figure(figsize=(8.0, 3.6), dpi=110, layout="constrained")
     axes = figure.subplots()
     for column, colour, label in (("dross", "#0072B2", "dross"), ("roughness", "#D55E00", "roughness Rz")):
         axes.plot(frame["error"], 100 * frame[f"{column}_change"], color=colour, marker="o", markersize=3, label=label)
-    axes.set(xlabel="RMS standoff error (µm)", ylabel="change against no error (%)", xscale="symlog", yscale="symlog")
+    axes.set(xlabel="RMS standoff error (µm)", ylabel="change against no error (%)")
     axes.set_xscale("symlog", linthresh=1.0)
     axes.set_yscale("symlog", linthresh=0.1)
     axes.axhline(100 * SHOWS, color="#555c63", linewidth=0.8, linestyle=":")
@@ -73,7 +73,13 @@ def quality_against_error(name: str) -> tuple[np.ndarray, str]:
         if np.isfinite(limit)
         else f"{steel.label}. Up to {ERRORS[-1]:.0f} µm RMS the following error does not show in this cut."
     )
-    figure.suptitle(f"{name}: quality against following error", fontsize=11, fontweight="bold", x=0.01, ha="left")
+    figure.suptitle(
+        f"{name}, {steel.thickness:g} mm: quality against following error",
+        fontsize=11,
+        fontweight="bold",
+        x=0.01,
+        ha="left",
+    )
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     return np.asarray(canvas.buffer_rgba())[:, :, :3].copy(), words
