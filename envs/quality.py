@@ -143,7 +143,7 @@ def evaluate(trajectory: Trajectory, p: cut.Params, span: float = 0.6) -> Qualit
     rough = np.sqrt(melted**2 + written**2 + (p.follow * felt) ** 2 + burnt**2)
     top, low = (_kerf(kerfs[z][:cells], m, pitch) for z, m in ((0.0, margin[:, 0]), (p.thickness, margin[:, -1])))
     return Quality(
-        start + CELL * np.arange(cells), margin, np.maximum(rough, p.floor),
+        np.asarray(start + CELL * np.arange(cells), np.float64), margin, np.maximum(rough, p.floor),
         p.dross * np.maximum(bottom, 0.02) ** -p.dross_power * np.exp(-0.5 * log_g), top, low, 0.5 * np.abs(top - low),
     )  # fmt: skip
 
