@@ -14,6 +14,16 @@ def _register() -> None:
         entry_point="kerfgym.envs.height_following:HeightFollowingEnv",
         vector_entry_point="kerfgym.envs.vector:HeightFollowingVectorEnv",
     )
+    gymnasium.register(
+        id="kerfgym/ContourFollowing-v0",
+        entry_point="kerfgym.envs.contour_following:ContourFollowingEnv",
+        vector_entry_point="kerfgym.envs.contour_following:ContourFollowingVectorEnv",
+    )
+    gymnasium.register(
+        id="kerfgym/Cutting-v0",
+        entry_point="kerfgym.envs.cutting:CuttingEnv",
+        vector_entry_point="kerfgym.envs.cutting:CuttingVectorEnv",
+    )
 
 
 # Test tools may import the checkout under its folder's name; only the package registers.

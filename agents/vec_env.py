@@ -12,24 +12,24 @@ import numpy as np
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 
-from ..envs.film import Film
-from ..envs.height_following import HeightFollowingEnv, check_render_mode
-from ..envs.interface import INFO
+from ..envs.contour_following import ContourFollowingVectorEnv
+from ..envs.cutting import CuttingVectorEnv
+from ..envs.height_following import check_render_mode
 from ..envs.plant.quantity import InvalidInput, did_you_mean
-from ..envs.vector import make_batch, put_sequences
+from ..envs.vector import HeightFollowingVectorEnv, KernelVectorEnv, make_batch, put_sequences
 
 ATTRIBUTES = (
     "scenario", "scenario_seed", "base", "control", "split", "render_mode", "spec", "action_space",
-    "observation_space", *INFO,
+    "observation_space",
 )  # fmt: skip
-"""What :meth:`HeightFollowingVecEnv.get_attr` knows, besides what :meth:`set_attr` has set."""
+"""What :meth:`KernelVecEnv.get_attr` knows, besides the entries of ``info`` and what :meth:`set_attr` has set."""
 
 METHODS = ("reset", "render", "close", "get_wrapper_attr")
-"""What :meth:`HeightFollowingVecEnv.env_method` can call."""
+"""What :meth:`KernelVecEnv.env_method` can call."""
 
 
-class HeightFollowingVecEnv(VecEnv):
-    """``num_envs`` height followers for stable-baselines3; other arguments as in the single environment.
+class KernelVecEnv(VecEnv):
+    """``num_envs`` environments of one kind for stable-baselines3; other arguments as in the single environment.
 
     Args:
         num_envs: environments.
@@ -42,6 +42,9 @@ class HeightFollowingVecEnv(VecEnv):
         InvalidInput: unknown argument or name, or a number out of range.
     """
 
+    KIND: type[KernelVectorEnv]
+    """The vector environment with the same machines."""
+
     def __init__(
         self,
         num_envs: int,
@@ -51,12 +54,13 @@ class HeightFollowingVecEnv(VecEnv):
         render_mode: str | None = None,
         **arguments: Any,
     ) -> None:
-        check_render_mode(render_mode, HeightFollowingEnv.metadata["render_modes"])
-        self.batch = make_batch(num_envs, num_threads, arguments)
+        check_render_mode(render_mode, self.KIND.SINGLE.metadata["render_modes"])
+        self.batch: Any = make_batch(self.KIND.BATCH, self.KIND.SINGLE, num_envs, num_threads, arguments)
+        self._attributes = (*ATTRIBUTES, *self.batch.INFO)
         self._full_info = full_info
         self._mode = render_mode
         self._set: dict[str, list[Any]] = {}
-        self._films: list[Film | None] = [None] * num_envs
+        self._films: list[Any] = [None] * num_envs
         self._every = np.arange(num_envs)
         self._began = time.time()
         self._empty: list[dict[str, Any]] = [{} for _ in range(num_envs)]  # the same ones in each step
@@ -90,7 +94,7 @@ class HeightFollowingVecEnv(VecEnv):
         self.batch.put_actions(actions)
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        """One control period of 1 ms in every environment; those whose episode ends begin the next one."""
+        """One step of every environment; those whose episode ends begin the next one."""
         batch = self.batch
         batch.advance()
         rewards = batch.rewards.astype(np.float32)
@@ -120,10 +124,10 @@ class HeightFollowingVecEnv(VecEnv):
 
     def has_attr(self, attr_name: str) -> bool:
         """Whether :meth:`get_attr` knows the attribute."""
-        return attr_name in ATTRIBUTES or attr_name in METHODS or attr_name in self._set
+        return attr_name in self._attributes or attr_name in METHODS or attr_name in self._set
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """An attribute of each environment: one of :data:`ATTRIBUTES`, or what :meth:`set_attr` has set.
+        """An attribute of each environment: one of :data:`ATTRIBUTES`, an entry of ``info``, or a set one.
 
         Raises:
             AttributeError: there is none of that name; the nearest is offered.
@@ -131,17 +135,17 @@ class HeightFollowingVecEnv(VecEnv):
         machines = self._machines(indices)
         if attr_name in self._set:
             return [self._set[attr_name][i] for i in machines]
-        if attr_name in INFO:
-            return [float(x) for x in self.batch.infos[INFO.index(attr_name), machines]]
+        if attr_name in self.batch.INFO:
+            return [float(x) for x in self.batch.infos[self.batch.INFO.index(attr_name), machines]]
         if attr_name == "scenario":
             return [self.batch.scenario(i) for i in machines]
         if attr_name == "scenario_seed":
             return [int(self.batch.scenario_seeds[i]) for i in machines]
         if attr_name in METHODS:
             return [_Method(self, attr_name, i) for i in machines]
-        if attr_name not in ATTRIBUTES:
+        if attr_name not in self._attributes:
             raise AttributeError(
-                f"the environments have no attribute '{attr_name}'; {did_you_mean(attr_name, ATTRIBUTES)}"
+                f"the environments have no attribute '{attr_name}'; {did_you_mean(attr_name, self._attributes)}"
             )
         one = {"render_mode": self._mode, "spec": None}.get(attr_name, getattr(self.batch, attr_name, None))
         return [one] * len(machines)
@@ -152,7 +156,7 @@ class HeightFollowingVecEnv(VecEnv):
         Raises:
             InvalidInput: the attribute is fixed when the environments are made.
         """
-        if attr_name in ATTRIBUTES or attr_name in METHODS:
+        if attr_name in self._attributes or attr_name in METHODS:
             raise InvalidInput(f"attribute '{attr_name}' is fixed when the environments are made")
         values = self._set.setdefault(attr_name, [None] * self.num_envs)
         for i in self._machines(indices):
@@ -187,9 +191,8 @@ class HeightFollowingVecEnv(VecEnv):
         self.batch.start(machines, seeds)
         if self._mode:
             for i in machines.tolist():
-                film = Film(self.batch.scenario(i), self.batch.base.name, int(self.batch.scenario_seeds[i]))
-                film.take(self.batch.fleet, i)
-                self._films[i] = film
+                self._films[i] = self.batch.film(i)
+                self._films[i].take(self.batch.fleet, i)
 
     def _asked(self, machine: int) -> int | None:
         options = self._options[machine]
@@ -199,7 +202,7 @@ class HeightFollowingVecEnv(VecEnv):
         return options.get("scenario_seed")
 
     def _info(self, machine: int) -> dict[str, Any]:
-        return dict(zip(INFO, self.batch.infos[:, machine].tolist(), strict=True))
+        return dict(zip(self.batch.INFO, self.batch.infos[:, machine].tolist(), strict=True))
 
     def _last_info(self, machine: int) -> dict[str, Any]:
         """Info of the last step of an episode, with the monitor's statistics of it."""
@@ -211,10 +214,28 @@ class HeightFollowingVecEnv(VecEnv):
         return info
 
 
+class HeightFollowingVecEnv(KernelVecEnv):
+    """:class:`envs.height_following.HeightFollowingEnv` for stable-baselines3, see :class:`KernelVecEnv`."""
+
+    KIND = HeightFollowingVectorEnv
+
+
+class ContourFollowingVecEnv(KernelVecEnv):
+    """:class:`envs.contour_following.ContourFollowingEnv` for stable-baselines3, see :class:`KernelVecEnv`."""
+
+    KIND = ContourFollowingVectorEnv
+
+
+class CuttingVecEnv(KernelVecEnv):
+    """:class:`envs.cutting.CuttingEnv` for stable-baselines3, see :class:`KernelVecEnv`."""
+
+    KIND = CuttingVectorEnv
+
+
 class _Method:
     """A method of one of the environments."""
 
-    def __init__(self, venv: HeightFollowingVecEnv, name: str, machine: int) -> None:
+    def __init__(self, venv: KernelVecEnv, name: str, machine: int) -> None:
         self._venv, self._name, self._machine = venv, name, machine
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:

@@ -8,6 +8,7 @@ import numpy as np
 from . import scenarios
 from . import stack as stacks
 from .episodes import Episodes, check_choice, chosen, weights_of
+from .film import Film
 from .interface import (
     CONTROLS,
     FEATURES,
@@ -82,6 +83,10 @@ class Batch(Episodes):
     def prepare(self, index: int, machines: np.ndarray, seeds: np.ndarray, again: bool) -> None:
         """See :meth:`Episodes.prepare`."""
         scenarios.prepare(self.fleet, self.scenarios[index], machines, seeds, again)
+
+    def film(self, machine: int) -> Film:
+        """What shows the episode of a machine that has just begun."""
+        return Film(self.scenario(machine), self.base.name, int(self.scenario_seeds[machine]))
 
     def prepared(self, machines: np.ndarray) -> None:
         """The action may have changed the filter during the last episode."""

@@ -56,6 +56,10 @@ class Episodes:
         """Writes scenario ``index`` into the columns of ``machines``; ``again``: they hold it already."""
         raise NotImplementedError
 
+    def film(self, machine: int) -> Any:
+        """What shows the episode of a machine that has just begun: ``take(fleet, machine)`` and ``frame()``."""
+        raise NotImplementedError
+
     def prepared(self, machines: np.ndarray) -> None:
         """What else has to be written before an episode begins."""
 

@@ -1,6 +1,7 @@
 """The part with its kerf, coloured by what the cut was like, and the spot where it is now."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -146,6 +147,16 @@ def _legend(draw: ImageDraw.ImageDraw, title: str, quantity: Quantity, low: floa
     for i, shade in enumerate(ramp.tolist()):
         draw.line((x0 + i, y, x0 + i, y + 10 * _SCALE), fill=tuple(shade))
     draw.text((x0, y + 12 * _SCALE), f"{low:.3g}", fill=_QUIET, font=small)
-    draw.text((x1, y + 12 * _SCALE), f"{high:.3g} {quantity.unit}", fill=_QUIET, font=small, anchor="ra")
+    _unit(draw, x1, y + 12 * _SCALE, f"{high:.3g} {quantity.unit}", small)
     draw.text((x0, y - 18 * _SCALE), quantity.title, fill=_INK, font=small)
     draw.text((x1 + 16 * _SCALE, y - 2 * _SCALE), "black edge: not cut through · grey: rapids", fill=_QUIET, font=small)
+
+
+def _unit(draw: ImageDraw.ImageDraw, x: float, y: float, text: str, font: Any) -> None:
+    """Text that ends at ``x``; Pillow's font has no µ, which becomes a u with a stroke."""
+    plain = text.replace("µ", "u")
+    draw.text((x, y), plain, fill=_QUIET, font=font, anchor="ra")
+    if "µ" in text:
+        start = x - draw.textlength(plain, font) + draw.textlength(plain[: text.index("µ")], font)
+        stem = start + 1.4 * _SCALE
+        draw.line((stem, y + 5.5 * _SCALE, stem, y + 15 * _SCALE), fill=_QUIET, width=round(1.1 * _SCALE))

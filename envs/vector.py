@@ -1,4 +1,4 @@
-"""``gymnasium.vector.VectorEnv`` over the block kernel: thousands of height followers step as one."""
+"""``gymnasium.vector.VectorEnv`` over the block kernel: thousands of machines step as one."""
 
 from typing import Any
 
@@ -7,47 +7,19 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from .batch import Batch
-from .film import Film
+from .episodes import Episodes
 from .height_following import HeightFollowingEnv, check_render_mode
-from .interface import INFO
 from .plant.quantity import InvalidInput, did_you_mean
 
 OPTIONS = ("scenario_seed", "reset_mask")
-_NAMES = (*INFO, *(f"_{name}" for name in INFO))
 
 
-class HeightFollowingVectorEnv(VectorEnv):
-    """
-    ## Description
+class KernelVectorEnv(VectorEnv):
+    """Any number of environments of one kind in one kernel; the kinds derive from it."""
 
-    ``num_envs`` environments of :class:`height_following.HeightFollowingEnv` in one kernel:
-    ``gymnasium.make_vec("kerfgym/HeightFollowing-v0", num_envs=256)``. Spaces, rewards, scenarios and arguments are
-    those of the single environment, and so are the bits: environment ``i`` of ``reset(seed=s)`` lives through the
-    episodes of a single environment that was reset with ``seed=s + i``.
-
-    ## Episode End
-
-    ``autoreset_mode`` is one of Gymnasium's three.
-
-    | mode         | what happens to an environment whose episode is over                                       |
-    |--------------|--------------------------------------------------------------------------------------------|
-    | `NextStep`   | the next step ignores its action and begins its next episode (reward 0)                    |
-    | `SameStep`   | the same step begins its next episode; `final_obs` and `final_info` hold how the last ended |
-    | `Disabled`   | nothing; it must be reset with `options={"reset_mask": mask}` before the next step          |
-
-    ## Info
-
-    A float64 array of shape `(num_envs,)` for each entry of the single environment's `info`, with its mask `_name`.
-
-    ## Arguments
-
-    | argument         | default      | meaning                                                        |
-    |------------------|--------------|----------------------------------------------------------------|
-    | `num_envs`       | `1`          | environments                                                   |
-    | `num_threads`    | `1`          | threads that step them; they sleep while they wait             |
-    | `autoreset_mode` | `"NextStep"` | see above                                                      |
-    | others           |              | those of the single environment, the same for all              |
-    """
+    BATCH: type[Episodes]
+    SINGLE: Any
+    """Batch, and the single environment whose arguments and spaces these are."""
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 50, "autoreset_mode": AutoresetMode.NEXT_STEP}
 
@@ -61,7 +33,7 @@ class HeightFollowingVectorEnv(VectorEnv):
         **arguments: Any,
     ) -> None:
         check_render_mode(render_mode, self.metadata["render_modes"])
-        self.batch = make_batch(num_envs, num_threads, arguments)
+        self.batch: Any = make_batch(self.BATCH, self.SINGLE, num_envs, num_threads, arguments)
         self.num_envs, self.render_mode = num_envs, render_mode
         self.autoreset_mode = _mode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
@@ -71,7 +43,8 @@ class HeightFollowingVectorEnv(VectorEnv):
         self._begun, self._over = np.zeros(num_envs, bool), np.zeros(num_envs, bool)  # its episode is over
         self._ready = False  # every environment has begun
         self._every = np.arange(num_envs)
-        self._films: list[Film | None] = [None] * num_envs
+        self._films: list[Any] = [None] * num_envs
+        self._names = (*self.BATCH.INFO, *(f"_{name}" for name in self.BATCH.INFO))
 
     def reset(
         self, *, seed: int | list[int | None] | np.ndarray | None = None, options: dict[str, Any] | None = None
@@ -102,7 +75,7 @@ class HeightFollowingVectorEnv(VectorEnv):
         return self.batch.observations.copy(), self._info(mask)
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """One control period of 1 ms in every environment.
+        """One step of every environment.
 
         Raises:
             InvalidInput: the actions have the wrong shape or type or are not finite; an episode has not begun, or is
@@ -143,7 +116,7 @@ class HeightFollowingVectorEnv(VectorEnv):
         self._ready = self._ready or bool(self._begun.all())
         if self.render_mode:
             for i in machines.tolist():
-                self._films[i] = Film(self.batch.scenario(i), self.batch.base.name, int(self.batch.scenario_seeds[i]))
+                self._films[i] = self.batch.film(i)
                 self._films[i].take(self.batch.fleet, i)
 
     def _film(self) -> None:
@@ -166,7 +139,7 @@ class HeightFollowingVectorEnv(VectorEnv):
     def _info(self, mask: np.ndarray) -> dict[str, Any]:
         """Gymnasium's rule: zero for the environments that the mask leaves out."""
         values = np.where(mask, self.batch.infos, 0.0)
-        return dict(zip(_NAMES, (*values, *(mask,) * len(INFO)), strict=True))
+        return dict(zip(self._names, (*values, *(mask,) * len(values)), strict=True))
 
     def _all(self) -> np.ndarray:
         return np.ones(self.num_envs, bool)
@@ -179,7 +152,43 @@ class HeightFollowingVectorEnv(VectorEnv):
         return np.flatnonzero(mask)
 
 
-def make_batch(num_envs: int, num_threads: int, arguments: dict[str, Any]) -> Batch:
+class HeightFollowingVectorEnv(KernelVectorEnv):
+    """
+    ## Description
+
+    ``num_envs`` environments of :class:`height_following.HeightFollowingEnv` in one kernel:
+    ``gymnasium.make_vec("kerfgym/HeightFollowing-v0", num_envs=256)``. Spaces, rewards, scenarios and arguments are
+    those of the single environment, and so are the bits: environment ``i`` of ``reset(seed=s)`` lives through the
+    episodes of a single environment that was reset with ``seed=s + i``.
+
+    ## Episode End
+
+    ``autoreset_mode`` is one of Gymnasium's three.
+
+    | mode         | what happens to an environment whose episode is over                                       |
+    |--------------|--------------------------------------------------------------------------------------------|
+    | `NextStep`   | the next step ignores its action and begins its next episode (reward 0)                    |
+    | `SameStep`   | the same step begins its next episode; `final_obs` and `final_info` hold how the last ended |
+    | `Disabled`   | nothing; it must be reset with `options={"reset_mask": mask}` before the next step          |
+
+    ## Info
+
+    A float64 array of shape `(num_envs,)` for each entry of the single environment's `info`, with its mask `_name`.
+
+    ## Arguments
+
+    | argument         | default      | meaning                                                        |
+    |------------------|--------------|----------------------------------------------------------------|
+    | `num_envs`       | `1`          | environments                                                   |
+    | `num_threads`    | `1`          | threads that step them; they sleep while they wait             |
+    | `autoreset_mode` | `"NextStep"` | see above                                                      |
+    | others           |              | those of the single environment, the same for all              |
+    """
+
+    BATCH, SINGLE = Batch, HeightFollowingEnv
+
+
+def make_batch(kind: type[Episodes], single: Any, num_envs: int, num_threads: int, arguments: dict[str, Any]) -> Any:
     """The batch of a vector environment.
 
     Raises:
@@ -188,14 +197,15 @@ def make_batch(num_envs: int, num_threads: int, arguments: dict[str, Any]) -> Ba
     for name, value in (("num_envs", num_envs), ("num_threads", num_threads)):
         if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
             raise InvalidInput(f"{name} = {value!r}; a whole number, at least 1")
-    known = [name for name in HeightFollowingEnv.__init__.__annotations__ if name not in ("return", "render_mode")]
+    known = [name for name in single.__init__.__annotations__ if name not in ("return", "render_mode")]
     for name in arguments:
         if name not in known:
             raise InvalidInput(f"unknown argument '{name}'; {did_you_mean(name, known)}")
-    return Batch(int(num_envs), **arguments, threads=int(num_threads))
+    make: Any = kind
+    return make(int(num_envs), **arguments, threads=int(num_threads))
 
 
-def put_sequences(batch: Batch, machines: np.ndarray, seed: Any, random: np.random.Generator) -> None:
+def put_sequences(batch: Episodes, machines: np.ndarray, seed: Any, random: np.random.Generator) -> None:
     """Gives machines the sequences of episodes that ``seed`` asks for; those without any get a random one.
 
     Raises:

@@ -32,7 +32,9 @@ def list_(kind: Annotated[Positional[str], arg(metavar="KIND")] = "all") -> None
 def _entries(kind: str) -> list[tuple[str, str]]:
     if kind == "environments":
         return [
-            ("kerfgym/HeightFollowing-v0", "move the head so that the nozzle keeps its height over the sheet, 1 kHz")
+            ("kerfgym/HeightFollowing-v0", "move the head so that the nozzle keeps its height over the sheet, 1 kHz"),
+            ("kerfgym/ContourFollowing-v0", "correct feed and axes along a contour, every 8 ms"),
+            ("kerfgym/Cutting-v0", "set feed, power, dither, focus and standoff of a cut, every 8 ms"),
         ]
     if kind == "scenarios":
         from ..envs import scenarios
@@ -123,7 +125,9 @@ def render(
     scenario: Annotated[str, arg(aliases=["-s"])] = "wavy",
     seed: int = 1000,
     seconds: float | None = None,
-    slow: float = 10.0,
+    slow: float | None = None,
+    path: Annotated[Path | None, arg(metavar="FILE")] = None,
+    colour: str = "standoff",
 ) -> None:
     """Write one episode as MP4 or GIF, or its last moment as PNG.
 
@@ -133,11 +137,13 @@ def render(
         scenario: name or TOML file.
         seed: scenario seed.
         seconds: of the episode to show. Default: all of it.
-        slow: how many times slower than real.
+        slow: how many times slower than real. Default: 10, of jobs 0.2, which is five times faster.
+        path: drawing or programme that is cut or travelled instead of the scenario's path.
+        colour: of a job's kerf: standoff, contour, dross or roughness.
     """
     from .film import film
 
-    film(out, controller, scenario, seed, seconds, slow)
+    film(out, controller, scenario, seed, seconds, slow, path, colour)
     print(out)
 
 

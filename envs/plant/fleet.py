@@ -1,5 +1,6 @@
 """A fleet: any number of machines in blocks, as Python sees them. Owns the memory, knows no physics."""
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -39,7 +40,7 @@ class Fleet(Columns):
         self._deck = np.zeros(machine.DECK, np.uint64)
         self._at = self._deck.ctypes.data
         self._deck[machine.D_MACHINES] = size
-        self._deck[machine.D_STEPS] = 1
+        self._deck[machine.D_STEPS] = self._usual = 1
         self._point(machine.D_BLOCK, self._block)
         self._point(machine.D_KEYS, self._keys)
         self._point(machine.D_FREQUENCIES, tables.frequencies)
@@ -203,20 +204,23 @@ class Fleet(Columns):
             self._deck[machine.D_NEXT] = 0
             workers(self.threads).share(self._share)
             self._deck[machine.D_TICK] += np.uint64(steps)
-        self._deck[machine.D_STEPS] = 1
+        self._deck[machine.D_STEPS] = self._usual
 
     def _share(self) -> None:
         machine.share(self._at)
 
-    def stepper(self) -> Callable[[], Any]:
-        """A function that advances every machine by one control period, as quickly as can be."""
-        return machine.advance.bound(self._at) if self.threads == 1 or self.blocks == 1 else self.advance
+    def stepper(self, steps: int = 1) -> Callable[[], Any]:
+        """A function that advances every machine by ``steps`` control periods, as quickly as can be."""
+        if self.threads > 1 and self.blocks > 1:
+            return functools.partial(self.advance, steps)
+        self._usual = self._deck[machine.D_STEPS] = steps
+        return machine.advance.bound(self._at)
 
     def run_kernel(self, kernel: Any, steps: int) -> None:
         """``steps`` control periods by another kernel with the deck's contract, such as one to compare speed with."""
         self._deck[machine.D_STEPS] = steps
         kernel(self._at)
-        self._deck[machine.D_STEPS] = 1
+        self._deck[machine.D_STEPS] = self._usual
 
     def start_recording(self, steps: int) -> np.ndarray:
         """Keeps the next ``steps`` periods: float32 of shape (steps, channels, size), see ``machine.CHANNELS``."""

@@ -7,7 +7,7 @@ import numpy as np
 from . import gantry, xy_axes
 from .columns import Columns
 from .controller import Law, stage_of
-from .lanes import W, fields, flat
+from .lanes import W, fields, flat, rows, unflat
 
 
 class Gantries(Columns):
@@ -87,3 +87,9 @@ class Gantries(Columns):
         """Ends :meth:`start_recording`; further periods are not kept."""
         self._deck[gantry.D_RECORD] = 0
         self.record = None
+
+    def trail(self, tick: int, index: int = 0) -> gantry.Trail:
+        """What happened to one gantry in the control period ``tick``, one of the last ones."""
+        place = int(gantry.TRAIL) // W + (tick & int(gantry.TRAIL_LAST)) * rows(gantry.Trail)
+        numbers = self._view[index // W, place : place + rows(gantry.Trail), index % W].tolist()
+        return unflat(gantry.Trail, numbers)

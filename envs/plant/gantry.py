@@ -134,6 +134,7 @@ PROCESS_SIGNALS, PROCESS_WISH = _layout.place(rows(ProcessPrivileged)), _layout.
 PROCESS_DUE, TURN, APPLIED = _layout.place(1), _layout.place(rows(Turn)), _layout.place(rows(Process))
 REALISED, BEAM = _layout.place(rows(spot.Realised)), _layout.place(rows(cut.Beam))
 S_CUT, FIGURES, SUMS = _layout.place(rows(cut.State)), _layout.place(rows(cut.Figures)), _layout.place(rows(Sums))
+BEFORE = _layout.place(rows(Sums))  # the sums when an environment last looked
 ROWS = _layout.rows
 STRIDE = U(ROWS * W)
 _TRAIL = U(rows(Trail)) * UW
@@ -188,7 +189,7 @@ def _at(jobs, j, k):
 
 
 @part
-def _between(jobs, j, tau, field):
+def between(jobs, j, tau, field):
     """A field of the job at ``tau`` ms of nominal time, interpolated."""
     low = np.floor(clip(tau, 0.0, j.samples - 1.0))
     i, k = _at(jobs, j, low) + field, _at(jobs, j, low + 1.0) + field
@@ -293,7 +294,7 @@ def locate_all(g, base, n, jobs, now):
             x=ax.position, y=ay.position, speed=np.sqrt(vx * vx + vy * vy), error=error,
             lag=(ax.issued - ax.position) * tx + (ay.issued - ay.position) * ty,
             s=jobs[i + U(2)] + (0.0 if outside else along), feed=jobs[i + U(3)] * s.override, tx=tx, ty=ty,
-            phase=jobs[i + U(7)], beam=jobs[i + U(6)], lift=_between(jobs, j, near, U(8)), tau=near,
+            phase=jobs[i + U(7)], beam=jobs[i + U(6)], lift=between(jobs, j, near, U(8)), tau=near,
             override=s.override, over=1.0 if near >= j.samples - 1.0 else 0.0,
         ))  # fmt: skip
         store(g, a + PROGRESS, Progress(
@@ -334,13 +335,13 @@ def head_all(g, base, n, jobs):
                 interpolation_in = s.interpolation_in - p.servo
             else:
                 interpolation_in = p.interpolation
-                most = _SLEW * p.acceleration * p.interpolation * PERIOD / max(_between(jobs, j, tau, U(3)), 1.0)
-                wanted = clip(applied.override, LEAST_OVERRIDE, _between(jobs, j, tau, U(9)))
+                most = _SLEW * p.acceleration * p.interpolation * PERIOD / max(between(jobs, j, tau, U(3)), 1.0)
+                wanted = clip(applied.override, LEAST_OVERRIDE, between(jobs, j, tau, U(9)))
                 override += clip(wanted - override, -most, most)
                 tau = min(tau + override * p.interpolation, j.samples - 1.0)
                 dx, dy = clip(hand.dx, -j.corrections, j.corrections), clip(hand.dy, -j.corrections, j.corrections)
-                x = xy_axes.headed(p, x, _between(jobs, j, tau, U0) + dx)
-                y = xy_axes.headed(p, y, _between(jobs, j, tau, U1) + dy)
+                x = xy_axes.headed(p, x, between(jobs, j, tau, U0) + dx)
+                y = xy_axes.headed(p, y, between(jobs, j, tau, U1) + dy)
             period = p.servo * PERIOD
             new_x, new_y = x.step / period, y.step / period
             ex, ey = xy_axes.encoded(p, x), xy_axes.encoded(p, y)
@@ -350,7 +351,7 @@ def head_all(g, base, n, jobs):
                 error_x=x.issued - ex, error_y=y.issued - ey, position_x=ex, position_y=ey,
                 velocity_x=new_x, velocity_y=new_y, acceleration_x=(new_x - vx) / period,
                 acceleration_y=(new_y - vy) / period, period=period,
-                feed=_between(jobs, j, tau, U(3)) * override, fresh=s.fresh,
+                feed=between(jobs, j, tau, U(3)) * override, fresh=s.fresh,
             ))  # fmt: skip
             store(g, a + PROGRESS, Progress(tau, override, s.near, p.servo, interpolation_in, new_x, new_y, False))
             g[a + DUE] = 1.0
@@ -399,8 +400,8 @@ def decide_all(block, at, g, base, n, jobs, now, after):
             x = load(Privileged, block, a + machine.SIGNALS)
             tau = trail.tau
             store(g, b + PROCESS_SIGNALS, ProcessPrivileged(
-                planned=_between(jobs, j, tau, U(3)), planned_50=_between(jobs, j, tau + 50.0, U(3)),
-                planned_100=_between(jobs, j, tau + 100.0, U(3)), planned_200=_between(jobs, j, tau + 200.0, U(3)),
+                planned=between(jobs, j, tau, U(3)), planned_50=between(jobs, j, tau + 50.0, U(3)),
+                planned_100=between(jobs, j, tau + 100.0, U(3)), planned_200=between(jobs, j, tau + 200.0, U(3)),
                 speed=trail.speed, override=trail.override, lag=trail.lag, contour_error=trail.error,
                 height=x.height, set_height=x.set_height, phase=trail.phase, beam=trail.beam > 0.5,
                 progress=tau / (j.samples - 1.0), thickness=recipe.thickness, nominal_power=recipe.power,
@@ -435,7 +436,7 @@ def record_all(block, at, g, base, n, now, record, where, machines):
 
 
 @part
-def _base(at):
+def column_of(at):
     """The column of the gantry's block that belongs to the machine's column at ``at``."""
     return (at // _STRIDE_Z) * STRIDE + at % _STRIDE_Z
 
@@ -444,9 +445,9 @@ def _start(block_address, at, n, deck_address, tick):
     """Starts a job: slides at rest at its first point, the whole trail there too, the first servo instant at hand."""
     deck, block = words(deck_address, _DECK), doubles(block_address, _ANY)
     g, jobs = doubles(deck[D_BLOCK], _ANY), doubles(deck[D_JOBS], _ANY)
-    base = _base(at)
+    base = column_of(at)
     j = load(Journey, g, base + P_JOURNEY)
-    x, y = _between(jobs, j, 0.0, U0), _between(jobs, j, 0.0, U1)
+    x, y = between(jobs, j, 0.0, U0), between(jobs, j, 0.0, U1)
     store(g, base + G_XY, xy_axes.gains(load(xy_axes.Params, g, base + P_XY), PERIOD))
     store(g, base + X, xy_axes.at_rest(x))
     store(g, base + Y, xy_axes.at_rest(y))
@@ -468,7 +469,7 @@ def _travel(block_address, at, n, deck_address, tick):
     """Axes and path: one control period, ``AHEAD`` ms ahead of the machine."""
     deck, block = words(deck_address, _DECK), doubles(block_address, _ANY)
     g, jobs = doubles(deck[D_BLOCK], _ANY), doubles(deck[D_JOBS], _ANY)
-    base = _base(at)
+    base = column_of(at)
     ahead, now = TRAIL + ((tick + _AHEAD) & TRAIL_LAST) * _TRAIL, TRAIL + (tick & TRAIL_LAST) * _TRAIL
     apply_all(g, base, n)
     issue_all(g, base, n)
@@ -483,7 +484,7 @@ def _finish(block_address, at, n, deck_address, tick):
     """The end of a period: the cut, the recorder, and what comes next."""
     deck, block = words(deck_address, _DECK), doubles(block_address, _ANY)
     g, jobs = doubles(deck[D_BLOCK], _ANY), doubles(deck[D_JOBS], _ANY)
-    base = _base(at)
+    base = column_of(at)
     now, after = TRAIL + (tick & TRAIL_LAST) * _TRAIL, TRAIL + ((tick + U1) & TRAIL_LAST) * _TRAIL
     cut_all(block, at, g, base, n, now)
     if deck[D_RECORD] > U0:
@@ -498,10 +499,12 @@ def _ready(block_address, at, n, deck_address, tick):
     """The end of the beginning: sums are empty, the process is decided for the first time."""
     deck, block = words(deck_address, _DECK), doubles(block_address, _ANY)
     g, jobs = doubles(deck[D_BLOCK], _ANY), doubles(deck[D_JOBS], _ANY)
-    base = _base(at)
+    base = column_of(at)
     store(g, base + S_CUT, cut.fresh())
     store(g, base + FIGURES, cut.nothing())
-    store(g, base + SUMS, Sums(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    none = Sums(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    store(g, base + SUMS, none)
+    store(g, base + BEFORE, none)
     now, after = TRAIL + (tick & TRAIL_LAST) * _TRAIL, TRAIL + ((tick + U1) & TRAIL_LAST) * _TRAIL
     decide_all(block, at, g, base, n, jobs, now, after)
     call(deck[D_PROCESS], deck[D_BLOCK], base, n, deck[D_PROCESS_TABLES], deck[D_PROCESS_SIZE])

@@ -1,0 +1,111 @@
+"""Gymnasium environment: the policy sets the process of a cut."""
+
+from typing import Any, Literal
+
+from .job_batch import CuttingBatch
+from .job_env import JobEnv
+from .vector import KernelVectorEnv
+
+
+class CuttingEnv(JobEnv):
+    """
+    ## Description
+
+    The whole machine cuts a job; the policy is the *trajectory-parameter adjusting unit* of Huang2024: every 8 ms it
+    sets feed override, laser power, dither, focus and standoff. Position loops and height follower run as in `base`.
+
+    ## Action Space
+
+    `Box(-1, 1, (8,), float32)`; `control="residual"` adds to the base's command, `control="direct"` is the command.
+
+    | | action | residual at ±1 | direct, −1 to 1 |
+    |-|--------|----------------|-----------------|
+    | 0 | feed override | ±0.5 | 0.05 to the scenario's limit (2) |
+    | 1 | laser power, of the nominal | ±0.2 | 0 to the scenario's limit (1.2) |
+    | 2 | frequency of the dither | ±2 kHz | 0 to 4 kHz |
+    | 3 | amplitude of the dither in x | ±0.15 mm | 0 to 0.3 mm |
+    | 4 | amplitude of the dither in y | ±0.15 mm | 0 to 0.3 mm |
+    | 5 | amplitude of the focus' dither | ±1 mm | 0 to 5 mm |
+    | 6 | offset of the focus, up positive | ±1 mm | ±5 mm |
+    | 7 | standoff, added to the nominal | ±0.3 mm | ±1 mm |
+
+    Values beyond what the optics, the recipe and the axes allow are limited to it.
+
+    ## Observation Space
+
+    `Box(-10, 10, (29,), float32)`, names in `job_interface.FEATURES["cutting"]`: those of ContourFollowing without the
+    corrections, the measured height's error and the set height, and the eight commands in force. The quality of the cut
+    is no observation: no sensor of the machine measures it.
+
+    ## Rewards
+
+    Per step: −`quality`·mm cut·(dross/a + Rz/R0)/2, −`through`·mm not cut through, −`time`, −`collision` once; a and R0
+    are the material's coefficients. The quality model is a proxy, see `plant/cut.py`.
+
+    ## Starting State
+
+    The axes stand at the first pierce point, the head above it. `reset(seed=s)` begins the sequence of episodes `s`;
+    `options={"scenario_seed": n}` asks for one scenario seed of the split.
+
+    ## Episode End
+
+    1. Termination: the job is done, or the nozzle touches the sheet (`info["cost"]` is 1).
+    2. Truncation: three times the planned time is over, or `max_steps`.
+
+    ## Info
+
+    Numbers in mm, mm/s, s, W and Hz, names in `job_interface.INFO["cutting"]`;
+    `objectives` is the vector of dross, roughness, share cut through of the step, and time.
+
+    ## Arguments
+
+    | argument      | default            | meaning                                                                     |
+    |---------------|--------------------|-----------------------------------------------------------------------------|
+    | `scenario`    | `"cut-square"`     | name, TOML file, `Scenario`, suite, or a list: one is drawn per episode     |
+    | `path`        | `None`             | drawing or programme (DXF, SVG, G-code) in place of the scenario's part     |
+    | `control`     | `"residual"`       | what the action does, see above                                             |
+    | `observation` | `"features"`       | or `"raw"`                                                                  |
+    | `split`       | `"train"`          | seeds: `train`, `tune`, `test`, `reserve`                                   |
+    | `reward`      | `None`             | weights that differ from the default                                        |
+    | `base`        | `"recipe"`         | does what the action leaves open: `"z=pid,xy=wu,process=recipe"`            |
+    | `machine`     | `None`             | tables that change the scenario: `{"gantry": {"preset": "modern"}}`         |
+    | `max_steps`   | `None`             | shorter episodes, for training                                              |
+    | `render_mode` | `None`             | `"rgb_array"`                                                               |
+    | `colour`      | `"standoff"`       | of the kerf: `standoff`, `contour`, `dross`, `roughness`                    |
+
+    ## Vectorised environment
+
+    `gymnasium.make_vec(id, num_envs=256)` gives the same machines in one kernel; the same scenario seed gives the same
+    bits in either.
+
+    ## Version History
+
+    * v0: first version.
+    """
+
+    BATCH = CuttingBatch
+
+    def __init__(
+        self,
+        scenario: Any = "cut-square",
+        control: Literal["residual", "direct"] = "residual",
+        observation: Literal["features", "raw"] = "features",
+        split: str = "train",
+        reward: dict[str, float] | None = None,
+        base: Any = "recipe",
+        machine: dict[str, Any] | None = None,
+        path: str | None = None,
+        max_steps: int | None = None,
+        render_mode: str | None = None,
+        colour: str = "standoff",
+    ) -> None:
+        super().__init__(
+            render_mode, scenario=scenario, control=control, observation=observation, split=split, reward=reward,
+            base=base, machine=machine, path=path, max_steps=max_steps, colour=colour,
+        )  # fmt: skip
+
+
+class CuttingVectorEnv(KernelVectorEnv):
+    """``num_envs`` environments of :class:`CuttingEnv` in one kernel; see :class:`vector.KernelVectorEnv`."""
+
+    BATCH, SINGLE = CuttingBatch, CuttingEnv

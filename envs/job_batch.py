@@ -1,0 +1,111 @@
+"""Any number of machines that do jobs, behind one set of arrays."""
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from . import job_interface as interface
+from . import scenarios, workshop
+from . import stack as stacks
+from .episodes import Episodes, check_choice, chosen, weights_of
+from .job_interface import FEATURES, LIMIT, ContourReward, CuttingReward, Io
+from .kerf_film import KerfFilm
+from .kerf_picture import QUANTITIES
+from .plant import heads
+from .plant.controller import stage_address
+from .plant.fleet import Fleet
+from .plant.quantity import InvalidInput
+
+PERIOD = 8
+"""Control periods of 1 ms from decision to decision."""
+
+LONGEST = 3.0
+"""Times the planned time, after which an episode is over."""
+
+
+class JobBatch(Episodes):
+    """``size`` machines; the other arguments are those of :class:`contour_following.ContourFollowingEnv`.
+
+    Raises:
+        InvalidInput: unknown name, a number out of range, or a scenario without a job.
+    """
+
+    TASK = ""
+
+    def __init__(
+        self,
+        size: int,
+        scenario: Any = "",
+        control: str = "residual",
+        observation: str = "features",
+        split: str = "train",
+        reward: dict[str, float] | None = None,
+        base: Any = "",
+        machine: dict[str, Any] | None = None,
+        path: str | None = None,
+        max_steps: int | None = None,
+        colour: str = "standoff",
+        threads: int = 1,
+    ) -> None:
+        contour = self.TASK == "contour"
+        check_choice(control, interface.CONTROLS[:1] if contour else interface.CONTROLS, "control")
+        check_choice(observation, interface.OBSERVATIONS, "observation")
+        check_choice(split, scenarios.SPLITS, "split")
+        check_choice(colour, QUANTITIES, "colour")
+        found = chosen(scenario or ("contour-square" if contour else "cut-square"), machine)
+        if path is not None:
+            found = [s.varied(job={"part": str(path), "size": 0.0}) if s.job else s for s in found]
+        for each in found:
+            if each.job is None:
+                raise InvalidInput(f"scenario '{each.name}' has no job; this environment needs one with a table [job]")
+        if max_steps is not None and max_steps < 1:
+            raise InvalidInput(f"max_steps = {max_steps} is out of range; at least 1")
+        self.control, self.colour = control, colour
+        self.weights = weights_of(reward, ContourReward() if contour else CuttingReward())
+        self.base = stacks.team(base or ("wu" if contour else "recipe"))
+        for stack in self.base.stacks:
+            if stack.python is not None:
+                raise InvalidInput(f"base controller '{stack.name}' is plain Python; a base must be a compiled law")
+        self.jobs = [workshop.programme(s, self.base) for s in found]
+        width, seen = 3 if contour else 8, len(FEATURES[self.TASK])
+        high = np.inf if observation == "raw" else LIMIT
+        longest = [int(np.ceil(LONGEST * len(job.x) / PERIOD)) for job in self.jobs]
+        super().__init__(
+            size, found, split, [min(n, max_steps or n) for n in longest],
+            gym.spaces.Box(-1.0, 1.0, (width,), np.float32), gym.spaces.Box(-high, high, (seen,), np.float32),
+        )  # fmt: skip
+        self.fleet = Fleet(size, self.base.z.law, heads.POOL, threads)
+        gantries = self.fleet.use_gantries(self.base.xy.law, self.base.process.law)
+        self.base.install(self.fleet, np.arange(size))
+        self._weights = np.array(self.weights)
+        self._io = np.array(Io(
+            self.actions.ctypes.data, self.observations.ctypes.data, self.rewards.ctypes.data,
+            self.returns.ctypes.data, self.infos.ctypes.data, self._weights.ctypes.data,
+            interface.TASKS.index(self.TASK), int(control == "direct"), int(observation == "raw"), seen, width, size,
+            self.left.ctypes.data, self.terminated.ctypes.data, self.truncated.ctypes.data, gantries.address,
+        ), np.uint64)  # fmt: skip
+        self.fleet.hook(stage_address(interface.act), stage_address(interface.observe), self._io)
+        self.advance = self.fleet.stepper(PERIOD)
+
+    def prepare(self, index: int, machines: np.ndarray, seeds: np.ndarray, again: bool) -> None:
+        """See :meth:`Episodes.prepare`."""
+        workshop.prepare(self.fleet, self.scenarios[index], self.base, machines, seeds)
+
+    def film(self, machine: int) -> KerfFilm:
+        """What shows the episode of a machine that has just begun."""
+        index = int(self.scenario_of[machine])
+        title = f"{self.scenarios[index].name} · {self.base.name} · seed {int(self.scenario_seeds[machine])}"
+        return KerfFilm(self.jobs[index], title, self.colour)
+
+
+class ContourBatch(JobBatch):
+    """Machines of ContourFollowing."""
+
+    TASK, INFO = "contour", interface.INFO["contour"]
+
+
+class CuttingBatch(JobBatch):
+    """Machines of Cutting."""
+
+    TASK, INFO = "cutting", interface.INFO["cutting"]

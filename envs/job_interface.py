@@ -1,0 +1,323 @@
+"""What a policy does to a job and what it gets back: stages before and after each decision of 8 ms."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .plant import cut, gantry, machine
+from .plant.controller import Privileged, Process
+from .plant.gantry import CUT, LEAD_IN, Hand, Journey, Progress, Recipe, Sums, Trail, between
+from .plant.lanes import U0, U1, UW, U, clip, doubles, flags, load, logarithm, part, singles, store, words
+
+TASKS = ("contour", "cutting")
+CONTROLS = ("residual", "direct")
+OBSERVATIONS = ("features", "raw")
+
+CORRECTION = 0.2
+"""mm of the reference that an action of ±1 means."""
+
+OVERRIDE = 0.5
+"""Of the planned feed that an action of ±1 adds in residual control."""
+
+RESIDUAL = Process(override=OVERRIDE, power=0.2, frequency=2000.0, x=0.15, y=0.15, z=1.0, focus=1.0, standoff=0.3)
+"""What an action of ±1 adds to the base's command."""
+
+TOLERANCE = 0.01
+"""mm; contour errors are felt in multiples of it."""
+
+AHEAD = (50.0, 100.0, 200.0)
+"""ms of the plan at which the path ahead is shown."""
+
+LIMIT = 10.0
+"""Bound of every feature."""
+
+_PATH = (
+    "contour_error", "lag", "speed", "planned", *(f"planned_{k:.0f}" for k in AHEAD),
+    *(f"bend_{k:.0f}" for k in AHEAD), *(f"ahead_{k:.0f}" for k in AHEAD), "override", "tangent_x", "tangent_y",
+    "cutting", "beam", "progress",
+)  # fmt: skip
+FEATURES = {
+    "contour": (*_PATH, "correction_left", "correction_along"),
+    "cutting": (*_PATH, "height_error", "set_height", *(f"command_{name}" for name in Process._fields)),
+}
+"""Names of the features, in order; ``raw`` observations have the same in mm, mm/s, W, Hz and rad."""
+
+INFO = {
+    "contour": (
+        "time", "x", "y", "phase", "progress", "contour_error", "lag", "speed", "override", "true_gap", "gap_error",
+        "measured_height", "cost", "length", "step_contour_rms", "done", "reward_contour", "reward_time",
+        "reward_collision", "weighted_contour", "weighted_time", "weighted_collision",
+    ),
+    "cutting": (
+        "time", "x", "y", "phase", "progress", "contour_error", "lag", "speed", "override", "true_gap", "gap_error",
+        "measured_height", "cost", "length", "step_contour_rms", "done", "margin", "dross", "roughness", "kerf",
+        "taper", "power", "frequency", "step_dross", "step_roughness", "step_through", "reward_quality",
+        "reward_through", "reward_time", "reward_collision", "weighted_quality", "weighted_through", "weighted_time",
+        "weighted_collision",
+    ),
+}  # fmt: skip
+"""What ``info`` holds, in order: mm, mm/s, s, W, Hz; ``step_…`` are means over the cut of the last 8 ms."""
+
+OBJECTIVES = {
+    "contour": ("step_contour_rms", "time"),
+    "cutting": ("step_dross", "step_roughness", "step_through", "time"),
+}
+"""Entries of ``info`` that make the vector of objectives, all but ``step_through`` the smaller the better."""
+
+
+class ContourReward(NamedTuple):
+    """Weights of the reward's terms in ContourFollowing; 0 switches one off."""
+
+    contour: float = 1.0  # per log(1 + |RMS contour error of the step|/10 µm), while cutting
+    time: float = 0.5  # per step
+    collision: float = 100.0  # once
+
+
+class CuttingReward(NamedTuple):
+    """Weights of the reward's terms in Cutting; 0 switches one off."""
+
+    quality: float = 1.0  # per mm cut times the mean of dross and roughness over the material's scales
+    through: float = 5.0  # per mm that is not cut through
+    time: float = 0.05  # per step
+    collision: float = 100.0  # once
+
+
+class Io(NamedTuple):
+    """Words that the stages share with Python: addresses of the batch's arrays, and what they hold."""
+
+    actions: int  # float32, (machines, width)
+    observations: int  # float32, (machines, size)
+    rewards: int  # float64, (machines,)
+    returns: int  # float64, (machines,)
+    infos: int  # float64, (len(INFO), machines)
+    weights: int  # float64, (terms,)
+    task: int
+    direct: int
+    raw: int
+    size: int
+    width: int
+    machines: int
+    left: int  # float64, (machines,), steps until the time is over
+    terminated: int  # bool, (machines,)
+    truncated: int  # bool, (machines,)
+    gantry: int  # address of the gantries' deck
+
+
+(
+    _ACTIONS, _OBSERVATIONS, _REWARDS, _RETURNS, _INFOS, _WEIGHTS, _TASK, _DIRECT, _RAW, _SIZE, _WIDTH, _MACHINES,
+    _LEFT, _TERMINATED, _TRUNCATED, _GANTRY,
+) = range(len(Io._fields))  # fmt: skip
+_IO, _ANY, _DECK = U(len(Io._fields)), U(2**40), U(gantry.DECK)
+_TRAIL = U(len(Trail._fields)) * UW
+_COLLIDED = machine.TALLY + U(machine.Tally._fields.index("collided")) * UW
+_STEP = 8e-3
+
+
+@part
+def _now(block, at):
+    """Offset of the present entry of the trail."""
+    return gantry.TRAIL + (U(np.int64(block[at + machine.CLOCK])) & gantry.TRAIL_LAST) * _TRAIL
+
+
+@part
+def _symlog(x):
+    """sign·ln(1 + |x|)."""
+    y = logarithm(1.0 + abs(x))
+    return y if x >= 0.0 else -y
+
+
+# --------------------------------------------------------------------------------------------------- the action
+
+
+def act(block_address, at, n, io_address, first):
+    """Stage before a step: the action becomes what the hand adds to path and process."""
+    io, block = words(io_address, _IO), doubles(block_address, _ANY)
+    g = doubles(words(io[_GANTRY], _DECK)[gantry.D_BLOCK], _ANY)
+    base, actions, width = gantry.column_of(at), singles(io[_ACTIONS], _ANY), io[_WIDTH]
+    for lane in range(n):
+        a, i = base + lane, (first + lane) * width
+        if io[_TASK] == U0:
+            left = CORRECTION * clip(np.float64(actions[i + U1]), -1.0, 1.0)
+            along = CORRECTION * clip(np.float64(actions[i + U(2)]), -1.0, 1.0)
+            t = load(Trail, g, a + _now(block, at))
+            change = OVERRIDE * clip(np.float64(actions[i]), -1.0, 1.0)
+            store(g, a + gantry.HAND, Hand(
+                dx=along * t.tx - left * t.ty, dy=along * t.ty + left * t.tx,
+                process=Process(change, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+            ))  # fmt: skip
+        else:
+            u0, u1 = clip(np.float64(actions[i]), -1.0, 1.0), clip(np.float64(actions[i + U(1)]), -1.0, 1.0)
+            u2, u3 = clip(np.float64(actions[i + U(2)]), -1.0, 1.0), clip(np.float64(actions[i + U(3)]), -1.0, 1.0)
+            u4, u5 = clip(np.float64(actions[i + U(4)]), -1.0, 1.0), clip(np.float64(actions[i + U(5)]), -1.0, 1.0)
+            u6, u7 = clip(np.float64(actions[i + U(6)]), -1.0, 1.0), clip(np.float64(actions[i + U(7)]), -1.0, 1.0)
+            if io[_DIRECT] == U1:
+                r, p = load(Recipe, g, a + gantry.P_RECIPE), load(gantry.spot.Params, g, a + gantry.P_OPTICS)
+                # From nothing to the most that the optics and the recipe allow; 0 is the middle.
+                h = Process(
+                    0.5 * (u0 + 1.0) * r.most_override, 0.5 * (u1 + 1.0) * r.most_power,
+                    0.5 * (u2 + 1.0) * p.highest, 0.5 * (u3 + 1.0) * p.galvo_range, 0.5 * (u4 + 1.0) * p.galvo_range,
+                    0.5 * (u5 + 1.0) * p.piezo_range, u6 * p.piezo_range, u7 * r.most_standoff,
+                )  # fmt: skip
+            else:
+                h = Process(
+                    RESIDUAL.override * u0, RESIDUAL.power * u1, RESIDUAL.frequency * u2, RESIDUAL.x * u3,
+                    RESIDUAL.y * u4, RESIDUAL.z * u5, RESIDUAL.focus * u6, RESIDUAL.standoff * u7,
+                )  # fmt: skip
+            store(g, a + gantry.HAND, Hand(0.0, 0.0, h))
+
+
+# ---------------------------------------------------------------------------------------------- the observation
+
+
+@part
+def _put(out, o, x, raw, scaled):
+    """One entry of an observation: as it is, or scaled and bounded."""
+    out[o] = np.float32(x) if raw else np.float32(clip(scaled, -LIMIT, LIMIT))
+
+
+@part
+def _see(block, a, g, b, jobs, out, o, raw, task, trail):
+    """The observation of the machine at ``a`` and ``b`` into ``out`` from ``o`` on."""
+    j, s = load(Journey, g, b + gantry.P_JOURNEY), load(Progress, g, b + gantry.PROGRESS)
+    hand, applied = load(Hand, g, b + gantry.HAND), load(Process, g, b + gantry.APPLIED)
+    t, feed = load(Trail, g, b + trail), max(j.feed, 1e-3)
+    planned = between(jobs, j, t.tau, U(3))
+    _put(out, o, t.error, raw, _symlog(t.error / TOLERANCE))
+    _put(out, o + U(1), t.lag, raw, _symlog(t.lag / (10.0 * TOLERANCE)))
+    _put(out, o + U(2), t.speed, raw, t.speed / feed)
+    _put(out, o + U(3), planned, raw, planned / feed)
+    for k in range(U(3)):
+        ms = AHEAD[0] if k == U0 else (AHEAD[1] if k == U1 else AHEAD[2])
+        later = between(jobs, j, t.tau + ms, U(3))
+        tx, ty = between(jobs, j, t.tau + ms, U(4)), between(jobs, j, t.tau + ms, U(5))
+        bend, ahead = t.tx * ty - t.ty * tx, t.tx * tx + t.ty * ty
+        _put(out, o + U(4) + k, later, raw, later / feed)
+        _put(out, o + U(7) + k, bend, raw, bend)
+        _put(out, o + U(10) + k, ahead, raw, ahead)
+    _put(out, o + U(13), t.override, raw, t.override)
+    _put(out, o + U(14), t.tx, raw, t.tx)
+    _put(out, o + U(15), t.ty, raw, t.ty)
+    cutting = 1.0 if t.phase == LEAD_IN or t.phase == CUT else 0.0
+    _put(out, o + U(16), cutting, raw, cutting)
+    _put(out, o + U(17), t.beam, raw, t.beam)
+    progress = s.near / (j.samples - 1.0)
+    _put(out, o + U(18), progress, raw, progress)
+    if task == U0:
+        left, along = hand.dy * t.tx - hand.dx * t.ty, hand.dx * t.tx + hand.dy * t.ty
+        _put(out, o + U(19), left, raw, left / CORRECTION)
+        _put(out, o + U(20), along, raw, along / CORRECTION)
+    else:
+        x = load(Privileged, block, a + machine.SIGNALS)
+        height, p = x.height - x.set_height, load(gantry.spot.Params, g, b + gantry.P_OPTICS)
+        _put(out, o + U(19), height, raw, _symlog(height / TOLERANCE))
+        _put(out, o + U(20), x.set_height, raw, x.set_height)
+        _put(out, o + U(21), applied.override, raw, applied.override)
+        _put(out, o + U(22), applied.power, raw, applied.power)
+        _put(out, o + U(23), applied.frequency, raw, applied.frequency / p.highest)
+        _put(out, o + U(24), applied.x, raw, applied.x / p.galvo_range)
+        _put(out, o + U(25), applied.y, raw, applied.y / p.galvo_range)
+        _put(out, o + U(26), applied.z, raw, applied.z / p.piezo_range)
+        _put(out, o + U(27), applied.focus, raw, applied.focus / p.piezo_range)
+        _put(out, o + U(28), applied.standoff, raw, applied.standoff)
+
+
+# ---------------------------------------------------------------------------------------- the reward and the info
+
+
+@part
+def _common(block, a, g, b, trail, infos, o, m):
+    """The entries of INFO that both tasks have, from ``infos[o]`` on, ``m`` apart."""
+    t, x, s = load(Trail, g, b + trail), load(Privileged, block, a + machine.SIGNALS), load(Sums, g, b + gantry.SUMS)
+    r, was = load(Recipe, g, b + gantry.P_RECIPE), load(Sums, g, b + gantry.BEFORE)
+    j, p = load(Journey, g, b + gantry.P_JOURNEY), load(Progress, g, b + gantry.PROGRESS)
+    length = s.length - was.length
+    infos[o] = s.time
+    infos[o + m] = t.x
+    infos[o + U(2) * m] = t.y
+    infos[o + U(3) * m] = t.phase
+    infos[o + U(4) * m] = p.near / (j.samples - 1.0)
+    infos[o + U(5) * m] = t.error
+    infos[o + U(6) * m] = t.lag
+    infos[o + U(7) * m] = t.speed
+    infos[o + U(8) * m] = t.override
+    infos[o + U(9) * m] = x.gap
+    infos[o + U(10) * m] = x.gap - r.standoff
+    infos[o + U(11) * m] = x.height
+    infos[o + U(12) * m] = block[a + _COLLIDED]
+    infos[o + U(13) * m] = s.length
+    infos[o + U(14) * m] = np.sqrt(max(s.contour2 - was.contour2, 0.0) / length) if length > 0.0 else 0.0
+    infos[o + U(15) * m] = t.over
+
+
+@part
+def _contour_reward(infos, o, m, weights):
+    """The terms of ContourFollowing; returns their weighted sum."""
+    felt, collided = logarithm(1.0 + infos[o + U(14) * m] / TOLERANCE), infos[o + U(12) * m]
+    infos[o + U(16) * m] = felt
+    infos[o + U(17) * m] = 1.0
+    infos[o + U(18) * m] = collided
+    infos[o + U(19) * m] = -weights[U0] * felt
+    infos[o + U(20) * m] = -weights[U1]
+    infos[o + U(21) * m] = -weights[U(2)] * collided
+    return infos[o + U(19) * m] + infos[o + U(20) * m] + infos[o + U(21) * m]
+
+
+@part
+def _cutting_reward(g, b, infos, o, m, weights):
+    """The cut and the terms of Cutting; returns their weighted sum."""
+    f, p = load(cut.Figures, g, b + gantry.FIGURES), load(cut.Params, g, b + gantry.P_CUT)
+    s, was = load(Sums, g, b + gantry.SUMS), load(Sums, g, b + gantry.BEFORE)
+    r, applied = load(Recipe, g, b + gantry.P_RECIPE), load(Process, g, b + gantry.APPLIED)
+    length, collided = s.length - was.length, infos[o + U(12) * m]
+    over = 1.0 / length if length > 0.0 else 0.0
+    dross, rough = (s.dross - was.dross) * over, (s.roughness - was.roughness) * over
+    through = (s.through - was.through) * over if length > 0.0 else 1.0
+    infos[o + U(16) * m] = f.margin
+    infos[o + U(17) * m] = f.dross
+    infos[o + U(18) * m] = f.roughness
+    infos[o + U(19) * m] = f.kerf_top
+    infos[o + U(20) * m] = f.taper
+    infos[o + U(21) * m] = applied.power * r.power
+    infos[o + U(22) * m] = applied.frequency
+    infos[o + U(23) * m] = dross
+    infos[o + U(24) * m] = rough
+    infos[o + U(25) * m] = through
+    infos[o + U(26) * m] = 0.5 * length * (dross / p.dross + rough / p.rough)
+    infos[o + U(27) * m] = length * (1.0 - through)
+    infos[o + U(28) * m] = 1.0
+    infos[o + U(29) * m] = collided
+    total = 0.0
+    for k in range(U(4)):
+        weighted = -weights[k] * infos[o + (U(26) + k) * m]
+        infos[o + (U(30) + k) * m] = weighted
+        total += weighted
+    return total
+
+
+def observe(block_address, at, n, io_address, first):
+    """Stage after a step: observation, reward and info of each machine, and whether its episode is over."""
+    block, io = doubles(block_address, _ANY), words(io_address, _IO)
+    deck = words(io[_GANTRY], _DECK)
+    g, jobs, base = doubles(deck[gantry.D_BLOCK], _ANY), doubles(deck[gantry.D_JOBS], _ANY), gantry.column_of(at)
+    out, infos, weights = singles(io[_OBSERVATIONS], _ANY), doubles(io[_INFOS], _ANY), doubles(io[_WEIGHTS], _ANY)
+    m, eighth = io[_MACHINES], first * U(8)
+    rewards, returns = doubles(io[_REWARDS] + eighth, n), doubles(io[_RETURNS] + eighth, n)
+    left = doubles(io[_LEFT] + eighth, n)
+    terminated, truncated = flags(io[_TERMINATED] + first, n), flags(io[_TRUNCATED] + first, n)
+    trail = _now(block, at)
+    one, none = np.uint8(1), np.uint8(0)
+    for lane in range(n):
+        a, b, o = at + lane, base + lane, first + lane
+        _see(block, a, g, b, jobs, out, o * io[_SIZE], io[_RAW] == U1, io[_TASK], trail)
+        _common(block, a, g, b, trail, infos, o, m)
+        if io[_TASK] == U0:
+            reward = _contour_reward(infos, o, m, weights)
+        else:
+            reward = _cutting_reward(g, b, infos, o, m, weights)
+        store(g, b + gantry.BEFORE, load(Sums, g, b + gantry.SUMS))
+        rewards[lane] = reward
+        returns[lane] += reward
+        left[lane] -= 1.0
+        over = infos[o + U(12) * m] > 0.5 or infos[o + U(15) * m] > 0.5
+        terminated[lane] = one if over else none
+        truncated[lane] = one if left[lane] <= 0.0 and not over else none
