@@ -30,8 +30,8 @@ class ContourFollowingEnv(JobEnv):
 
     `Box(-10, 10, (21,), float32)`, names in `job_interface.FEATURES["contour"]`: contour error and lag
     (sign·log(1 + |x|) in units of 10 and 100 µm), speed and planned feed now and in 50, 100 and 200 ms over the cut's
-    feed, the path's direction then against now (sine, cosine), feed override, direction, whether it is cutting, beam, progress, and the
-    corrections in force. `observation="raw"` gives the same in mm and mm/s.
+    feed, the path's direction then against now (sine, cosine), feed override, direction, whether it is cutting, beam,
+    progress, and the corrections in force. `observation="raw"` gives the same in mm and mm/s.
 
     ## Rewards
 

@@ -100,8 +100,10 @@ def _load(typingctx, cls, block, at):
 
 @intrinsic
 def _store(typingctx, block, at, value):
-    kind = value.instance_class
-    whole = _numba_type(kind)
+    kind = getattr(value, "instance_class", None)
+    whole = kind and _numba_type(kind)
+    if value != whole:  # not Numba's error, of which it would tell no more than that there was one
+        raise TypeError(f"{value} is not {whole or 'a NamedTuple'}")
 
     def codegen(context, builder, signature, args):
         data = context.make_array(block)(context, builder, args[0]).data
@@ -248,9 +250,8 @@ def _translated(value: Any) -> Any:
 def _holds_parts(module: python_types.ModuleType) -> bool:
     if module.__name__.split(".")[0] == PACKAGE:
         return True
-    return any(
-        isinstance(v, Dispatcher | python_types.FunctionType) and v in lanes.PARTS for v in vars(module).values()
-    )
+    functions = (v for v in vars(module).values() if isinstance(v, Dispatcher | python_types.FunctionType))
+    return any(isinstance(f, Dispatcher) or f in lanes.PARTS for f in functions)
 
 
 def _dispatcher(function: Callable[..., Any], forceinline: bool) -> Any:
@@ -432,7 +433,9 @@ def _remembering() -> Iterator[None]:
 def compiled(functions: Sequence[Callable[..., None]]) -> Object:
     """Machine code of kernels that belong together: functions of unsigned 64-bit integers that return nothing."""
     whole = _optimised(functions)
-    needs = (f.name for f in whole._final_module.functions if f.is_declaration)
+    needs = {f.name for f in whole._final_module.functions if f.is_declaration}
+    if "numba_gil_release" in needs:
+        raise errors.UnsupportedError("compiled code runs without Python, so it cannot print or call Python back")
     runtime = any(name.startswith(("NRT_", "numba_")) for name in needs)
     return Object(whole.codegen._tm.emit_object(whole._final_module), runtime)
 
@@ -454,7 +457,8 @@ def _optimised(functions: Sequence[Callable[..., None]]) -> codegen.CPUCodeLibra
             needed = _entry(function, module, context).everything(needed)
     whole.add_ir_module(module)
     stages: list[str] = []
-    for library in needed:
+    # Numba's own last: the linker takes of its run-time library only what is called already.
+    for library in sorted(needed, key=lambda library: not isinstance(library, _Library)):
         _link(whole._final_module, library)
         stages += library.stages if isinstance(library, _Library) else []
     for name in stages:

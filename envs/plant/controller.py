@@ -23,6 +23,8 @@ Python implements ``reset()`` and ``control(signals)`` instead and runs through 
 
 import hashlib
 import inspect
+import re
+import types
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -308,7 +310,18 @@ def stage_of(law: Law, rows: dict[str, np.uint64]) -> int:
             _Signals=law.signals, _P=rows["params"], _S=rows["state"], _X=rows["signals"], _WISH=rows["wish"],
             _SIZE=lanes.U(2**40), _DUE=rows.get("due", lanes.U0),
         )  # fmt: skip
-    return _stages[name].address
+    try:
+        return _stages[name].address
+    except Exception as error:  # the compiler's are of many kinds
+        raise InvalidInput(f"controller '{law.name}' cannot be compiled: {_reason(error)}") from error
+
+
+def _reason(error: Exception) -> str:
+    """The line of the compiler's message that tells what is wrong, and where."""
+    lines = [line for line in str(error).splitlines() if line and not line.startswith("Failed in ")]
+    places = re.findall(r'File "(.*)", line (\d+)', str(error))
+    where = [f" ({file}, line {line})" for file, line in places if Path(file).resolve() != Path(__file__).resolve()]
+    return "".join([lines[0] if lines else repr(error), *where[:1]])
 
 
 def stage_address(function: Callable[..., None]) -> int:
@@ -351,7 +364,7 @@ def make_law(space: Any, name: str, information: str = "sensor", slot: str = "z"
         name=name, summary=doc.split("\n")[0], information=information, slot=slot, Params=space.Params,
         State=space.State, init=_compiled(space.init), control=_compiled(space.control),
         tables=np.zeros(0) if tables is None else np.ascontiguousarray(tables, np.float64).ravel(),
-        source=source_of(space),
+        source=source_of(space) + "".join(_told(_compiled(f), frozenset(), set()) for f in (space.init, space.control)),
     )  # fmt: skip
 
 
@@ -362,3 +375,49 @@ def source_of(space: Any) -> str:
         return Path(path).read_text(encoding="utf-8") if path else ""
     except (OSError, TypeError):
         return ""
+
+
+def _told(value: Any, names: frozenset[str], seen: set[Any]) -> str:
+    """Text that changes with whatever compiled code takes over from ``value``, be it from another file.
+
+    Args:
+        value: what a name in the code stands for.
+        names: all names in that code; those of a module's attributes are among them.
+        seen: what has been told.
+    """
+    function = getattr(value, "py_func", value)
+    if isinstance(function, types.FunctionType):
+        known = function is value and function not in lanes.PARTS  # to the compiler: NumPy's, say
+        if known or function in seen or function.__module__.startswith(f"{__package__}."):  # the stamp tells these
+            return ""
+        seen.add(function)
+        cells = zip(function.__code__.co_freevars, function.__closure__ or (), strict=True)
+        space = {**function.__globals__, **{name: cell.cell_contents for name, cell in cells}}
+        text, names = _code_told(function.__code__)
+        return f"{text}{function.__defaults__}{_all_told(space, names, seen)}"
+    if isinstance(value, types.ModuleType) and (value, names) not in seen:
+        seen.add((value, names))
+        return _all_told(vars(value), names, seen)
+    if lanes.is_part(value):
+        return f"{value._fields}{vars(value).get('__annotations__')}{value._field_defaults}"
+    if isinstance(value, np.ndarray):
+        return f"{value.dtype}{value.shape}{value.tobytes().hex()}"
+    if isinstance(value, tuple):
+        return "".join(f"{_told(each, names, seen)}," for each in value)
+    return repr(value) if isinstance(value, int | float | complex | str | np.generic) else ""
+
+
+def _all_told(space: dict[str, Any], names: frozenset[str], seen: set[Any]) -> str:
+    return "".join(f"{name} {_told(space[name], names, seen)}\n" for name in sorted(names & space.keys()))
+
+
+def _code_told(code: types.CodeType) -> tuple[str, frozenset[str]]:
+    """What a function does, and all names in it."""
+    text, names = code.co_code.hex(), frozenset(code.co_names + code.co_freevars)
+    for constant in code.co_consts:
+        if isinstance(constant, types.CodeType):
+            inner, more = _code_told(constant)
+            text, names = text + inner, names | more
+        else:
+            text += str(sorted(map(repr, constant))) if isinstance(constant, frozenset) else repr(constant)
+    return f"{text}{code.co_names}", names

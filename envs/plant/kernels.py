@@ -5,6 +5,7 @@ beside its module's byte code. The file's name tells the processor and a hash of
 contain; when one of them changes, the kernel is compiled anew (:mod:`compiler`, which imports Numba).
 """
 
+import contextlib
 import ctypes
 import functools
 import hashlib
@@ -101,17 +102,13 @@ def symbol(function: Callable[..., None]) -> str:
 def _addresses(kernels: tuple[Kernel, ...]) -> dict[Kernel, tuple[int, int]]:
     """Addresses of kernels (and of their bound entries) that share an object file, from the disk or the compiler."""
     file, names = _file(kernels), [symbol(kernel.function) for kernel in kernels]
-    if file.is_file():
-        head, _, code = file.read_bytes().partition(b"\n")
-        entry = json.loads(head)
-        if entry["bytes"] == len(code):
-            return dict(zip(kernels, _load(code, names, entry["runtime"]), strict=True))
-    from . import compiler
+    kept = _kept(file)
+    if kept is None:
+        from . import compiler
 
-    compiled = compiler.compiled([kernel.function for kernel in kernels])
-    entry = {"runtime": compiled.runtime, "bytes": len(compiled.code)}
-    _keep(file, json.dumps(entry).encode() + b"\n" + compiled.code)
-    return dict(zip(kernels, _load(compiled.code, names, compiled.runtime), strict=True))
+        kept = compiler.compiled([kernel.function for kernel in kernels])
+        _keep(file, *kept)
+    return dict(zip(kernels, _load(kept[0], names, kept[1]), strict=True))
 
 
 def _file(kernels: tuple[Kernel, ...]) -> pathlib.Path:
@@ -150,35 +147,48 @@ def _machine() -> str:
 @functools.cache
 def _folder(source: str) -> pathlib.Path:
     """``$KERFGYM_CACHE_DIR``; else ``__pycache__`` beside the source, or the user's cache if that cannot be written."""
-    wanted = os.environ.get("KERFGYM_CACHE_DIR")
-    if wanted:
-        pathlib.Path(wanted).mkdir(parents=True, exist_ok=True)
-        return pathlib.Path(wanted)
+    if wanted := os.environ.get("KERFGYM_CACHE_DIR"):
+        with contextlib.suppress(OSError):
+            pathlib.Path(wanted).mkdir(parents=True, exist_ok=True)
+            return pathlib.Path(wanted)
     beside = pathlib.Path(source).resolve().parent / "__pycache__"
-    try:
+    with contextlib.suppress(OSError):
         beside.mkdir(exist_ok=True)
         if os.access(beside, os.W_OK):
             return beside
-    except OSError:
-        pass
-    caches = pathlib.Path(os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache")
-    own = caches / "kerfgym" / hashlib.sha256(str(beside).encode()).hexdigest()[:16]
-    try:
+    with contextlib.suppress(OSError, RuntimeError):  # nobody's home
+        caches = pathlib.Path(os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache")
+        own = caches / "kerfgym" / hashlib.sha256(str(beside).encode()).hexdigest()[:16]
         own.mkdir(parents=True, exist_ok=True)
+        return own
+    return pathlib.Path(tempfile.mkdtemp(prefix="kerfgym-"))  # compiled for this process only
+
+
+def _kept(file: pathlib.Path) -> tuple[bytes, bool] | None:
+    """Machine code, and whether it needs Numba's run-time library; None if there is no sound file."""
+    try:
+        head, _, code = file.read_bytes().partition(b"\n")
+        entry = json.loads(head)
+        return (code, entry["runtime"]) if entry["sha256"] == hashlib.sha256(code).hexdigest() else None
+    except (OSError, ValueError, TypeError, KeyError):
+        return None
+
+
+def _keep(file: pathlib.Path, code: bytes, runtime: bool) -> None:
+    """Writes a kernel's file whole or not at all (the disk may be full), and removes those of earlier sources."""
+    head = json.dumps({"runtime": runtime, "sha256": hashlib.sha256(code).hexdigest()}).encode()
+    part = None
+    try:
+        handle, part = tempfile.mkstemp(dir=file.parent, prefix=file.stem, suffix=".part")
+        with os.fdopen(handle, "wb") as out:
+            out.write(head + b"\n" + code)
+        os.replace(part, file)
+        for old in file.parent.glob(f"{file.name[: -len('0123456789abcdef.o')]}*.o"):
+            if old != file:
+                old.unlink(missing_ok=True)
     except OSError:
-        own = pathlib.Path(tempfile.mkdtemp(prefix="kerfgym-"))  # compiled for this process only
-    return own
-
-
-def _keep(file: pathlib.Path, content: bytes) -> None:
-    """Writes a kernel's file whole or not at all, and removes those of earlier sources."""
-    handle, part = tempfile.mkstemp(dir=file.parent, prefix=file.stem, suffix=".part")
-    with os.fdopen(handle, "wb") as out:
-        out.write(content)
-    os.replace(part, file)
-    for old in file.parent.glob(f"{file.name[: -len('0123456789abcdef.o')]}*.o"):
-        if old != file:
-            old.unlink(missing_ok=True)
+        if part:
+            pathlib.Path(part).unlink(missing_ok=True)
 
 
 # ------------------------------------------------------------------------------------------------ in memory
@@ -191,8 +201,9 @@ def _load(code: bytes, symbols: Iterable[str], runtime: bool) -> list[tuple[int,
 
     if runtime:
         from numba.core.registry import cpu_target
+        from numba.core.runtime import rtsys
 
-        assert cpu_target.target_context  # makes the symbols of Numba's run-time library known
+        rtsys.initialize(cpu_target.target_context)  # makes the symbols of Numba's run-time library known
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     machine = llvm.Target.from_default_triple().create_target_machine(codemodel="jitdefault")

@@ -1,5 +1,6 @@
 """Threads that help with a kernel: they sleep while they wait, and nobody waits for one that has not begun."""
 
+import os
 import threading
 from collections.abc import Callable
 from queue import Empty, SimpleQueue
@@ -17,13 +18,13 @@ class Workers:
 
     def _work(self) -> None:
         while True:
-            call = self._calls.get()
+            call, error = self._calls.get(), None
             try:
                 call()
-            except BaseException as error:
-                self._done.put(error)
-            else:
-                self._done.put(None)
+            except BaseException as raised:
+                error = raised
+            del call  # what it works on may be large
+            self._done.put(error)
 
     def share(self, call: Callable[[], None]) -> None:
         """Runs ``call`` here and in the other threads until the work that they share is done.
@@ -33,9 +34,11 @@ class Workers:
         with self._lock:
             for _ in range(self._count):
                 self._calls.put(call)
-            call()
-            begun = self._count - self._take_back()
-            errors = [self._done.get() for _ in range(begun)]
+            try:
+                call()
+            finally:  # the others must not go on with what the caller believes to be over
+                begun = self._count - self._take_back()
+                errors = [self._done.get() for _ in range(begun)]
         for error in errors:
             if error is not None:
                 raise error
@@ -51,6 +54,7 @@ class Workers:
 
 
 _workers: dict[int, Workers] = {}
+os.register_at_fork(after_in_child=_workers.clear)  # threads do not outlive a fork
 
 
 def workers(threads: int) -> Workers:
