@@ -14,9 +14,10 @@ import pytest
 from numba.core.runtime import _nrt_python, rtsys
 
 from kerfgym.envs.plant import compiler, controller, filters, heads, idle, kernels, machine, z_axis
+from kerfgym.envs.plant.columns import aligned
 from kerfgym.envs.plant.compiler import for_python
 from kerfgym.envs.plant.controller import make_law, stage_of
-from kerfgym.envs.plant.fleet import Fleet, aligned
+from kerfgym.envs.plant.fleet import Fleet
 from kerfgym.envs.plant.kernels import Kernel
 from kerfgym.envs.plant.lanes import (
     UW,

@@ -1,0 +1,335 @@
+"""The cut: both forms against each other, closed forms, Huang2024 Table 2, and the trends that a cut must have."""
+
+import mpmath
+import numpy as np
+import pytest
+
+from kerfgym.envs import material as materials
+from kerfgym.envs import quality
+from kerfgym.envs.plant import cut, lanes, spot, streamed
+from kerfgym.envs.plant.quantity import InvalidInput
+from kerfgym.experiments import calibrate
+
+C45, THIN = materials.material("c45-10"), materials.material("thin-sheet")
+TURN = 2 * np.pi
+
+
+def beam(steel, power=None, along=0.0, across=0.0, z=0.0, focus=0.0, frequency=0.0):
+    """Amplitudes of sines; ``z`` of a folded ramp."""
+    return cut.beam(
+        steel.params, steel.power if power is None else power, along, across, z * np.sqrt(2 / 3), focus, frequency
+    )
+
+
+def streaming(steel, feed=None, error=0.0, contour=0.0, length=14.0, params=None, **dither):
+    """Means of the second half of a cut of ``length`` mm; errors are numbers or functions of the place in mm."""
+    feed = feed or steel.feed
+    way = np.arange(0.0, length, feed * 1e-3)
+    e, c = (f(way) if callable(f) else np.full(len(way), float(f)) for f in (error, contour))
+    figures = streamed.figures(params or steel.params, beam(steel, **dither), feed, e, c)
+    return dict(zip(cut.Figures._fields, figures[len(figures) // 2 :].mean(axis=0), strict=True))
+
+
+def full(steel, feed=None, error=0.0, contour=0.0, length=14.0, along=0.0, across=0.0, z=0.0, frequency=0.0, power=None):
+    """The same by the full form."""
+    feed = feed or steel.feed
+    dt = min(1.0 / (40.0 * frequency) if frequency else 2e-4, 0.02 / feed)
+    t = np.arange(round(length / feed / dt)) * dt
+    phase, place, none = TURN * frequency * t, feed * t, np.zeros(len(t))
+    ramp = 4.0 * np.abs((frequency * t - 0.25) % 1.0 - 0.5) - 1.0
+    e, c = (f(place) if callable(f) else none + f for f in (error, contour))
+    x = along * np.cos(phase)
+    found = quality.evaluate(quality.Trajectory(
+        dt, place + x, across * np.sin(phase) + c, none + feed, e, z * ramp, none + (power or steel.power), x
+    ), steel.params)  # fmt: skip
+    half = slice(len(found.place) // 2, -20)
+    return {
+        "margin": found.margin[half].mean(), "roughness": found.roughness[half].mean(),
+        "dross": found.dross[half].mean(), "kerf_top": found.kerf_top[half].mean(),
+        "kerf_bottom": found.kerf_bottom[half].mean(),
+    }  # fmt: skip
+
+
+def sine(amplitude, wavelength):
+    return lambda place: amplitude * np.sin(TURN * place / wavelength)
+
+
+# --------------------------------------------------------------------------------------------------- closed forms
+
+
+def test_a_swept_gaussian_is_flattened_as_the_hypergeometric_function_says():
+    for r in np.linspace(0.0, 16.0, 33):
+        exact = float(mpmath.hyp2f2(0.5, 0.5, 1, 1, -r * r))
+        assert cut.flattened(r) == pytest.approx(exact, rel=6.5e-3)
+
+
+def test_absorptivity_is_that_of_fresnels_equations():
+    n = complex(3.81, 4.44)
+    for degrees in (60.0, 80.0, 86.0, 88.0, 89.0):
+        c = np.cos(np.deg2rad(degrees))
+        inside = np.sqrt(n * n - (1 - c * c))
+        s, p = abs((c - inside) / (c + inside)) ** 2, abs((n * n * c - inside) / (n * n * c + inside)) ** 2
+        length = C45.thickness / np.tan(np.deg2rad(degrees))
+        assert cut.absorptivity(C45.params, length) == pytest.approx(1 - 0.5 * (s + p), rel=0.02)
+    for degrees, published in ((80, 0.435), (86, 0.331), (88, 0.213), (89, 0.122)):
+        length = C45.thickness / np.tan(np.deg2rad(degrees))
+        assert cut.absorptivity(C45.params, length) == pytest.approx(published, rel=0.02)
+
+
+def test_the_kerf_is_twice_the_focus_diameter_of_the_paper_where_the_margin_is_one():
+    p = C45.params
+    b, v = beam(C45), 0.02
+    d = cut._depth(p, b, 0.0, 0.0, 0.0)  # at the focus
+    assert cut._kerf(1.0, d.sigma2, 0.0) == pytest.approx(2 * p.w0)
+    assert v > 0
+
+
+def test_exponential_and_power_are_exact():
+    x = np.linspace(-700, 700, 4001)
+    assert np.allclose([lanes.exponential(v) for v in x], np.exp(x), rtol=2e-14, atol=0)
+    assert lanes.exponential(-1e9) == lanes.exponential(-700.0)
+    assert lanes.power(7.3, 0.36) == pytest.approx(7.3**0.36, rel=1e-9)
+
+
+def test_iso_9013_ranges():
+    assert [quality.iso_range(1e-3 * rz, 10.0) for rz in (16.0, 16.1, 48.0, 82.0, 128.0, 128.1)] == [
+        "1", "2", "2", "3", "4", "outside",
+    ]  # fmt: skip
+    assert quality.iso_taper(0.08, 10.0) == "1"
+    assert quality.iso_taper(0.081, 10.0) == "2"
+
+
+# ------------------------------------------------------------------------------------------ one form and the other
+
+CONDITIONS = {
+    "static quality": {"feed": 3.333}, "static fast": {}, "high": {"error": 0.3}, "low": {"error": -0.3},
+    "wavy": {"error": sine(0.2, 3.0)}, "swing": {"error": sine(0.1, 9.0)},
+    "contour ripple": {"contour": sine(0.03, 1.5)}, "slow ripple": {"contour": sine(0.05, 6.0)},
+    "dynamic": {"feed": 16.667, "along": 0.3, "across": 0.3, "z": 1.0, "frequency": 2000.0},
+    "4 kHz, thick stock": {"feed": 16.667, "along": 0.25, "across": 0.25, "z": 4.0, "frequency": 4000.0},
+    "half": {"feed": 16.667, "along": 0.15, "across": 0.15, "z": 1.0, "frequency": 2000.0},
+    "across only": {"across": 0.1, "frequency": 2000.0}, "300 Hz": {"across": 0.05, "frequency": 300.0},
+    "dynamic, off": {"feed": 16.667, "along": 0.3, "across": 0.3, "z": 1.0, "frequency": 2000.0, "error": 0.4},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CONDITIONS)
+def test_the_streaming_form_agrees_with_the_full_one_within_5_percent(name):
+    a, b = streaming(C45, **CONDITIONS[name]), full(C45, **CONDITIONS[name])
+    for figure in ("margin", "roughness", "dross"):
+        assert a[figure] == pytest.approx(b[figure], rel=0.05), figure
+    for figure in ("kerf_top", "kerf_bottom"):  # the full form's grid is 6 µm
+        assert a[figure] == pytest.approx(b[figure], rel=0.05, abs=0.013), figure
+
+
+@pytest.mark.parametrize("conditions", [{}, {"error": sine(0.1, 60.0)}, {"error": 0.1}, {"error": -0.1}])
+def test_they_agree_on_thin_sheet_too(conditions):
+    a, b = streaming(THIN, length=40.0, **conditions), full(THIN, length=40.0, **conditions)
+    for figure in ("margin", "roughness", "dross"):
+        assert a[figure] == pytest.approx(b[figure], rel=0.05), figure
+
+
+def test_what_a_slow_dither_writes_is_known_to_8_percent():
+    # Where the front averages the dither in part, the closed form is at its worst.
+    slow = {"across": 0.05, "frequency": 40.0, "feed": 16.667}
+    assert streaming(C45, **slow)["roughness"] == pytest.approx(full(C45, **slow)["roughness"], rel=0.08)
+
+
+def test_python_and_compiled_code_give_the_same_bits():
+    p, b, s = C45.params, beam(C45, along=0.2, across=0.1, z=1.0, frequency=2000.0), cut.fresh()
+    errors = np.random.default_rng(0).normal(0.0, 0.1, 200)
+    compiled = streamed.figures(p, b, 8.0, errors, 0.3 * errors)
+    for error, row in zip(errors.tolist(), compiled, strict=True):
+        s, figures = cut.step(p, b, s, 8.0, error, 0.3 * error, 1e-3)
+        assert list(figures) == row.tolist()
+
+
+@pytest.mark.parametrize("feed", [0.0, 1e-6, 1e4])
+@pytest.mark.parametrize("error", [-50.0, 0.0, 1e3])
+@pytest.mark.parametrize("power", [0.0, 1e6])
+def test_no_input_gives_anything_but_finite_figures(feed, error, power):
+    figures = streamed.figures(C45.params, beam(C45, power=power), feed, np.full(50, error), 1.0)
+    assert np.isfinite(figures).all()
+
+
+# ------------------------------------------------------------------------------------------------- Huang2024 Table 2
+
+
+def test_table_2_is_met_within_10_percent_by_as_many_coefficients_as_numbers():
+    table = calibrate.table(C45.params, C45.power)
+    assert table["dross, error"].abs().max() <= 0.10
+    assert table["Rz, error"].abs().max() <= 0.10
+    assert len(table) * 2 == C45.calibration["numbers"]
+    assert len(calibrate.COEFFICIENTS) + 1 == C45.calibration["coefficients"]
+    assert C45.label == (
+        "c45-10: calibrated, 6 coefficients for 6 numbers of Huang2024 Table 2; not validated"
+    )
+    recorded = C45.calibration["residuals"]["dynamic compound"]["roughness"]
+    assert recorded == pytest.approx(table["Rz, error"].iloc[2], abs=2e-3)
+
+
+def test_the_fit_finds_what_the_file_holds():
+    start = C45.params._replace(rough=0.170, rough_power=3.494, dross=0.919, dross_power=0.149, burn=4.94)
+    p, power = calibrate.fit(start)
+    assert power == pytest.approx(C45.power, rel=1e-4)
+    for name in calibrate.COEFFICIENTS:
+        assert getattr(p, name) == pytest.approx(getattr(C45.params, name), rel=1e-3), name
+
+
+# --------------------------------------------------------------------------------------------------------- trends
+
+DYNAMIC = {"feed": 16.667, "frequency": 2000.0}
+
+
+@pytest.mark.parametrize("form", [streaming, full])
+def test_faster_is_rougher_up_to_a_speed_that_does_not_cut(form):
+    rough = [form(C45, feed)["roughness"] for feed in (3.0, 5.0, 8.0)]
+    assert rough == sorted(rough)
+    assert form(C45, 8.0)["margin"] >= 1.0
+    assert form(C45, 14.0)["margin"] < 1.0
+
+
+@pytest.mark.parametrize("form", [streaming, full])
+@pytest.mark.parametrize("steel", [C45, THIN])
+def test_less_power_is_rougher_with_more_dross(form, steel):
+    length = 14.0 if steel is C45 else 40.0
+    weak, strong = (form(steel, length=length, power=share * steel.power) for share in (0.8, 1.0))
+    assert weak["roughness"] > 1.02 * strong["roughness"]
+    assert weak["dross"] > 1.005 * strong["dross"]
+
+
+@pytest.mark.parametrize("steel", [C45, THIN])
+def test_less_gas_means_more_dross_and_a_rougher_cut(steel):
+    thin_gas = steel.params._replace(pressure=0.5)
+    weak, strong = streaming(steel, length=40.0, params=thin_gas), streaming(steel, length=40.0)
+    assert weak["dross"] == pytest.approx(np.sqrt(2.0) * strong["dross"])
+    assert weak["roughness"] > 1.05 * strong["roughness"]
+
+
+@pytest.mark.parametrize("form", [streaming, full])
+@pytest.mark.parametrize("steel", [C45, THIN])
+def test_a_standoff_error_of_either_sign_means_more_dross(form, steel):
+    size, length = (0.5, 14.0) if steel is C45 else (0.1, 40.0)
+    nominal = form(steel, length=length)["dross"]
+    assert form(steel, error=size, length=length)["dross"] > 1.02 * nominal
+    assert form(steel, error=-size, length=length)["dross"] > 1.02 * nominal
+
+
+@pytest.mark.parametrize("form", [streaming, full])
+def test_a_larger_dither_is_smoother_up_to_300_micrometres(form):
+    rough = [form(C45, along=a, across=a, **DYNAMIC)["roughness"] for a in (0.05, 0.1, 0.2, 0.3)]
+    assert rough == sorted(rough, reverse=True)
+
+
+@pytest.mark.parametrize("form", [streaming, full])
+def test_a_slow_dither_is_rougher_than_one_of_2_khz(form):
+    fast, slow = (form(C45, feed=8.0, along=0.1, across=0.1, frequency=f)["roughness"] for f in (2000.0, 25.0))
+    assert slow > 1.3 * fast
+
+
+@pytest.mark.parametrize("form", [streaming, full])
+def test_a_rippled_contour_is_rougher(form):
+    feed = 3.333
+    assert form(C45, feed, contour=sine(0.05, 1.0))["roughness"] > 1.3 * form(C45, feed)["roughness"]
+
+
+def test_roughness_turns_up_at_very_low_speed():
+    rough = [streaming(C45, feed, length=6.0)["roughness"] for feed in (0.3, 1.0, 3.0)]
+    assert rough[0] > 1.05 * rough[1]
+    assert rough[2] > rough[1]
+
+
+def test_100_micrometres_of_following_error_show_on_thin_sheet_and_hardly_on_10_millimetres():
+    rng = np.random.default_rng(1)
+
+    def noise(place):
+        x = np.convolve(rng.standard_normal(len(place) + 50), np.ones(51), "valid")
+        return 0.1 * x / np.sqrt(np.mean(x**2))
+
+    calm, restless = streaming(THIN, length=400.0), streaming(THIN, length=400.0, error=noise)
+    assert restless["dross"] >= 1.10 * calm["dross"]
+    assert restless["roughness"] >= 1.10 * calm["roughness"]
+    calm, restless = streaming(C45, length=40.0), streaming(C45, length=40.0, error=noise)
+    assert restless["dross"] <= 1.02 * calm["dross"]
+
+
+# ------------------------------------------------------------------------------------------------------- materials
+
+
+def test_every_material_cuts_through_at_its_recipe():
+    for name in materials.names():
+        low, high = materials._read(name)["thickness"]
+        for thickness in np.linspace(low, high, 4):
+            steel = materials.material(name, float(thickness))
+            figures = streaming(steel, length=20.0)
+            assert figures["margin"] >= 1.04, (name, thickness)
+            assert 0.002 < figures["roughness"] < 0.5
+            assert 0.0 < figures["dross"] < 1.5
+
+
+def test_bad_input_is_named():
+    with pytest.raises(InvalidInput, match=r"unknown material 'c45'; did you mean 'c45-10'"):
+        materials.material("c45")
+    with pytest.raises(InvalidInput, match=r"material 'mild-steel': thickness = 40 mm; allowed: 1 to 20 mm"):
+        materials.material("mild-steel", 40.0)
+    none = np.zeros(10)
+    with pytest.raises(InvalidInput, match=r"trajectory\.power has 9 samples; 'along' has 10"):
+        quality.Trajectory(1e-3, none, none, none, none, none, none[:9], none)
+    with pytest.raises(InvalidInput, match=r"the cut is 0\.00 mm long; at least 4\.0 mm"):
+        quality.evaluate(quality.Trajectory(1e-3, none, none, none, none, none, none, none), C45.params)
+
+
+# ------------------------------------------------------------------------------------------------------------ spot
+
+
+def test_the_galvo_follows_2_khz_and_falls_behind_at_4_khz():
+    p = spot.Params()
+    for frequency, expected in ((2000.0, 0.9924), (4000.0, 0.8498)):
+        r = frequency / 5000.0
+        exact = 1.0 / abs(1 - r * r + 2j * 0.7 * r)
+        real = spot.realised(p, spot.Command(frequency, 0.3, 0.2, 1.0, 0.0), 0.0)
+        assert real.x == pytest.approx(0.3 * exact, rel=1e-12)
+        assert real.y / 0.2 == pytest.approx(expected, abs=1e-3)
+        assert real.lag == pytest.approx(-np.angle(1 / (1 - r * r + 2j * 0.7 * r)), rel=1e-12)
+
+
+@pytest.mark.parametrize("shape", [spot.CIRCULAR, spot.HAT, spot.ELLIPTICAL])
+def test_dither_shapes_are_those_of_eq_12_folded(shape):
+    p, r = spot.Params(shape=shape), spot.Realised(1000.0, 0.3, 0.2, 1.0, 0.4, 0.1, 0.25)
+    t = np.arange(0, 20e-3, 1e-5)
+    x, y, z = np.array([spot.offset(p, r, s) for s in t.tolist()]).T
+    phase = TURN * 1000.0 * t - 0.4
+    if shape == spot.HAT:
+        from scipy.signal import sawtooth
+
+        grown = np.abs(sawtooth(TURN * 1000.0 * t / 10.0 + np.pi / 2, 0.5))
+        assert np.allclose(x, 0.3 * (0.2 * np.sin(phase) + 0.8 * grown * np.cos(phase)), atol=1e-9)
+        assert np.allclose(y, 0.2 * (0.2 * np.cos(phase) - 0.8 * grown * np.sin(phase)), atol=1e-9)
+    else:
+        assert np.allclose(x, 0.3 * np.cos(phase), atol=1e-10)
+        assert np.allclose(y, 0.2 * np.sin(phase), atol=1e-10)
+    assert z.max() == pytest.approx(1.25, abs=1e-2)
+    assert z.min() == pytest.approx(-0.75, abs=1e-2)
+    along, across, up = spot.spread(p, r, 1.0, 0.0)
+    assert along == pytest.approx(np.sqrt(2.0) * x.std(), rel=0.02)
+    assert across == pytest.approx(np.sqrt(2.0) * y.std(), rel=0.02)
+    assert up == pytest.approx(np.sqrt(2.0) * z.std(), rel=0.02)
+
+
+def test_eq_9_and_its_limit():
+    alpha, theta = spot.angles(0.5, 1.0, np.deg2rad(30.0))
+    assert np.sin(alpha) == pytest.approx(0.25)
+    assert theta == pytest.approx(alpha + np.deg2rad(30.0))
+    with pytest.raises(InvalidInput, match=r"needs \|l·sin β/ω\| ≤ 1; it is 1\.5"):
+        spot.angles(3.0, 1.0, np.deg2rad(30.0))
+
+
+def test_a_dither_beyond_the_optics_is_refused():
+    with pytest.raises(InvalidInput, match=r"dither\.x = 0\.5 mm is out of the optics' range; at most 0\.3 mm"):
+        spot.check(spot.Params(), spot.Command(1000.0, 0.5, 0.1, 0.0, 0.0))
+    with pytest.raises(InvalidInput, match=r"dither\.frequency = 9000\.0 Hz"):
+        spot.check(spot.Params(), spot.Command(9000.0, 0.1, 0.1, 0.0, 0.0))
+
+
+def test_speeds_of_eq_2_and_of_the_sine():
+    assert spot.speeds(0.3, 2000.0) == pytest.approx((600.0, TURN * 600.0))
