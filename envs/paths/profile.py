@@ -1,34 +1,53 @@
-"""Feed along a path: how fast, when, within limits of speed, acceleration and jerk.
+"""Feed along a curve: as fast as the limits of speed, acceleration and jerk allow, slower in curves and at corners.
 
-The path is a curve between *corners*, where its direction jumps. Speed is planned over the way s with the acceleration
-left beside the centripetal one, ``v ≤ sqrt(a_n/κ)`` in bends and ``v ≤ jump/(2·sin(θ/2))`` in corners, forward and
-backward (the classical two passes); smoothing the way over time with a box of ``T = 2a/jerk`` then bounds the jerk.
-Corners that would have to be crept through are stopped in.
+The limits hold for vectors, not for each axis: |v| ≤ feed, |dv/dt| ≤ acceleration and |d²v/dt²| ≤ jerk. Along a curve
+with curvature κ and its change κ' these are, with path speed v, path acceleration a and path jerk j::
+
+    acceleration² = a² + (κv²)²
+    jerk² = (j − κ²v³)² + (3κva + κ'v³)²
+
+The curve is cut into blocks in each of which the speed, acceleration and jerk along the path have one limit, such that
+any combination within them keeps the vectors within theirs. On straight lines these are the full limits. Between
+blocks the speed is one that both allow and that can be reached; every change is an S-curve (:mod:`.scurve`).
+
+At a corner the direction jumps, and with it the velocity, by no more than the corner jump. With a corner jump of 0
+every corner is a full stop, and then the limit of acceleration holds there too.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
-from scipy.interpolate import Akima1DInterpolator, CubicSpline
 
 from ..plant.quantity import InvalidInput
+from . import scurve
 from .curve import CHORD, Indices
+from .driven import Driven, Place, joined, smooth
 
 Floats = npt.NDArray[np.float64]
 
-STEP = 0.02
-"""mm, of the grid on which speeds are planned."""
-
 MILLISECOND = 1e-3
-_SHARE = np.sqrt(0.5)
-"""Of the acceleration for bends, and for speeding up and slowing down: both together stay within it."""
+
+ACROSS = 0.8
+"""Share of the acceleration that may stand across the path [A]; sqrt(1 − 0.8²) = 0.6 remains along it."""
+
+TWIST = (0.5, 0.3, 0.3)
+"""Shares of the jerk for κ'v³, 3κva and κ²v³ [A]; at least 0.3 remains along the path."""
+
+FOLD = 1.0
+"""rad; vertices that turn more are corners even where the corners are given."""
+
+EASE = (1.0, 0.75, 0.55)
+"""Shares of the speed that a bend allows: less speed there leaves more acceleration. The fastest of these is taken."""
+
+STEPS = ((0.9, 0.7), (0.6, 0.4), (0.3, 0.3))
+"""Limits of speed, and of acceleration and jerk, within these ratios of each other make one block. Few blocks save the
+time to ease in and out of the acceleration, many follow the limits more closely; the fastest of these is taken."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """mm/s, mm/s², mm/s³ along the path; ``jump``: mm/s, of the velocity in a corner."""
+    """mm/s, mm/s², mm/s³ of vectors; ``jump``: mm/s, of the velocity in a corner; 0: stop there."""
 
     speed: float
     acceleration: float
@@ -40,42 +59,9 @@ class Limits:
             if not getattr(self, name) > 0:
                 raise InvalidInput(f"{name} = {getattr(self, name)}; it must be above 0")
 
-    @property
-    def box(self) -> float:
-        """s over which the way is smoothed."""
-        return 2.0 * self.acceleration * _SHARE / self.jerk
 
-
-@dataclass(frozen=True)
-class Stretch:
-    """A path without corners: position by the way s, mm."""
-
-    way: Floats  # of the grid, from 0 on
-    at: Floats  # its parameter
-    x: Akima1DInterpolator | CubicSpline
-    y: Akima1DInterpolator | CubicSpline
-
-    @property
-    def length(self) -> float:
-        """mm."""
-        return float(self.way[-1])
-
-    def positions(self, s: Floats) -> Floats:
-        """Points at the way ``s``, shape (n, 2)."""
-        u = np.interp(s, self.way, self.at)
-        return np.stack([self.x(u), self.y(u)], axis=1)
-
-    def directions(self, s: Floats) -> Floats:
-        """Unit tangents at the way ``s``, shape (n, 2)."""
-        u = np.interp(s, self.way, self.at)
-        d = np.stack([self.x(u, 1), self.y(u, 1)], axis=1)
-        return d / np.maximum(np.hypot(*d.T), 1e-12)[:, None]
-
-
-def stretches(points: Floats, corners: Indices | None = None) -> list[Stretch]:
-    """A polyline cut at its corners; between them a smooth curve through its vertices.
-
-    Where there are straight lines too, they stay straight (Akima 1970).
+def stretches(points: Floats, corners: Indices | None = None) -> list[Driven]:
+    """The curve that is driven along a polyline.
 
     Args:
         points: shape (n, 2), mm.
@@ -90,9 +76,8 @@ def stretches(points: Floats, corners: Indices | None = None) -> list[Stretch]:
     p, sharp = p[kept], sharp[kept]
     if len(p) < 2:
         raise InvalidInput("the path has no length")
-    sharp[0] = sharp[-1] = True
-    cuts = np.flatnonzero(sharp)
-    return [_stretch(p[a : b + 1]) for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
+    sharp[1:-1] |= np.abs(turns(np.diff(p, axis=0))) > FOLD
+    return [smooth(p, np.flatnonzero(sharp[1:-1]) + 1)]
 
 
 def corners_of(points: Floats) -> Indices:
@@ -113,71 +98,22 @@ def turns(legs: Floats) -> Floats:
     return np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], (a * b).sum(axis=1))
 
 
-def _stretch(p: Floats) -> Stretch:
-    length = np.hypot(*np.diff(p, axis=0).T)
-    # Long legs get points near their ends, so that the interpolation knows that they are straight.
-    near = np.minimum(0.2 * length, 0.5)
-    shares = (near, 2 * near, length - 2 * near, length - near)
-    inner = [p[:-1] + np.diff(p, axis=0) * (share / length)[:, None] for share in shares]
-    straight = length > 8.0 * np.median(length) if len(length) > 2 else np.ones(len(length), bool)
-    rows = [p[:1]]
-    for i in range(len(length)):
-        if straight[i]:
-            rows.append(np.array([points[i] for points in inner]))
-        rows.append(p[i + 1 : i + 2])
-    q = np.concatenate(rows)
-    u = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(q, axis=0).T))])
-    if straight.any():
-        x, y = (Akima1DInterpolator(u, q[:, k], method="makima") for k in (0, 1))
-    else:
-        x, y = (CubicSpline(u, q[:, k]) for k in (0, 1))
-    count = max(4, int(np.ceil(u[-1] / STEP)))
-    at = np.linspace(0.0, u[-1], count + 1)
-    points = np.stack([x(at), y(at)], axis=1)
-    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
-    return Stretch(way, at, x, y)
-
-
-def timed(path: list[Stretch], feed: float, limits: Limits) -> tuple[Floats, Floats, Floats]:
+def timed(path: list[Driven], feed: float, limits: Limits) -> tuple[Floats, Floats, Floats]:
     """Positions (n, 2), unit tangents (n, 2) and way (n,), one each millisecond, from rest to rest.
 
     Raises:
         InvalidInput: feed not above 0, or above the limit of speed.
     """
     check_feed(feed, limits)
-    ends = [(s.directions(np.array([0.0]))[0], s.directions(np.array([s.length]))[0]) for s in path]
-    joints = []
-    for (_, out), (into, _) in zip(ends[:-1], ends[1:], strict=True):
-        bend = abs(turns(np.stack([out, into]))[0])
-        joints.append(limits.jump / max(2.0 * np.sin(0.5 * bend), 1e-9))
-    kick = 0.25 * limits.acceleration * _SHARE * limits.box  # what smoothing adds to the lowest speed in a corner
-    speeds = [0.0 if v < kick else min(v, feed) - kick for v in joints]
-    speeds = [0.0 if v < kick else v for v in speeds]
-    # From stop to stop.
-    begin, run, out = 0, [], []
-    for i in range(len(path)):
-        if i == len(path) - 1 or speeds[i] == 0.0:
-            run.append((path[begin : i + 1], speeds[begin:i]))
-            begin = i + 1
-    offset = 0.0
-    for part, inner in run:
-        whole = _way(part, inner, feed, limits)
-        out.append(_placed(part, whole, offset))
-        offset += sum(s.length for s in part)
-    return _chained([o[0] for o in out]), _chained([o[1] for o in out]), _chained([o[2] for o in out])
+    curve = joined(path)
+    return _sampled(curve, plan(curve, replace(limits, speed=feed)))
 
 
-def _chained(pieces: list[Floats]) -> Floats:
-    """One after the other; each begins where the one before ends."""
-    return np.concatenate([pieces[0], *(piece[1:] for piece in pieces[1:])])
-
-
-def at_constant_feed(path: list[Stretch], feed: float, limits: Limits) -> tuple[Floats, Floats, Floats]:
+def at_constant_feed(path: list[Driven], feed: float, limits: Limits) -> tuple[Floats, Floats, Floats]:
     """The same without acceleration, deceleration or care for corners (Wu's uncorrected case)."""
     check_feed(feed, limits)
-    total = sum(s.length for s in path)
-    way = np.append(np.arange(0.0, total, feed * MILLISECOND), total)
-    return _placed(path, way, 0.0)
+    curve = joined(path)
+    return _sampled(curve, scurve.steady(curve.length, feed))
 
 
 def check_feed(feed: float, limits: Limits) -> None:
@@ -186,59 +122,93 @@ def check_feed(feed: float, limits: Limits) -> None:
         raise InvalidInput(f"feed = {feed:g} mm/s is out of range; above 0, at most {limits.speed:g} mm/s")
 
 
-def _placed(path: list[Stretch], way: Floats, offset: float) -> tuple[Floats, Floats, Floats]:
-    borders = np.concatenate([[0.0], np.cumsum([s.length for s in path])])
-    which = np.clip(np.searchsorted(borders, way, side="right") - 1, 0, len(path) - 1)
-    positions, tangents = np.empty((len(way), 2)), np.empty((len(way), 2))
-    for i, stretch in enumerate(path):
-        mine = which == i
-        local = np.clip(way[mine] - borders[i], 0.0, stretch.length)
-        positions[mine], tangents[mine] = stretch.positions(local), stretch.directions(local)
-    return positions, tangents, way + offset
+def _sampled(curve: Driven, motion: scurve.Motion) -> tuple[Floats, Floats, Floats]:
+    way = motion.at(MILLISECOND * np.arange(np.ceil(motion.duration / MILLISECOND - 1e-9) + 1.0))[0]
+    place = curve.at(way)
+    return place.xy, place.tangent, way
 
 
-def _way(path: list[Stretch], corner_speeds: list[float], feed: float, limits: Limits) -> Floats:
-    """The way at each millisecond from rest to rest."""
-    a = limits.acceleration * _SHARE
-    grid, most = [], []
-    offset = 0.0
-    for i, stretch in enumerate(path):
-        s = stretch.way
-        between = np.abs(turns(stretch.directions(s))) / np.maximum(np.diff(s), 1e-9)
-        curvature = np.maximum(np.append(between, between[-1]), np.append(between[0], between))
-        speed = np.minimum(feed, np.sqrt(a / np.maximum(curvature, 1e-9)))
-        reach = int(np.ceil(0.5 * feed * limits.box / STEP))
-        if reach and curvature.max() > 1e-6:
-            speed = ndimage.minimum_filter1d(speed, 2 * reach + 1, mode="nearest")
-        if i > 0:
-            speed[0] = min(speed[0], corner_speeds[i - 1])
-        if i < len(path) - 1:
-            speed[-1] = min(speed[-1], corner_speeds[i])
-        grid.append(s + offset if i == 0 else s[1:] + offset)
-        most.append(speed if i == 0 else speed[1:])
-        if i > 0:
-            most[i - 1][-1] = min(most[i - 1][-1], speed[0])
-        offset += stretch.length
-    s, v2 = np.concatenate(grid), np.concatenate(most) ** 2
-    v2[0] = v2[-1] = 0.0
-    ds = np.diff(s)
-    v2 = _passed(v2, ds, a)
-    v2 = _passed(v2[::-1], ds[::-1], a)[::-1]
-    v = np.sqrt(v2)
-    t = np.concatenate([[0.0], np.cumsum(2.0 * ds / np.maximum(v[:-1] + v[1:], 1e-9))])
-    clock = np.arange(0.0, t[-1] + MILLISECOND, MILLISECOND)
-    # Between grid points the speed squared is linear in s: constant acceleration.
-    k = np.clip(np.searchsorted(t, clock, side="right") - 1, 0, len(ds) - 1)
-    tau, acceleration = clock - t[k], (v2[k + 1] - v2[k]) / (2.0 * np.maximum(ds[k], 1e-12))
-    way = np.minimum(s[k] + v[k] * tau + 0.5 * acceleration * tau * tau, s[-1])
-    way = np.maximum.accumulate(np.where(clock >= t[-1], s[-1], way))
-    box = max(1, round(limits.box / MILLISECOND))
-    padded = np.concatenate([np.zeros(box), way, np.full(box, s[-1])])
-    summed = np.concatenate([[0.0], np.cumsum(padded)])
-    return np.maximum.accumulate(np.append((summed[box:] - summed[:-box]) / box, s[-1]))
+def plan(curve: Driven, limits: Limits) -> scurve.Motion:
+    """The motion along ``curve`` from rest to rest."""
+    best = _fastest(curve, limits)
+    while True:
+        # A speed that short bends hardly let it reach costs more than it brings.
+        limits = replace(limits, speed=0.5 * limits.speed)
+        slower = _fastest(curve, limits)
+        if slower.duration >= best.duration:
+            return best
+        best = slower
 
 
-def _passed(v2: Floats, ds: Floats, a: float) -> Floats:
-    """Speeds squared, lowered where they would rise faster than ``a`` allows: the running minimum of v² − 2as."""
-    s = np.concatenate([[0.0], np.cumsum(ds)])
-    return np.minimum.accumulate(v2 - 2.0 * a * s) + 2.0 * a * s
+def _fastest(curve: Driven, limits: Limits) -> scurve.Motion:
+    """The fastest of the motions through different blocks."""
+    tried: list[scurve.Motion] = []
+    for ease in EASE:
+        allowed = _along(curve, limits, ease)
+        starts = {starts.tobytes(): starts for starts in (_blocks(curve, limits, allowed, steps) for steps in STEPS)}
+        tried += [_through(curve, limits, allowed, each) for each in starts.values()]
+        if (allowed[0] >= limits.speed).all():
+            break
+    return min(tried, key=lambda motion: motion.duration)
+
+
+def corner_speeds(curve: Driven, limits: Limits) -> Floats:
+    """mm/s at which the velocity jumps by no more than the corner jump, for each corner."""
+    before, after = curve.kinks()
+    jump = np.hypot(*(after - before).T)
+    return np.minimum(limits.speed, limits.jump / np.maximum(jump, 1e-12))
+
+
+def vectors(place: Place, v: Floats, a: Floats, j: Floats) -> tuple[Floats, Floats]:
+    """Magnitudes of acceleration, mm/s², and jerk, mm/s³, for the motion ``v``, ``a``, ``j`` along the path."""
+    k, rate = place.curvature, place.curvature_rate
+    return np.hypot(a, k * v**2), np.hypot(j - k**2 * v**3, 3.0 * k * v * a + rate * v**3)
+
+
+def _along(curve: Driven, limits: Limits, ease: float) -> tuple[Floats, Floats, Floats]:
+    """Limits of speed, acceleration and jerk along the path, for each span; slower by ``ease`` where it bends."""
+    k, rate = (np.maximum(q, 1e-15) for q in curve.bends())
+    a, jerk = limits.acceleration, limits.jerk
+    v = np.minimum(limits.speed, np.sqrt(ACROSS * a / k))
+    v = np.minimum(v, np.minimum(np.cbrt(TWIST[0] * jerk / rate), np.cbrt(TWIST[2] * jerk / k**2)))
+    v = np.where(v < limits.speed, ease * v, v)
+    along = np.minimum(np.sqrt(a**2 - (k * v**2) ** 2), TWIST[1] * jerk / (3.0 * k * v))
+    across = rate * v**3 + 3.0 * k * v * along
+    return v, along, np.sqrt(jerk**2 - across**2) - k**2 * v**3
+
+
+def _blocks(curve: Driven, limits: Limits, allowed: tuple[Floats, ...], steps: tuple[float, float]) -> Indices:
+    """First spans of the blocks: where a limit (as a share of the full one) enters another step, and at corners."""
+    full = limits.speed, limits.acceleration, limits.jerk
+    begins = np.zeros(len(curve.first), bool)
+    begins[0] = True
+    begins[curve.corners] = True
+    for limit, most, ratio in zip(allowed, full, (steps[0], steps[1], steps[1]), strict=True):
+        step = np.ceil(np.log(np.maximum(limit / most, 1e-12)) / np.log(ratio) - 1e-9)
+        begins[1:] |= step[1:] != step[:-1]
+    return np.flatnonzero(begins)
+
+
+def _through(curve: Driven, limits: Limits, allowed: tuple[Floats, ...], starts: Indices) -> scurve.Motion:
+    """The motion through blocks that begin with the spans ``starts``."""
+    most, along, twist = (np.minimum.reduceat(limit, starts) for limit in allowed)
+    ways = np.diff(np.append(curve.starts[starts], curve.length))
+    # The speed at the beginning of each block, and 0 at the end.
+    joints = np.append(np.minimum(most, np.insert(most[:-1], 0, 0.0)), 0.0)
+    at_corner = np.searchsorted(starts, curve.corners)
+    joints[at_corner] = np.minimum(joints[at_corner], corner_speeds(curve, limits))
+    joints = _reached(joints, ways, along, twist)
+    top = scurve.peak(joints[:-1], joints[1:], most, ways, along, twist)
+    return scurve.blocks(joints[:-1], joints[1:], top, ways, along, twist)
+
+
+def _reached(joints: Floats, ways: Floats, acceleration: Floats, jerk: Floats) -> Floats:
+    """``joints`` reduced to what can be braked from and accelerated to."""
+    v, way, a, j = (q.tolist() for q in (joints, ways, acceleration, jerk))
+    for i in reversed(range(len(way))):
+        if v[i] > v[i + 1]:
+            v[i] = min(v[i], scurve.reachable(v[i + 1], way[i], a[i], j[i]))
+    for i in range(len(way)):
+        if v[i + 1] > v[i]:
+            v[i + 1] = min(v[i + 1], scurve.reachable(v[i], way[i], a[i], j[i]))
+    return np.array(v)
