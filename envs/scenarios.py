@@ -320,7 +320,11 @@ class Scenario(_Section):
         """The scenario as TOML that :func:`parse` reads back to an equal scenario."""
         import tomli_w
 
-        return tomli_w.dumps(_without_none(asdict(self)))
+        tables = asdict(self)
+        for name, default in (("gantry", Gantry()), ("optics", Optics())):
+            if self.job is None and getattr(self, name) == default:  # of no use to a follower
+                del tables[name]
+        return tomli_w.dumps(_without_none(tables))
 
     def varied(self, **changes: Any) -> "Scenario":
         """A copy with some fields changed, validated anew: ``varied(feed=400, head={"noise": 0.01})`` merges tables."""

@@ -85,7 +85,8 @@ class Results:
         ).astype(int)
         frame["failed"] = groups["failed"].sum().astype(int)
         core = self.runs[self.runs["scenario"].isin(scored)].groupby("controller", sort=False)
-        for column, metric in (("p99", "p99_true"), ("jitter", "jitter")):
+        shown = (("p99", "p99_true"), ("jitter", "jitter"), ("dross", "dross"), ("roughness", "roughness"))
+        for column, metric in shown:
             frame[column] = core[metric].apply(lambda values: values.mean(skipna=False))
         return frame
 

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from ..envs.job_metrics import METRICS
+from ..envs.material import material
 from ..envs.plant.machine import SUBSTEPS
 from .jobs import JobResults
 from .results import REFERENCE, Results
@@ -28,7 +29,19 @@ def print_summary(results: Results) -> None:
     core = [s for s in results.core if s in pooled.columns] or list(pooled.columns)
     table = Table(title=f"RMS of the true gap error, µm · {results.meta['seed_count']} seeds per scenario")
     table.add_column("controller", no_wrap=True)
-    for title in ("score", f"× {REFERENCE}", "reported", "Ms", *core, "jitter", "collisions", "failed", "class"):
+    for title in (
+        "score",
+        f"× {REFERENCE}",
+        "reported",
+        "Ms",
+        *core,
+        "jitter",
+        "dross, mm",
+        "Rz, µm",
+        "collisions",
+        "failed",
+        "class",
+    ):
         table.add_column(title, justify="right", no_wrap=True)
     order = {"sensor": 0, "preview": 1, "privileged": 2}
     rows = sorted(summary.iterrows(), key=lambda r: (order[r[1]["information"]], r[1]["score"]))
@@ -40,6 +53,7 @@ def print_summary(results: Results) -> None:
         table.add_row(
             str(name), _number(row["score"]), _number(row["ratio"]), _number(row["reported"]), _number(row["ms"]),
             *(_number(_cell(pooled, name, s), "{:.1f}") for s in core), _number(row["jitter"]),
+            _number(row["dross"], "{:.4f}"), _number(row["roughness"]),
             f"{row['collisions']}/{row['collision_runs']}", str(row["failed"]), str(row["information"]),
         )  # fmt: skip
     console = Console(width=max(Console().width, 170))
@@ -47,7 +61,8 @@ def print_summary(results: Results) -> None:
     exempt = f" ({', '.join(results.exempt)} left out)" if results.exempt else ""
     console.print(
         f"score: geometric mean over {', '.join(core)}; reported: the same of what the machine itself measures;\n"
-        f"jitter: RMS change of the command, mm/s per ms; collisions of all scenarios{exempt}."
+        f"jitter: RMS change of the command, mm/s per ms; collisions of all scenarios{exempt};\n"
+        f"dross and Rz: proxies, means over the core. {material('thin-sheet').label.capitalize()}."
     )
 
 

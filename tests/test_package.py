@@ -54,7 +54,7 @@ def test_importing_the_package_is_cheap_and_registers_its_environments():
         loaded
     )
     code = "import kerfgym, gymnasium, json; print(json.dumps([i for i in gymnasium.registry if 'kerfgym' in i]))"
-    assert python(code) == ["kerfgym/HeightFollowing-v0"]
+    assert python(code) == [f"kerfgym/{name}-v0" for name in ("HeightFollowing", "ContourFollowing", "Cutting")]
 
 
 def test_environments_and_baselines_need_no_library_for_learning_or_tables():

@@ -11,7 +11,7 @@ class Axes(NamedTuple):
     corners: Annotated[
         float,
         Quantity(
-            "", 0, 1, "1: acceleration and deceleration, slow through corners; 0: constant feed", "Wu", whole=True
+            "1", 0, 1, "1: acceleration and deceleration, slow through corners; 0: constant feed", "Wu", whole=True
         ),
     ] = 1.0
     acceleration: Annotated[float, Quantity("mm/s²", 10, 50000, "along the path", "[A]", log=True)] = 1000.0

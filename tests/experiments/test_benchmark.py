@@ -47,7 +47,7 @@ def go(folder, controllers, chosen=SHORT, seeds=range(1000, 1004), report=False,
     with contextlib.ExitStack() as stack:
         if not report and PAGE:
             stack.enter_context(mock.patch(f"{PAGE.name}.write_report"))
-        return run(controllers, chosen, folder, seeds, **{"jobs": 1, "with_ms": False, "quiet": True, **options})
+        return run(controllers, chosen, folder, seeds, **{"workers": 1, "with_ms": False, "quiet": True, **options})
 
 
 # ---------------------------------------------------------------------------------------------------------- the grid
@@ -250,7 +250,7 @@ def test_seeds_are_the_first_of_their_split():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"jobs": 0}, r"--jobs 0 is out of range; at least 1"),
+        ({"workers": 0}, r"--jobs 0 is out of range; at least 1"),
         ({"controllers": ["pidd"]}, r"unknown controller 'pidd'; did you mean 'pid'\?"),
         ({"controllers": ["pid", "pid:law.kp=0"]}, r"law\.kp = 0\.0 is out of range; allowed: 1 to 400 1/s"),
         ({"controllers": ["pid", "pid"]}, r"controller 'pid' is given twice"),

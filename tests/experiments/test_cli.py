@@ -86,7 +86,7 @@ def test_list_shows_one_kind(capsys):
 
 def test_list_says_which_scenarios_make_the_score(capsys):
     core = [line.split()[0] for line in listed(capsys, "scenarios") if ", core]" in line]
-    assert [name for name in core if name != "drawing"] == list(scenarios.core("following"))
+    assert core == [name for suite in scenarios.suites() for name in scenarios.core(suite)]
 
 
 def test_an_unknown_kind_is_answered_with_the_nearest(capsys):
@@ -230,7 +230,7 @@ def test_the_standard_benchmark_is_the_whole_suite_with_200_test_seeds(monkeypat
         (["-c", "pidd"], "unknown controller 'pidd'; did you mean 'pid'?"),
         (["-c", "pid:law.kp=1e9"], "law.kp = 1000000000.0 is out of range; allowed: 1 to 400 1/s"),
         (["-c", "pid:filter.window=65"], "filter.window = 65.0 is out of range; allowed: 1 to 64 samples (whole)"),
-        (["-c", "xy=pid"], "no slot 'xy' in this machine"),
+        (["-c", "xy=pid"], "controller 'pid' drives slot 'z', not 'xy'"),
         (["-c", "mine.py:Mien"], "module 'mine.py' has no 'Mien'; did you mean 'Mine'?"),
         (["-c", "yours.py:Mine"], "no file 'yours.py'"),
         (["-s", "wavvy"], "unknown scenario 'wavvy'; did you mean 'wavy'?"),
