@@ -40,8 +40,9 @@ GROUPS: dict[str, dict[str, Any]] = {
 }
 """Parameter groups of each slot; ``law`` comes from the stack's law."""
 
-STANDARD = {"z": "pid", "xy": "wu-tuned", "process": "recipe"}
-"""What fills the slots of a team that a user leaves open."""
+STANDARD = {"z": "observer", "xy": "wu-tuned", "process": "recipe"}
+"""What fills the slots of a team that a user leaves open. Not ``pid``: tuned at cutting heights, it oscillates at the
+heights of piercing, where its anti-impulse filter takes the sensor's noise for impulses."""
 
 
 class PythonController(Protocol):

@@ -161,7 +161,10 @@ PLACES = {
 DECK = 11
 _DECK = U(DECK)
 
-CHANNELS = (*Trail._fields, "gap_error", *Process._fields, *spot.Realised._fields, *cut.Figures._fields)
+CHANNELS = (
+    *Trail._fields, "gap_error", *(f"command_{name}" for name in Process._fields),
+    *(f"dither_{name}" for name in spot.Realised._fields), *cut.Figures._fields,
+)  # fmt: skip
 """What a recorder keeps of each control period, float32: the trail, the true standoff error (mm), the process' command,
 the dither as the optics realise it, and the figures of the cut."""
 _CHANNELS = U(len(CHANNELS))
