@@ -56,7 +56,7 @@ def print_summary(results: Results) -> None:
             _number(row["dross"], "{:.4f}"), _number(row["roughness"]),
             f"{row['collisions']}/{row['collision_runs']}", str(row["failed"]), str(row["information"]),
         )  # fmt: skip
-    console = Console(width=max(Console().width, 170))
+    console = Console(width=max(Console().width, 200))
     console.print(table)
     exempt = f" ({', '.join(results.exempt)} left out)" if results.exempt else ""
     console.print(

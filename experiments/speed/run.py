@@ -36,6 +36,8 @@ FLOORS: tuple[tuple[str, str, float], ...] = (
     ("kerfgym list, CPU-s", "<=", 1.5),
     ("first step warm, CPU-s", "<=", 0.4),
     ("machine compiled, CPU-s", "<=", 8.0),
+    ("Cutting-v0 × real time", ">=", 150.0),
+    ("Cutting-v0 × real time, 256 on one core", ">=", 600.0),
     ("KB per machine, block", "<=", 4.0),
 )
 """What the project promises of its speed."""
@@ -50,7 +52,8 @@ def _all_tasks() -> list[Task]:
     found += [tasks.kernel(size) for size in SIZES] + ([numpy] if numpy else [])
     found += [tasks.kernel(size, threads=2) for size in (LARGEST, MACHINES)]
     found += [tasks.vector(size) for size in (LARGEST, MACHINES, POLICIES)]
-    return [*found, tasks.sb3(POLICIES), tasks.with_policy(POLICIES)]
+    found += [tasks.sb3(POLICIES), tasks.with_policy(POLICIES)]
+    return [*found, tasks.job_step(), tasks.job_vector(POLICIES)]
 
 
 def _registers() -> Task:
@@ -131,6 +134,8 @@ def ratios(costs: pd.DataFrame, start: dict[str, list[float]], extra: dict[str, 
         "slowest law ÷ open loop, roll-out of 1024": min(
             (rolled["idle"] / c for name, c in rolled.items() if name != "idle"), key=np.median
         ),
+        "Cutting-v0 × real time": 1e6 / cost("Cutting-v0 step"),
+        "Cutting-v0 × real time, 256 on one core": 1e6 / cost("Cutting-v0 VectorEnv.step", POLICIES),
         "stable-baselines3 VecEnv ÷ kernel, 256, time": vec / cost("kernel, step by step", POLICIES),
         "stable-baselines3 VecEnv ÷ kernel with action and observation, 256, time": vec
         / cost("kernel with action and observation", POLICIES),

@@ -150,6 +150,38 @@ def sb3(size: int, threads: int = 1) -> Task:
     return Task("vector", "stable-baselines3 VecEnv.step", size, threads, run)
 
 
+def job_step() -> Task:
+    """Cutting-v0, one step of 8 ms after the other, with the quality of the cut."""
+    import gymnasium as gym
+
+    env = gym.make("kerfgym/Cutting-v0").unwrapped
+    action = np.zeros(8, np.float32)
+
+    def run() -> int:
+        env.reset(seed=0)
+        for _ in range(400):
+            env.step(action)
+        return 8 * 400
+
+    return Task("jobs", "Cutting-v0 step", 1, 1, run)
+
+
+def job_vector(size: int) -> Task:
+    """The vector environment of Cutting-v0."""
+    from ...envs.cutting import CuttingVectorEnv
+
+    env = CuttingVectorEnv(size)
+    actions, calls = np.zeros((size, 8), np.float32), max(4, 12_000 // size)
+    env.reset(seed=0)
+
+    def run() -> int:
+        for _ in range(calls):
+            env.step(actions)
+        return 8 * calls * size
+
+    return Task("jobs", "Cutting-v0 VectorEnv.step", size, 1, run)
+
+
 def oracle(size: int) -> Task | None:
     """The plain NumPy model of the machine, if the checkout has it."""
     if not ORACLE.is_file():

@@ -106,7 +106,7 @@ def test_the_contour_error_is_the_distance_to_the_path():
     nearest = cKDTree(path).query(np.stack([x, y], axis=1)[cutting])[0]
     difference = np.abs(error[cutting]) - nearest
     # The nearest point of all may lie on another leg; the machine's never lies nearer.
-    assert difference.min() > -2e-3
+    assert difference.min() > -4e-3
     assert np.quantile(np.abs(difference), 0.9) < 3e-3
 
 
