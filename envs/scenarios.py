@@ -131,6 +131,8 @@ class Head(_Section):
     plasma: Annotated[Number, _q("pF", 0, 5, "constant offset while cutting")] = 0.0
     oscillator: Literal["eq3", "eq1"] = "eq3"
     nominal: bool = False
+    table: str | None = None  # CSV with frequency_Hz and height_mm, in place of the head's own calibration
+    signal: str | None = None  # CSV with frequency_Hz, one row each ms, in place of what the sensor would count
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,6 +195,13 @@ class Profile(_Section):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Map(_Section):
+    """A measured surface: CSV with the columns ``x_mm``, ``y_mm`` and ``height_mm``, a regular grid."""
+
+    file: str
+
+
+@dataclass(frozen=True, kw_only=True)
 class Sheet(_Section):
     """The sheet's shape and motion."""
 
@@ -204,6 +213,7 @@ class Sheet(_Section):
     holes: Holes | None = None
     bulge: Bulge | None = None
     profile: Profile | None = None
+    map: Map | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -213,6 +223,8 @@ class Sheet(_Section):
             raise ValueError(f"{len(self.vibrations)} vibrations; at most {sheet.VIBRATIONS}")
         if self.steps and self.holes:
             raise ValueError("steps and holes exclude each other in one sheet")
+        if self.profile and self.map:
+            raise ValueError("profile and map exclude each other in one sheet")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -439,6 +451,19 @@ def read(path: str | Path) -> Scenario:
     if scenario.sheet.profile:
         scenario = scenario.varied(sheet={"profile": {"file": str(folder / scenario.sheet.profile.file)}})
         profile(scenario.sheet.profile)  # a bad file is an error now, not in the middle of a run
+    if scenario.sheet.map:
+        scenario = scenario.varied(sheet={"map": {"file": str(folder / scenario.sheet.map.file)}})
+        height_map(scenario.sheet.map)
+    for name in ("table", "signal"):
+        given = getattr(scenario.head, name)
+        if given:
+            scenario = scenario.varied(head={name: str(folder / given)})
+    if scenario.head.table:
+        heads.measured(scenario.head.table)
+    if scenario.head.signal:
+        signal(scenario.head.signal)
+    if scenario.job and Path(scenario.job.part).suffix:
+        scenario = scenario.varied(job={"part": str(folder / scenario.job.part)})
     if scenario.path:
         drawing, named = folder / scenario.path, scenario.name
         timed = "duration" in tomllib.loads(text)
@@ -478,6 +503,44 @@ def profile(source: Profile) -> np.ndarray:
         )
     grid = np.arange(columns[0, 0], columns[-1, 0], source.spacing)
     return np.interp(grid, columns[:, 0], columns[:, 1])
+
+
+@functools.lru_cache(maxsize=32)
+def height_map(source: Map) -> tuple[np.ndarray, float, float, float]:
+    """Heights (along y, along x), the corner they begin at, and their spacing, all in mm.
+
+    Raises:
+        InvalidInput: text, gaps, or points that are no regular grid, with file and row.
+    """
+    columns = read_columns(source.file, ("x_mm", "y_mm", "height_mm"))
+    x, y = (np.unique(columns[:, k]) for k in (0, 1))
+    if len(x) < 2 or len(y) < 2 or len(x) * len(y) != len(columns):
+        raise InvalidInput(
+            f"{source.file}: {len(columns)} points at {len(x)} places along x and {len(y)} along y are no full grid"
+        )
+    spacing = float(np.diff(x)[0])
+    uneven = np.abs(np.concatenate([np.diff(x), np.diff(y)]) - spacing) > 1e-6 * spacing
+    if uneven.any():
+        raise InvalidInput(f"{source.file}: the grid's spacing is not {spacing:g} mm throughout, along x and along y")
+    order = np.lexsort((columns[:, 0], columns[:, 1]))
+    doubled = np.flatnonzero(np.diff(columns[order, 0] + 1j * columns[order, 1]) == 0)
+    if len(doubled):
+        raise InvalidInput(f"{source.file}, row {order[doubled[0] + 1] + 2}: this point is there twice")
+    return columns[order, 2].reshape(len(y), len(x)).copy(), float(x[0]), float(y[0]), spacing
+
+
+@functools.lru_cache(maxsize=32)
+def signal(file: str) -> np.ndarray:
+    """A recorded signal, Hz, one number each millisecond.
+
+    Raises:
+        InvalidInput: text, gaps, or a frequency that is not above 0, with file and row.
+    """
+    values = read_columns(file, ("frequency_Hz",))[:, 0]
+    bad = np.flatnonzero(values <= 0)
+    if len(bad):
+        raise InvalidInput(f"{file}, row {bad[0] + 2}, column frequency_Hz: {values[bad[0]]:g} Hz; it must be above 0")
+    return values
 
 
 # -------------------------------------------------------------------------------------------------- the machine
@@ -541,7 +604,8 @@ def _prepare_head(fleet: Fleet, head: Head, m: np.ndarray, draws: Draws, value: 
     which = which + heads.HEADS * heads.OSCILLATORS.index(head.oscillator)
     for index in set(which.tolist()):
         heads.table(index)
-    fleet.set("start.head", m, which)
+    fleet.set("start.head", m, float(heads.measured(head.table)) if head.table else which)
+    fleet.replay(signal(head.signal) if head.signal else None)
     for name, column in zip(heads.FIELDS, heads.fields()[:, which], strict=True):
         fleet.set(f"sensor.{name}", m, column)
     columns = {
@@ -603,7 +667,9 @@ def _prepare_sheet(fleet: Fleet, scenario: Scenario, m: np.ndarray, draws: Draws
         fleet.set("sheet.bulge_x", m, draw(b.x, draws, "sheet.bulge.x"))
         fleet.set("sheet.bulge_y", m, draw(b.y, draws, "sheet.bulge.y"))
         fleet.use_bulges()
-    if shape.profile:
+    if shape.map:
+        fleet.put_map(*height_map(shape.map), m)
+    elif shape.profile:
         fleet.put_profile(profile(shape.profile), shape.profile.spacing, m)
     else:
         fleet.set("path.profile", m, -1.0)

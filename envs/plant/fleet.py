@@ -37,6 +37,7 @@ class Fleet(Columns):
         self._owned: dict[int, np.ndarray] = {}
         self._contours: dict[int, tuple[path.Contour, int]] = {}  # with the index of their first sample
         self._profiles: dict[int, tuple[np.ndarray, int]] = {}
+        self._maps: dict[int, tuple[np.ndarray, np.ndarray]] = {}
         self._deck = np.zeros(machine.DECK, np.uint64)
         self._at = self._deck.ctypes.data
         self._deck[machine.D_MACHINES] = size
@@ -164,6 +165,20 @@ class Fleet(Columns):
         self.set("path.profile_samples", machines, len(heights))
         self.set("path.profile_spacing", machines, spacing)
         self.use(machine.F_PROFILES)
+
+    def put_map(self, heights: np.ndarray, x: float, y: float, spacing: float, machines: Any) -> None:
+        """A measured height map, mm, shape (along y, along x), from the corner (x, y) on, for ``machines``."""
+        if id(heights) not in self._maps:
+            head = [heights.shape[1], heights.shape[0], x, y, spacing]
+            self._maps[id(heights)] = (heights, np.concatenate([head, heights.ravel()]))
+        self.put_profile(self._maps[id(heights)][1], 1.0, machines)
+        self.set("path.profile_samples", machines, 0.0)
+
+    def replay(self, frequencies: np.ndarray | None) -> None:
+        """A recorded signal, Hz, one number for each control period, in place of all sensors'; None: none."""
+        self._deck[machine.D_SIGNALS] = 0 if frequencies is None else len(frequencies)
+        if frequencies is not None:
+            self._point(machine.D_SIGNAL, np.ascontiguousarray(frequencies, np.float64))
 
     def use_gantries(self, axes: Law, process: Law) -> Gantries:
         """Gives the machines axes that follow jobs, and a cut; see :class:`gantries.Gantries`."""

@@ -13,6 +13,7 @@ from . import calibration, idle, sensor, supervisor
 from .controller import make_law
 from .fleet import Fleet
 from .lanes import mix
+from .quantity import InvalidInput
 
 HEADS = 16
 """Heads of each oscillator preset in the pool; the first of each is the nominal one."""
@@ -20,8 +21,11 @@ HEADS = 16
 OSCILLATORS = tuple(sensor.PRESETS)
 """Oscillator presets in the order of their heads: the first ``HEADS`` heads are those of the first, and so on."""
 
-POOL = calibration.Pool(HEADS * len(OSCILLATORS))
-"""Tables of the heads that have been calibrated so far."""
+MEASURED = 16
+"""Places for tables that users bring."""
+
+POOL = calibration.Pool(HEADS * len(OSCILLATORS) + MEASURED)
+"""Tables of the heads that have been calibrated so far, and of those that users brought."""
 
 LONGEST_RUN = 2500
 """Control periods after which a calibration run is given up."""
@@ -97,6 +101,20 @@ def table(index: int) -> calibration.Table:
     if index not in POOL:
         POOL[index] = calibrate(head(index), seed=index)
     return POOL[index]
+
+
+@functools.cache
+def measured(path: str) -> int:
+    """Index of the table in a CSV file.
+
+    Raises:
+        InvalidInput: the file cannot be read, or there are too many.
+    """
+    index = HEADS * len(OSCILLATORS) + measured.cache_info().currsize
+    if index >= HEADS * len(OSCILLATORS) + MEASURED:
+        raise InvalidInput(f"{path}: more than {MEASURED} measured calibration tables in one process")
+    POOL[index] = calibration.read_csv(path)
+    return index
 
 
 def ensure(indices: Iterable[int]) -> calibration.Pool:

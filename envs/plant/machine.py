@@ -144,8 +144,8 @@ the period counts as cutting; distance along the path, mm; whether the superviso
 (D_BLOCK, D_KEYS, D_MACHINES, D_TICK, D_WINDOW, D_WAVES, D_VIBRATIONS, D_FLAGS, D_FREQUENCIES, D_HEIGHTS, D_TABLES,
  D_CONTOUR_X, D_CONTOUR_Y, D_CONTOUR_ON, D_CONTOURS, D_PROFILE, D_PROFILES, D_LAW, D_LAW_TABLES, D_LAW_SIZE, D_ACT,
  D_OBSERVE, D_IO, D_RECORD, D_RECORD_TICK, D_NEXT, D_STEPS, D_START, D_READY, D_TRAVEL,
- D_FINISH, D_GANTRY) = range(32)  # fmt: skip
-DECK = 32
+ D_FINISH, D_GANTRY, D_SIGNAL, D_SIGNALS) = range(34)  # fmt: skip
+DECK = 34
 _DECK = U(DECK)
 
 F_CONTOURS, F_FEATURES, F_PROFILES, F_BULGES, F_RANKS = (U(2**i) for i in range(5))
@@ -300,9 +300,13 @@ def travel_all(block, at, n, tick, deck):
             a = at + lane
             p, s = load(path.Params, block, a + P_PATH), load(path.State, block, a + S_PATH)
             if p.profile >= 0.0:
-                half = s.distance - 0.5 * s.feed * PERIOD
-                block[middle + lane] += path.sample(profile, p.profile, p.profile_samples, p.profile_spacing, half)
-                block[end + lane] += path.sample(profile, p.profile, p.profile_samples, p.profile_spacing, s.distance)
+                if p.profile_samples == 0.0:
+                    block[middle + lane] += path.height_of(profile, p.profile, s.middle_x, s.middle_y)
+                    block[end + lane] += path.height_of(profile, p.profile, s.x, s.y)
+                else:
+                    size, spacing, half = p.profile_samples, p.profile_spacing, s.distance - 0.5 * s.feed * PERIOD
+                    block[middle + lane] += path.sample(profile, p.profile, size, spacing, half)
+                    block[end + lane] += path.sample(profile, p.profile, size, spacing, s.distance)
 
 
 @stage
@@ -386,6 +390,18 @@ def sense_all(block, at, n, tick, keys, first):
     for lane in range(n):
         f = block[at + lane + SIGNALS + U2 * UW]
         block[now + lane] = f if f > 0.0 else block[last + lane]
+
+
+@stage
+def replay_all(block, at, n, tick, deck):
+    """A recorded signal in place of the sensor's: one frequency for each control period, from the episode's start."""
+    now, signal = at + SAMPLES + (tick & SAMPLES_LAST) * UW, doubles(deck[D_SIGNAL], deck[D_SIGNALS])
+    last = np.float64(np.int64(deck[D_SIGNALS])) - 1.0
+    for lane in range(n):
+        a = at + lane
+        f = signal[U(np.int64(min(max(load(Tally, block, a + TALLY).ticks, 0.0), last)))]
+        block[a + SIGNALS + U2 * UW] = f
+        block[now + lane] = f
 
 
 @stage
@@ -533,6 +549,8 @@ def record_all(block, at, n, tick, record, where, machines):
 def sense_and_control(block, at, n, tick, keys, first, deck):
     """The second half of a period: sense, filter, look up, report, control."""
     sense_all(block, at, n, tick, keys, first)
+    if deck[D_SIGNALS] > U0:
+        replay_all(block, at, n, tick, deck)
     filter_all(block, at, n, tick, deck[D_WINDOW], deck[D_FLAGS] & F_RANKS)
     look_up_all(block, at, n, tick, deck)
     report_all(block, at, n, tick)
@@ -637,6 +655,8 @@ def _begin(deck_address, machine, key):
 
     # One reading of the head at rest; the ring and the recursive filters start from it.
     sense_all(block, at, U1, tick, keys, machine)
+    if deck[D_SIGNALS] > U0:
+        replay_all(block, at, U1, tick, deck)
     reading = block[at + SAMPLES + (tick & SAMPLES_LAST) * UW]
     for i in range(SAMPLES_LAST + U1):
         block[at + SAMPLES + i * UW] = reading

@@ -22,7 +22,7 @@ class Params(NamedTuple):
     contour: float = -1.0  # index of the first sample in the contours' table; −1: straight along x
     samples: float = 0.0  # their number
     profile: float = -1.0  # index of the first sample in the profiles' table; −1: none
-    profile_samples: float = 0.0
+    profile_samples: float = 0.0  # 0: a height map begins there
     profile_spacing: float = 1.0  # mm
 
 
@@ -58,6 +58,28 @@ def sample(table, first, samples, spacing, distance):
     low = np.floor(at)
     i = np.uint64(np.int64(first + low))
     return table[i] + (at - low) * (table[i + U1] - table[i])
+
+
+MAP = 5
+"""Numbers before a height map's heights: samples along x and y, its origin (mm), its spacing (mm)."""
+
+
+@part
+def height_of(table, first, x, y):
+    """Height of a map at (x, y), mm: bilinear; beyond its borders the border's height.
+
+    ``table[first]`` … hold its head (:data:`MAP`), then its heights, row by row along x.
+    """
+    i = np.uint64(np.int64(first))
+    nx, ny, spacing = table[i], table[i + U1], table[i + np.uint64(4)]
+    u = clip((x - table[i + np.uint64(2)]) / spacing, 0.0, nx - 1.000001)
+    v = clip((y - table[i + np.uint64(3)]) / spacing, 0.0, ny - 1.000001)
+    a, b = np.floor(u), np.floor(v)
+    k = i + np.uint64(MAP) + np.uint64(np.int64(b * nx + a))
+    row = np.uint64(np.int64(nx))
+    low = table[k] + (u - a) * (table[k + U1] - table[k])
+    high = table[k + row] + (u - a) * (table[k + row + U1] - table[k + row])
+    return low + (v - b) * (high - low)
 
 
 @dataclass(frozen=True)

@@ -126,6 +126,8 @@ def test_every_number_of_the_following_suite_is_the_frozen_one(name):
     for table in ("axis", "head", "sheet"):
         frozen[table] = {**FOLLOWING[table], **FROZEN[name].get(table, {})}
     shipped = asdict(suite("following")[name])
+    for table in ("head", "sheet"):
+        assert all(shipped[table].pop(name, None) is None for name in ("table", "signal", "map"))
     unused = {"job": None, "gantry": asdict(scenarios.Gantry()), "optics": asdict(scenarios.Optics())}
     assert {key: value for key, value in shipped.items() if key not in ("name", "summary")} == {**frozen, **unused}
     assert suite("following")[name].name == name
