@@ -17,7 +17,7 @@ class Params(NamedTuple):
     """The settings."""
 
     override: Annotated[float, Quantity("1", 0.05, 2.0, "of the planned feed")] = 1.0
-    power: Annotated[float, Quantity("1", 0.0, 1.2, "of the nominal power")] = 1.0
+    power: Annotated[float, Quantity("1", 0.05, 1.2, "of the nominal power")] = 1.0
     frequency: Annotated[float, Quantity("Hz", 0.0, 4000.0, "of the dither; 0: none", "Huang2024")] = 0.0
     x: Annotated[float, Quantity("mm", 0.0, 0.3, "amplitude of the dither", "Huang2024")] = 0.0
     y: Annotated[float, Quantity("mm", 0.0, 0.3, "amplitude of the dither", "Huang2024")] = 0.0

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from .plant import cut
+from .plant import cut, gantry, spot
 from .plant.cut import CUTOFF, LENGTH
 from .plant.quantity import InvalidInput
 
@@ -52,6 +52,48 @@ class Trajectory:
                 raise InvalidInput(f"trajectory.{name} has {len(array)} samples; 'along' has {size}")
             if not np.isfinite(array).all():
                 raise InvalidInput(f"trajectory.{name} holds a number that is not finite")
+
+
+def travelled(channels: npt.NDArray[np.float32], optics: spot.Params, power: float, focus: float = 0.0) -> Trajectory:
+    """The way of the spot in a recorded run, from the first to the last millisecond of its cut (one contour).
+
+    The carrier is interpolated between milliseconds, the dither added to it as the optics realised it.
+
+    Args:
+        channels: of one machine, shape (periods, ``gantry.CHANNELS``).
+        optics: its galvo and piezo.
+        power: nominal, W.
+        focus: added to the recorded focus, mm.
+
+    Raises:
+        InvalidInput: nothing was cut.
+    """
+    c = {name: channels[:, i].astype(float) for i, name in enumerate(gantry.CHANNELS)}
+    cutting = np.flatnonzero((c["phase"] == gantry.LEAD_IN) | (c["phase"] == gantry.CUT))
+    if len(cutting) < 2:
+        raise InvalidInput("nothing was cut in this recording")
+    part = slice(cutting[0], cutting[-1] + 1)
+    c = {name: values[part] for name, values in c.items()}
+    fastest = float(c["dither_frequency"].max())
+    per = max(5, int(np.ceil(40.0 * fastest * 1e-3)))  # samples a millisecond
+    ms = np.arange(len(c["s"]), dtype=float)
+    t = np.arange((len(ms) - 1) * per + 1) / per
+
+    def at(name: str) -> Floats:
+        return np.asarray(np.interp(t, ms, c[name]), np.float64)
+
+    real = spot.Realised(*(at(f"dither_{name}") for name in spot.Realised._fields))
+    turn = np.cumsum(np.append(0.0, real.frequency[1:])) * 1e-3 / per  # of the dither so far
+    x, y, z = spot.shaped(optics, real, turn)
+    tx, ty = at("tx"), at("ty")
+    if optics.along:
+        dx, dy = x, y
+    else:
+        dx, dy = x * tx + y * ty, y * tx - x * ty
+    return Trajectory(
+        1e-3 / per, at("s") + dx, at("error") + dy, at("speed"), at("gap_error"), z + focus,
+        power * at("command_power"), dx,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -183,6 +183,25 @@ def angles(depth, spot, beta):
     return alpha, alpha + beta
 
 
+def shaped(p, r, turn):
+    """:func:`offset` for arrays: where the spot is after ``turn`` turns of the dither."""
+    phase = 2.0 * np.pi * turn - r.lag
+    s, c = np.sin(phase), np.cos(phase)
+    ramp = turn - r.lag_z / (2.0 * np.pi)
+    if p.shape == HAT:
+        grown = np.abs(_folded(turn / (2.0 * TURNS)))
+        x, y = r.x * (0.2 * s + 0.8 * grown * c), r.y * (0.2 * c - 0.8 * grown * s)
+        ramp = turn / (2.0 * TURNS) - r.lag_z / (2.0 * np.pi)
+    else:
+        x, y = r.x * c, r.y * s
+    return x, y, r.z * _folded(ramp) + r.focus
+
+
+def _folded(u):
+    v = (u + 0.25) % 1.0
+    return np.where(v < 0.5, 4.0 * v - 1.0, 3.0 - 4.0 * v)
+
+
 def check(p, c):
     """Raises :class:`InvalidInput` for a dither that the optics cannot do."""
     for name, value, most in (

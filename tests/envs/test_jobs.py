@@ -9,7 +9,7 @@ from stable_baselines3.common.env_checker import check_env as check_for_sb3
 
 import kerfgym  # noqa: F401
 from kerfgym.agents.vec_env import CuttingVecEnv
-from kerfgym.envs import job_interface, job_metrics, scenarios, workshop
+from kerfgym.envs import job_interface, job_metrics, quality, scenarios, workshop
 from kerfgym.envs.paths import job as jobs
 from kerfgym.envs.paths import kerf, parts
 from kerfgym.envs.plant import gantry
@@ -139,6 +139,20 @@ def test_table_2_holds_in_the_machine_too():
         assert figures["roughness"][0] == pytest.approx(rough, rel=0.10)
         assert figures["dross"][0] == pytest.approx(dross, rel=0.10)
         assert figures["through"][0] > 0.99
+
+
+@pytest.mark.parametrize("method", ["huang2024-static-fast", "huang2024-dynamic"])
+def test_the_full_form_on_the_simulated_trajectory_agrees_with_what_the_machine_adds_up(method):
+    scenario = scenarios.load("cut-bulge").varied(job={"size": 10.0, "lead_in": 0.0})
+    fleet, job, channels = job_runs.roll(scenario, team(f"xy=wu,process={method}"), [1000], record=True)
+    figures = job_metrics.evaluate(job_metrics.Jobs.of(fleet, job))
+    steel, optics = workshop.material_of(scenario), fleet.gantries.get("optics")
+    found = quality.evaluate(quality.travelled(channels[:, :, 0], optics, steel.power), steel.params)
+    inner = slice(60, -60)  # cells of 25 µm; the ends are standstills
+    assert 1e3 * found.roughness[inner].mean() == pytest.approx(figures["roughness"][0], rel=0.05)
+    assert found.dross[inner].mean() == pytest.approx(figures["dross"][0], rel=0.05)
+    assert found.kerf_top[inner].mean() == pytest.approx(figures["kerf"][0], rel=0.06)
+    assert found.through[inner].mean() == pytest.approx(figures["through"][0], abs=0.02)
 
 
 def test_the_sheet_is_read_where_the_axes_are():
