@@ -1,5 +1,6 @@
 """Any number of machines that do jobs, behind one set of arrays."""
 
+import warnings
 from typing import Any
 
 import gymnasium as gym
@@ -68,6 +69,8 @@ class JobBatch(Episodes):
             if stack.python is not None:
                 raise InvalidInput(f"base controller '{stack.name}' is plain Python; a base must be a compiled law")
         self.jobs = [workshop.programme(s, self.base) for s in found]
+        for note in dict.fromkeys(note for job in self.jobs for note in job.warnings):
+            warnings.warn(note, stacklevel=4)
         width, seen = 3 if contour else 8, len(FEATURES[self.TASK])
         high = np.inf if observation == "raw" else LIMIT
         longest = [int(np.ceil(LONGEST * len(job.x) / PERIOD)) for job in self.jobs]

@@ -86,8 +86,9 @@ class Results:
         frame["failed"] = groups["failed"].sum().astype(int)
         core = self.runs[self.runs["scenario"].isin(scored)].groupby("controller", sort=False)
         shown = (("p99", "p99_true"), ("jitter", "jitter"), ("dross", "dross"), ("roughness", "roughness"))
-        for column, metric in shown:
-            frame[column] = core[metric].apply(lambda values: values.mean(skipna=False))
+        for column, metric in shown:  # runs of earlier versions know nothing of the cut
+            known = metric in self.runs
+            frame[column] = core[metric].apply(lambda values: values.mean(skipna=False)) if known else np.nan
         return frame
 
     def collision_rates(self) -> pd.DataFrame:

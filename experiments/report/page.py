@@ -20,7 +20,7 @@ from ...envs.metrics import METRICS
 from ...envs.scenarios import SPLITS
 from ..results import CEILING, REFERENCE, Results
 from ..runs import atomic
-from . import plots
+from . import plots, quality_plot
 from .plots import LIMIT_MS, number
 
 TEMPLATE = "report.html"
@@ -223,6 +223,12 @@ def pictures(results: Results) -> list[Picture]:
             "without an asterisk.",
             "Where the error comes from", few_colours=False,
         ))  # fmt: skip
+    out.append(Picture(
+        "quality", lambda _: quality_plot.drawn("thin-sheet")[0],
+        quality_plot.drawn("thin-sheet")[1] + " Dross and roughness are proxies. Left of the dashed line "
+        "the cut does not tell a follower from a perfect one.",
+        "What shows in the cut",
+    ))  # fmt: skip
     if plots.contour_controllers(results):
         out.append(Picture(
             "contour", plots.contour,

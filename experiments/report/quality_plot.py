@@ -53,6 +53,14 @@ def threshold(frame: pd.DataFrame) -> float:
 
 def quality_against_error(name: str, thickness: float | None = None) -> tuple[np.ndarray, str]:
     """The picture, uint8 (height, width, 3), and what it says."""
+    figure, words = drawn(name, thickness)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[:, :, :3].copy(), words
+
+
+def drawn(name: str, thickness: float | None = None) -> tuple[Figure, str]:
+    """The figure, and what it says."""
     steel = material(name, thickness)
     frame = table(steel)
     limit = threshold(frame)
@@ -68,18 +76,11 @@ def quality_against_error(name: str, thickness: float | None = None) -> tuple[np
         axes.axvline(limit, color="#555c63", linewidth=0.8, linestyle="--")
     axes.grid(color="#d5d9dd", linewidth=0.6)
     axes.legend(frameon=False)
+    title = f"{name}, {steel.thickness:g} mm: quality against following error"
+    figure.suptitle(title, fontsize=11, fontweight="bold", x=0.01, ha="left")
     words = (
         f"{steel.label}. Below {limit:.0f} µm RMS a better follower changes neither dross nor roughness by 1 %."
         if np.isfinite(limit)
         else f"{steel.label}. Up to {ERRORS[-1]:.0f} µm RMS the following error does not show in this cut."
     )
-    figure.suptitle(
-        f"{name}, {steel.thickness:g} mm: quality against following error",
-        fontsize=11,
-        fontweight="bold",
-        x=0.01,
-        ha="left",
-    )
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    return np.asarray(canvas.buffer_rgba())[:, :, :3].copy(), words
+    return figure, words
