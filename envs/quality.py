@@ -7,6 +7,7 @@ what path and dither write on the wall; melt margin, roughness and dross follow 
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -82,7 +83,7 @@ def travelled(channels: npt.NDArray[np.float32], optics: spot.Params, power: flo
     def at(name: str) -> Floats:
         return np.asarray(np.interp(t, ms, c[name]), np.float64)
 
-    real = spot.Realised(*(at(f"dither_{name}") for name in spot.Realised._fields))
+    real: Any = spot.Realised._make(at(f"dither_{name}") for name in spot.Realised._fields)
     turn = np.cumsum(np.append(0.0, real.frequency[1:])) * 1e-3 / per  # of the dither so far
     x, y, z = spot.shaped(optics, real, turn)
     tx, ty = at("tx"), at("ty")

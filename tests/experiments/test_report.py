@@ -161,7 +161,7 @@ def test_nothing_is_loaded_from_elsewhere(whole):
 def test_every_picture_is_a_file_and_in_the_page(whole):
     path, reader = whole
     names = {p.stem for p in (path.parent / "plots").glob("*.png")}
-    once = {"scores", "heat", "true_and_reported", "sensitivity", "collisions"}
+    once = {"scores", "heat", "true_and_reported", "sensitivity", "collisions", "quality"}
     assert names == once | {f"oscilloscope-{s}" for s in SUITE["scenarios"]}
     assert names <= set(reader.ids)
 
