@@ -17,6 +17,7 @@ _SCALE = 2
 """Drawn this much larger and then reduced, which smooths the lines."""
 
 _GROUND, _INK, _QUIET, _OUTLINE, _RAPID, _SPOT = "#ffffff", "#1a1d20", "#555c63", "#d5d9dd", "#a5abb1", "#d55e00"
+_EDGE = "#8b9198"
 
 # Anchors of a colour scale whose lightness rises evenly (viridis, Smith and van der Walt 2015).
 _ANCHORS = np.array([
@@ -94,8 +95,7 @@ def picture(kerf: Kerf, colour: str = "standoff", limits: tuple[float, float] | 
     for a, b in zip(marks[:-1].tolist(), marks[1:].tolist(), strict=True):
         line = [tuple(way[a].tolist()), tuple(way[b].tolist())]
         if kerf.cutting[b]:
-            if not kerf.through[b]:
-                draw.line(line, fill=_INK, width=_SCALE * 7)
+            draw.line(line, fill=_EDGE if kerf.through[b] else _INK, width=_SCALE * (6 if kerf.through[b] else 8))
             draw.line(line, fill=tuple(shades[b].tolist()), width=_SCALE * 4)
     if len(way):
         x, y = way[-1]

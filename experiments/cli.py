@@ -49,9 +49,11 @@ def _entries(kind: str) -> list[tuple[str, str]]:
 
         found = [stack.get(name) for name in stack.names()]
         return [(s.name, f"{s.summary} [{s.slot}, {s.information}]") for s in found]
-    from ..envs import metrics
+    from ..envs import job_metrics, metrics
 
-    return [(m.name, f"{m.summary} [{m.unit}, {m.better} is better]") for m in metrics.METRICS.values()]
+    return [(m.name, f"{m.summary} [{m.unit}, {m.better} is better]") for m in metrics.METRICS.values()] + [
+        (m.name, f"{m.summary} [{m.unit}, {m.better} is better; jobs]") for m in job_metrics.METRICS.values()
+    ]
 
 
 def benchmark(

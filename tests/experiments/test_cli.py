@@ -14,6 +14,7 @@ from PIL import Image
 
 import kerfgym
 from kerfgym.envs import scenarios, stack
+from kerfgym.envs.job_metrics import METRICS as JOB_METRICS
 from kerfgym.envs.metrics import METRICS
 from kerfgym.experiments import benchmark
 from kerfgym.experiments.cli import main
@@ -74,14 +75,14 @@ def test_list_shows_everything_that_is_registered_a_line_each(capsys):
     ids = [name for name in gym.registry if name.startswith("kerfgym/")]
     assert ids
     cases = [name for group in scenarios.suites() for name in scenarios.suite(group)]
-    assert first == [*ids, *cases, *stack.names(), *METRICS]
+    assert first == [*ids, *cases, *stack.names(), *METRICS, *JOB_METRICS]
     assert all(len(line.split()) > 2 for line in lines if line.startswith("  "))  # a name and what it is
 
 
 def test_list_shows_one_kind(capsys):
     lines = listed(capsys, "metrics")
     assert lines[0] == "metrics:"
-    assert [line.split()[0] for line in lines[1:]] == list(METRICS)
+    assert [line.split()[0] for line in lines[1:]] == [*METRICS, *JOB_METRICS]
 
 
 def test_list_says_which_scenarios_make_the_score(capsys):
