@@ -18,12 +18,12 @@ from .paths.checks import check_travel
 from .paths.drawing import Drawing
 from .paths.job import Job, Settings, plan
 from .paths.read import read
-from .plant import heads
+from .plant import heads, spot
 from .plant.fleet import Fleet
 from .plant.gantry import Recipe
 from .plant.quantity import InvalidInput
 from .scenarios import Scenario
-from .stack import Team
+from .stack import Stack, Team
 
 
 @functools.lru_cache(maxsize=32)
@@ -59,6 +59,7 @@ def programme(scenario: Scenario, team: Team) -> Job:
         InvalidInput: the scenario has no job, the feed is out of range, or what the drawing's reader finds.
     """
     axes, feed = team.xy.part("plan"), team.process.part("plan").feed
+    _check_dither(scenario, team.process)
     return _programme(scenario.name, _job(scenario), scenario.gantry, tuple(axes), float(feed))
 
 
@@ -121,6 +122,17 @@ def fleet_for(scenario: Scenario, team: Team, seeds: Any, threads: int = 1) -> F
     team.install(fleet, every)
     fleet.begin(every, scenarios.noise_keys(seeds))
     return fleet
+
+
+def _check_dither(scenario: Scenario, stack: Stack) -> None:
+    """Settings that the scenario's optics cannot do would be limited without a word; they are an error."""
+    law, optics = stack.part("law"), scenario.optics
+    if {"frequency", "x", "y", "z", "focus"} <= set(law._fields):
+        able = spot.Params(galvo_range=optics.galvo_range, piezo_range=optics.piezo_range, highest=optics.highest)
+        try:
+            spot.check(able, spot.Command(law.frequency, law.x, law.y, law.z, law.focus))
+        except InvalidInput as error:
+            raise InvalidInput(f"scenario '{scenario.name}', controller '{stack.name}': {error}") from None
 
 
 def _job(scenario: Scenario) -> scenarios.Job:

@@ -335,6 +335,13 @@ def test_bad_input_is_named(arguments, message):
         gym.make(CUTTING, **arguments)
 
 
+def test_a_dither_beyond_the_scenarios_optics_is_refused():
+    with pytest.raises(InvalidInput, match=r"'huang2024-dynamic': dither\.x = 0\.3 mm is out of the optics' range"):
+        gym.make(CUTTING, base="huang2024-dynamic", machine={"optics": {"galvo_range": 0.1}})
+    with pytest.raises(InvalidInput, match=r"law\.power = 0\.0 is out of range"):
+        gym.make(CUTTING, base="recipe:law.power=0")
+
+
 def test_a_part_beyond_the_travel_is_refused():
     with pytest.raises(InvalidInput, match=r"1200\.0 × 1200\.0 mm; allowed: the travel of 1500 × 1000 mm"):
         gym.make(CUTTING, machine={"job": {"size": 1200.0}})
