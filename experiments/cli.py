@@ -149,6 +149,40 @@ def render(
     print(out)
 
 
+def reproduce(
+    names: Annotated[Positional[tuple[str, ...]], arg(metavar="DOCUMENT[/STUDY]")] = (),
+    seeds: int = 24,
+    name: str | None = None,
+    jobs: int = 2,
+    overwrite: bool = False,
+    resume: bool = False,
+) -> None:
+    """Every number and claim of the five documents beside the simulation; writes runs/<name>/reproduce.html.
+
+    Args:
+        names: documents (xi2023, wu, huang2024, cn102528288a, patent2022) or studies of them (xi2023/table-1).
+            Default: all.
+        seeds: independent runs of whatever is random.
+        name: of the run folder. Default: reproduce- and date and time.
+        jobs: worker processes.
+        overwrite: replace an existing run folder.
+        resume: finish an interrupted run.
+    """
+    from .reproduce import page
+    from .reproduce.run import reproduce as run
+    from .table import progress
+
+    folder = Path("runs") / (name or f"reproduce-{datetime.datetime.now():%Y-%m-%d-%H%M%S}")
+    with progress("studies") as told:
+        parts = run(names, folder, seeds, jobs, overwrite, resume, told)
+    page.show(parts)
+    print(f"\n{folder / 'reproduce.html'}")
+    failed = [part["study"] for part in parts if part["error"]]
+    if failed:
+        print(f"kerfgym: error: failed: {', '.join(failed)}; see {folder / 'parts'}", file=sys.stderr)
+        raise SystemExit(1)
+
+
 def speed(
     rounds: int = 5,
     name: str | None = None,
@@ -186,7 +220,9 @@ def main(arguments: list[str] | None = None) -> None:
     if words == ["--version"]:
         print(f"kerfgym {__version__}")
         return
-    commands: dict[str, Any] = {"list": list_, "benchmark": benchmark, "render": render, "speed": speed}
+    commands: dict[str, Any] = {
+        "list": list_, "benchmark": benchmark, "reproduce": reproduce, "render": render, "speed": speed,
+    }  # fmt: skip
     try:
         tyro.extras.subcommand_cli_from_dict(
             commands, prog="kerfgym", description="Testbed for laser-cutting machine control.", args=words

@@ -100,6 +100,21 @@ def status() -> Iterator[Callable[[str], None]]:
         yield line.update
 
 
+@contextlib.contextmanager
+def progress(what: str) -> Iterator[Callable[[int, int, str], None]]:
+    """A progress bar; gives the function that is told how many are done, of how many, and which was the last."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True)) as bar:
+        task = bar.add_task(what, total=None)
+
+        def told(done: int, total: int, last: str) -> None:
+            bar.update(task, completed=done, total=total, description=f"{what} · {last}")
+
+        yield told
+
+
 def print_speed(tables: dict[str, Any]) -> None:
     """Prints the tables of a speed run, the promises last."""
     console = Console(width=max(Console().width, 120))

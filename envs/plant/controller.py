@@ -17,8 +17,11 @@ A law fills a *slot* of the machine, which decides what it sees, what it command
 
 In slots ``z`` and ``process`` the *information class* under which the law was registered may give it more, such as
 :class:`Preview` or :class:`Privileged`; a law cannot read what its class does not hold. ``tables`` is a one-dimensional
-float64 array shared by all machines, empty unless the law brought one. The functions are compiled; a law in plain
-Python implements ``reset()`` and ``control(signals)`` instead and runs through the same machine, only slower.
+float64 array shared by all machines, empty unless the law brought one. A law of the slot ``z`` that solves or learns
+something, and so needs more than a few numbers, declares ``MEMORY = n``: its ``control`` gets a fifth argument, ``n``
+numbers of the machine's own, which outlast an episode (``signals.fresh`` says when one begins). The functions are
+compiled; a law in plain Python implements ``reset()`` and ``control(signals)`` instead and runs through the same
+machine, only slower.
 """
 
 import hashlib
@@ -40,6 +43,9 @@ from .quantity import InvalidInput, did_you_mean
 PERIOD = 1e-3
 """s, control period (Xi2023)."""
 
+LARGEST_MEMORY = 1 << 20
+"""Numbers that a law may keep for each machine."""
+
 AHEAD = 5
 """ms of sheet that a preview law knows."""
 
@@ -60,6 +66,8 @@ class Sensed(NamedTuple):
     captured: bool = False  # the approach is over
     fresh: bool = True  # first period of an episode
     feed: float = 0.0  # mm/s along the path
+    place: float = 0.0  # mm along the path, of the lap where the path is travelled again and again
+    lap: float = 0.0  # laps that are over
 
 
 class Preview(NamedTuple):
@@ -78,6 +86,8 @@ class Preview(NamedTuple):
     captured: bool = False
     fresh: bool = True
     feed: float = 0.0
+    place: float = 0.0
+    lap: float = 0.0
     surface_0: float = 0.0  # mm, surface under the nozzle now
     surface_1: float = 0.0  # mm, and in 1 … 5 ms
     surface_2: float = 0.0
@@ -102,6 +112,8 @@ class Privileged(NamedTuple):
     captured: bool = False
     fresh: bool = True
     feed: float = 0.0
+    place: float = 0.0
+    lap: float = 0.0
     surface_0: float = 0.0
     surface_1: float = 0.0
     surface_2: float = 0.0
@@ -215,7 +227,7 @@ class Slot(NamedTuple):
 
 
 SLOTS = {
-    "z": Slot(INFORMATION, float, 24, 40),
+    "z": Slot(INFORMATION, float, 24, 36),
     "xy": Slot({"sensor": AxesSensed}, Velocities, 16, 24),
     "process": Slot({"sensor": ProcessSensed, "privileged": ProcessPrivileged}, Process, 24, 24),
 }
@@ -239,6 +251,7 @@ class Law:
     control: Callable[..., Any]
     tables: np.ndarray = field(default_factory=lambda: np.zeros(0), compare=False)
     source: str = ""
+    memory: int = 0  # numbers of its own that each machine keeps for it
 
     @property
     def signals(self) -> Any:
@@ -249,12 +262,13 @@ class Law:
 _stages: dict[str, Any] = {}
 
 # Filled in by `stage_of` for each law.
+_BYTES = lanes.U(8)
 _init: Any = None
 _control: Any = None
 _Params: Any = None
 _State: Any = None
 _Signals: Any = None
-_P = _S = _X = _WISH = _SIZE = _DUE = lanes.U0
+_P = _S = _X = _WISH = _SIZE = _DUE = _MEMORY = _STRIDE = lanes.U0
 
 
 def _stage(block_address, at, n, tables_address, tables_size):
@@ -270,6 +284,25 @@ def _stage(block_address, at, n, tables_address, tables_size):
         else:
             state = load(_State, block, a + _S)
         state, command = _control(params, state, signals, tables)
+        store(block, a + _S, state)
+        block[a + _WISH] = command
+
+
+def _remembering_stage(block_address, at, n, tables_address, tables_size):
+    """The same for a law with a memory; the machines' memories lie behind the tables."""
+    block = doubles(block_address, _SIZE)
+    tables = doubles(tables_address, tables_size)
+    first = (at // _STRIDE) * lanes.UW + at % _STRIDE
+    for lane in range(n):
+        a = at + lane
+        params = load(_Params, block, a + _P)
+        signals = load(_Signals, block, a + _X)
+        memory = doubles(tables_address + _BYTES * (tables_size + (first + lane) * _MEMORY), _MEMORY)
+        if signals.fresh:
+            state = _init(params)
+        else:
+            state = load(_State, block, a + _S)
+        state, command = _control(params, state, signals, tables, memory)
         store(block, a + _S, state)
         block[a + _WISH] = command
 
@@ -298,17 +331,18 @@ def stage_of(law: Law, rows: dict[str, np.uint64]) -> int:
     Args:
         law: what is compiled.
         rows: where its ``params``, ``state``, ``signals`` and ``wish`` lie; outside the slot ``z`` also ``due``,
-            whether it is the lane's turn.
+            whether it is the lane's turn, in the slot ``z`` the ``stride`` from block to block.
     """
     # Names of stages become file names in the cache: the law's own name and a digest of its text.
     digest = hashlib.sha256(law.source.encode()).hexdigest()[:12]
     name = f"{law.name}.{digest}".replace("-", "_").replace(":", "_")
-    template = _timed_stage if "due" in rows else _stage
+    template = _timed_stage if "due" in rows else (_remembering_stage if law.memory else _stage)
     if name not in _stages:
         _stages[name] = specialise(
             template, name, law.source, _init=law.init, _control=law.control, _Params=law.Params, _State=law.State,
             _Signals=law.signals, _P=rows["params"], _S=rows["state"], _X=rows["signals"], _WISH=rows["wish"],
             _SIZE=lanes.U(2**40), _DUE=rows.get("due", lanes.U0),
+            _MEMORY=lanes.U(law.memory), _STRIDE=rows.get("stride", lanes.U0),
         )  # fmt: skip
     try:
         return _stages[name].address
@@ -359,12 +393,18 @@ def make_law(space: Any, name: str, information: str = "sensor", slot: str = "z"
             raise InvalidInput(f"controller '{name}': {cls!r} is not a NamedTuple")
         if lanes.rows(cls) > most:
             raise InvalidInput(f"controller '{name}': {cls.__name__} has {lanes.rows(cls)} numbers; at most {most}")
+    memory = int(getattr(space, "MEMORY", 0))
+    if memory and slot != "z":
+        raise InvalidInput(f"controller '{name}': MEMORY is for laws of the slot z, not {slot}")
+    if not 0 <= memory <= LARGEST_MEMORY:
+        raise InvalidInput(f"controller '{name}': MEMORY = {memory}; allowed: 0 to {LARGEST_MEMORY}")
     doc = inspect.getdoc(space) or ""
     return Law(
         name=name, summary=doc.split("\n")[0], information=information, slot=slot, Params=space.Params,
         State=space.State, init=_compiled(space.init), control=_compiled(space.control),
         tables=np.zeros(0) if tables is None else np.ascontiguousarray(tables, np.float64).ravel(),
         source=source_of(space) + "".join(_told(_compiled(f), frozenset(), set()) for f in (space.init, space.control)),
+        memory=memory,
     )  # fmt: skip
 
 

@@ -197,7 +197,8 @@ class Fleet(Columns):
         """Gives the machines another law (its parameters are written with :meth:`put_law`)."""
         self.law = law
         self._deck[machine.D_LAW] = stage_of(law, machine.LAW_PLACES)
-        self._point(machine.D_LAW_TABLES, law.tables if law.tables.size else np.zeros(1))
+        memory = np.zeros(max(1, self.blocks * W * law.memory))  # of each machine, behind the tables
+        self._point(machine.D_LAW_TABLES, np.concatenate([law.tables, memory]))
         self._deck[machine.D_LAW_SIZE] = law.tables.size
 
     def hook(self, act: int, observe: int, io: np.ndarray) -> None:

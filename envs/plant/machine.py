@@ -108,10 +108,12 @@ S_Z, DRIVE, S_GUARD = (
     _layout.place(rows(supervisor.State)),
 )
 SIGNALS, TALLY = _layout.place(rows(Privileged)), _layout.place(rows(Tally))
-COURSE, PACE, MOMENT = _layout.place(rows(Course)), _layout.place(rows(z_axis.Pace)), _layout.place(rows(Moment))
+COURSE, MOMENT = _layout.place(rows(Course)), _layout.place(rows(Moment))
+PACE = _layout.place(max(rows(z_axis.Pace), rows(filters.Fold)))
 GAINS = _layout.place(rows(z_axis.Gains))
-FOLD, KEPT = _layout.place(rows(filters.Fold)), _layout.place(2)
-WISH, BEAM, PASSED, REFUGE, SLOPE, CLOCK, ORIGIN = (_layout.place(1) for _ in range(7))
+FOLD, KEPT = PACE, _layout.place(2)  # the pace has been used when the filter folds
+WISH, BEAM, SLOPE, CLOCK, ORIGIN = (_layout.place(1) for _ in range(5))
+PASSED, REFUGE = KEPT, KEPT + UW  # and these two when it keeps
 HINTS = _layout.place(2)  # entries of the table at the last reading, filtered and raw
 SURFACES, SURFACES_LAST = _layout.place(16), U(15)  # ring: two points a period, from the past period to the preview
 SAMPLES, SAMPLES_LAST = _layout.place(filters.LONGEST), U(filters.LONGEST - 1)  # ring of frequencies
@@ -120,7 +122,7 @@ HEIGHTS, RAW_HEIGHTS, POSITIONS, COMMANDS = (_layout.place(HISTORY) for _ in ran
 ROWS = _layout.rows
 STRIDE = U(ROWS * W)
 
-LAW_PLACES = {"params": P_LAW, "state": S_LAW, "signals": SIGNALS, "wish": WISH}
+LAW_PLACES = {"params": P_LAW, "state": S_LAW, "signals": SIGNALS, "wish": WISH, "stride": STRIDE}
 
 PLACES = {
     "path": (P_PATH, path.Params), "sheet": (P_SHEET, sheet.Params), "sensor": (P_SENSOR, sensor.Params),
@@ -491,13 +493,15 @@ def report_all(block, at, n, tick):
         encoder = z_axis.encoded(load(z_axis.Params, block, a + P_Z), m.gate_motor)
         position = encoder + s.offset
         speed = (encoder - t.encoder) / PERIOD
+        way, lap = load(path.State, block, a + S_PATH), load(path.Params, block, a + P_PATH).lap
+        turns = np.floor(max(way.here, 0.0) / lap) if lap > 0.0 else 0.0
         here = a + SURFACES
         store(block, a + TALLY, Tally(t.ticks, t.collided, t.lowest, encoder))
         store(block, a + SIGNALS, Privileged(
             height=x.height, raw_height=x.raw_height, frequency=x.frequency, valid=x.frequency > 0.0,
             set_height=load(supervisor.Job, block, a + JOB).set_height, head_position=position, head_velocity=speed,
             command=s.command, mode=s.mode, override=s.override, captured=s.captured, fresh=False,
-            feed=load(path.State, block, a + S_PATH).feed,
+            feed=way.feed, place=way.here - turns * lap, lap=turns,
             surface_0=block[here + _surface(tick, U0)], surface_1=block[here + _surface(tick, U1)],
             surface_2=block[here + _surface(tick, U2)], surface_3=block[here + _surface(tick, U(3))],
             surface_4=block[here + _surface(tick, U(4))], surface_5=block[here + _surface(tick, U(5))],

@@ -24,6 +24,7 @@ class Params(NamedTuple):
     profile: float = -1.0  # index of the first sample in the profiles' table; −1: none
     profile_samples: float = 0.0  # 0: a height map begins there
     profile_spacing: float = 1.0  # mm
+    lap: float = 0.0  # mm, length of a lap of a path that is travelled again and again; 0: it is not
 
 
 class State(NamedTuple):

@@ -1,7 +1,6 @@
 """The report: one HTML file that holds everything it shows and opens offline, and its pictures as PNG files."""
 
 import base64
-import io
 import math
 import re
 from collections.abc import Callable
@@ -12,15 +11,14 @@ from typing import Any
 import jinja2
 import numpy as np
 import pandas as pd
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from PIL import Image
 
 from ...envs.metrics import METRICS
 from ...envs.scenarios import SPLITS
 from ..results import CEILING, REFERENCE, Results
 from ..runs import atomic
 from . import plots, quality_plot
+from .pictures import png
 from .plots import LIMIT_MS, number
 
 TEMPLATE = "report.html"
@@ -279,19 +277,6 @@ def _stem(name: str, taken: set[str]) -> str:
     return stem
 
 
-def _png(figure: Figure, few_colours: bool) -> bytes:
-    """The figure as PNG; with a palette of 256 colours, which lines do with, it is a third as large."""
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
-    if few_colours:
-        image = image.quantize(256, method=Image.Quantize.FASTOCTREE)
-        image.putpalette([255 if value == 254 else value for value in image.getpalette() or []])  # white stays white
-    buffer = io.BytesIO()
-    image.save(buffer, "PNG", dpi=(figure.dpi, figure.dpi))
-    return buffer.getvalue()
-
-
 # -------------------------------------------------------------------------------------------------------------- page
 
 
@@ -302,7 +287,7 @@ def write_report(folder: Path, results: Results) -> Path:
     sections: dict[str, list[dict[str, Any]]] = {}
     for picture in pictures(results):
         figure = picture.make(results)
-        image = _png(figure, picture.few_colours)
+        image = png(figure, picture.few_colours)
         with atomic(folder / "plots" / f"{picture.name}.png") as part:
             part.write_bytes(image)
         width, height = figure.get_size_inches() * figure.dpi

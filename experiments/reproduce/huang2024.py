@@ -1,0 +1,1 @@
+"""Huang2024: path, dither and cut quality."""

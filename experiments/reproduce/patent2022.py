@@ -1,0 +1,1 @@
+"""Patent2022: three-case control and planned descent."""
