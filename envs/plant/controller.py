@@ -227,7 +227,7 @@ class Slot(NamedTuple):
 
 
 SLOTS = {
-    "z": Slot(INFORMATION, float, 24, 36),
+    "z": Slot(INFORMATION, float, 24, 32),
     "xy": Slot({"sensor": AxesSensed}, Velocities, 16, 24),
     "process": Slot({"sensor": ProcessSensed, "privileged": ProcessPrivileged}, Process, 24, 24),
 }

@@ -178,6 +178,7 @@ def _view(block, a, surface, refuge):
         height=x.height, fall=surface - (x.head_position - x.height), refuge=refuge, valid=x.valid,
         head_position=x.head_position, encoder=encoder,
         last_encoder=encoder - x.head_velocity * PERIOD, wish=hand.gain * block[a + WISH] + hand.residual,
+        frequency=x.frequency,
     )  # fmt: skip
 
 
@@ -493,13 +494,15 @@ def report_all(block, at, n, tick):
         encoder = z_axis.encoded(load(z_axis.Params, block, a + P_Z), m.gate_motor)
         position = encoder + s.offset
         speed = (encoder - t.encoder) / PERIOD
+        job = load(supervisor.Job, block, a + JOB)
+        set_height = job.protect if s.mode == supervisor.PROTECT else job.set_height
         way, lap = load(path.State, block, a + S_PATH), load(path.Params, block, a + P_PATH).lap
         turns = np.floor(max(way.here, 0.0) / lap) if lap > 0.0 else 0.0
         here = a + SURFACES
         store(block, a + TALLY, Tally(t.ticks, t.collided, t.lowest, encoder))
         store(block, a + SIGNALS, Privileged(
             height=x.height, raw_height=x.raw_height, frequency=x.frequency, valid=x.frequency > 0.0,
-            set_height=load(supervisor.Job, block, a + JOB).set_height, head_position=position, head_velocity=speed,
+            set_height=set_height, head_position=position, head_velocity=speed,
             command=s.command, mode=s.mode, override=s.override, captured=s.captured, fresh=False,
             feed=way.feed, place=way.here - turns * lap, lap=turns,
             surface_0=block[here + _surface(tick, U0)], surface_1=block[here + _surface(tick, U1)],
@@ -642,7 +645,7 @@ def _begin(deck_address, machine, key):
     follows = load(supervisor.Job, block, at + JOB).request == supervisor.FOLLOW
     store(block, at + S_GUARD, supervisor.State(
         supervisor.FOLLOW if follows else supervisor.STOP, 0.0, 0.0, False, False, supervisor.NO_ALARM,
-        0.0, 0.0, start.coast, 0.0,
+        0.0, 0.0, start.coast, 0.0, 0.0, 0.0,
     ))  # fmt: skip
     store(block, at + DRIVE, z_axis.Drive(0.0, 0.0, 0.0, 0.0, 0.0))
     block[at + BEAM] = 1.0

@@ -1,7 +1,10 @@
 """Supervisor: the one command machine between a controller and the drive.
 
-It runs tick by tick: ``stop``, ``home``, ``move``, ``calibrate``, ``follow``, ``hold``, ``alarm``. While following it
-passes the law's command on, except where one of its guards acts:
+It runs tick by tick: ``stop``, ``home``, ``move``, ``calibrate``, ``follow``, ``hold``, ``protect``, ``alarm``; each new
+command first stops the motion under way (CN102528288A). Moves follow a displacement–time plan with limited speed,
+acceleration and jerk (:func:`course`) through a position loop. Protection is single-sided: the head stands still and
+is only lifted, by the law, where the sheet comes nearer than the protection height. While following it passes the law's
+command on, except where one of its guards acts:
 
 - *approach*: until the set height is first reached, the descent is no faster than the speed from which the axis still
   stops in time, ``sqrt(2·α·a·distance)`` less what the loop's ``delay`` costs (PHYSICS §6, Patent2022's descent);
@@ -10,7 +13,10 @@ passes the law's command on, except where one of its guards acts:
   approaches anew). It looks at encoder − reading, not at the reading: a tight loop hides the rise of the reading by
   following it;
 - *contact*: the oscillator stops; the head retracts and an alarm is latched;
+- *lost sensor*: the frequency is above anything that the head can give, as when its cable is off; likewise;
 - *limits*: near the ends of the travel an alarm is latched and the axis stops.
+
+What is asked for in an alarm is refused until ``stop`` has acknowledged it; an unknown command is an alarm too.
 
 Whenever its command has differed from the law's, the two are brought together at no more than ``slew`` per period, so
 following is switched on and off without a bump.
@@ -23,11 +29,13 @@ import numpy as np
 from .lanes import clip, part
 from .quantity import Quantity
 
-MODES = ("stop", "home", "move", "calibrate", "follow", "hold", "alarm")
-STOP, HOME, MOVE, CALIBRATE, FOLLOW, HOLD, ALARM = (float(i) for i in range(len(MODES)))
+MODES = ("stop", "home", "move", "calibrate", "follow", "hold", "alarm", "protect")
+STOP, HOME, MOVE, CALIBRATE, FOLLOW, HOLD, ALARM, PROTECT = (float(i) for i in range(len(MODES)))
 
-ALARMS = ("none", "collision", "limit", "following error")
-NO_ALARM, COLLISION, LIMIT, FOLLOWING_ERROR = (float(i) for i in range(len(ALARMS)))
+ALARMS = (
+    "none", "collision", "limit", "following error", "sensor lost", "index pulse missing", "unknown command",
+)  # fmt: skip
+NO_ALARM, COLLISION, LIMIT, FOLLOWING_ERROR, SENSOR_LOST, NO_INDEX, UNKNOWN = (float(i) for i in range(len(ALARMS)))
 
 MEMORY = 15
 """ms by which a hold goes back in the head's positions: an edge is felt that much earlier than it trips the guard."""
@@ -41,8 +49,14 @@ SECONDS = 1e-3
 LEAD = 10.0
 """mm, screw lead and so the distance of the encoder's index pulses (PHYSICS §2)."""
 
-CALIBRATION_HEIGHT, CALIBRATION_SPEED = 10.0, 10.0
-"""mm and mm/s (Xi2023)."""
+WITHIN = 1.2
+"""Revolutions within which the index pulse must come once the home switch has released."""
+
+POSITION_GAIN = 25.0
+"""1/s, of the position loop of moves: no overshoot up to 15 ms of lag in the axis (K·lag < 1/e) [A]."""
+
+IN_POSITION = 1.1e-3
+"""mm, from the target at which a move is over; a count of the encoder [A]."""
 
 TOUCH_SPEED = 0.5
 """mm/s at which a calibration feels for the sheet [A]."""
@@ -67,6 +81,11 @@ class Params(NamedTuple):
     alarm_error: Annotated[
         float, Quantity("mm", 0.0, 50.0, "following error that raises an alarm after 100 ms; 0: off")
     ] = 0.0
+    jerk: Annotated[float, Quantity("mm/s³", 1e3, 5e6, "jerk of planned moves")] = 1e5
+    hysteresis: Annotated[float, Quantity("mm", 0.01, 5.0, "above the protection height, where protection lets go")] = (
+        0.2
+    )
+    follow_speed: Annotated[float, Quantity("mm/s", 1.0, 1000.0, "fastest following", "Xi2023")] = 1000.0
 
 
 class Job(NamedTuple):
@@ -79,6 +98,11 @@ class Job(NamedTuple):
     switch: float = 95.0  # mm, height of the home switch
     low: float = -38.0  # mm, limit alarms
     high: float = 108.0  # mm
+    protect: float = 2.0  # mm, protection height
+    rise: float = 10.0  # mm above the sheet, and mm/s: how far and how fast a calibration goes [S] Xi2023
+    rise_speed: float = 10.0
+    index: bool = True  # the encoder's index pulse comes
+    most_frequency: float = 1e12  # Hz, above which the sensor is lost
 
 
 class State(NamedTuple):
@@ -94,6 +118,8 @@ class State(NamedTuple):
     refuge: float = 0.0  # mm, head position to which a hold goes back
     offset: float = 0.0  # mm, added to the encoder; set by homing
     command: float = 0.0  # mm/s, last command sent
+    origin: float = 0.0  # mm, where the move under way began
+    goal: float = 0.0  # mm, where it goes
 
 
 class View(NamedTuple):
@@ -107,6 +133,46 @@ class View(NamedTuple):
     encoder: float  # mm, encoder without
     last_encoder: float  # mm, one tick ago
     wish: float  # mm/s, the law's command
+    frequency: float  # Hz
+
+
+@part
+def course(p, distance, time):
+    """Displacement–time plan of a move from rest to rest: speed, acceleration and jerk limited, an S-curve.
+
+    Args:
+        p: :class:`Params`.
+        distance: mm, 0 or more.
+        time: s since the move began.
+
+    Returns:
+        ``(way, duration)``: mm from the start at ``time``, and s of the whole move.
+    """
+    v, a, j = p.fastest, p.plan * p.acceleration, p.jerk
+    # Time to reach the top speed, of it with rising acceleration, and time at that speed.
+    full = v * j >= a * a
+    rising = a / j if full else np.sqrt(v / j)
+    ramp = rising + v / a if full else 2.0 * rising
+    cruise = distance / v - ramp
+    if cruise < 0.0:  # too short for the top speed
+        full = distance * j * j >= 2.0 * a * a * a
+        rising = a / j if full else (0.5 * distance / j) ** (1.0 / 3.0)
+        ramp = 0.5 * rising + np.sqrt(0.25 * rising * rising + distance / a) if full else 2.0 * rising
+        cruise = 0.0
+    top = j * rising * (ramp - rising)
+    duration = 2.0 * ramp + cruise
+    # The second half is the first, mirrored.
+    early = time < 0.5 * duration
+    t = min(max(time if early else duration - time, 0.0), duration)
+    t1 = min(t, rising)  # rising acceleration
+    t2 = min(max(t - rising, 0.0), ramp - 2.0 * rising)  # constant acceleration
+    t3 = min(max(t - ramp + rising, 0.0), rising)  # falling acceleration
+    t4 = max(t - ramp, 0.0)  # constant speed
+    v1, peak = 0.5 * j * t1 * t1, j * rising
+    way = j * t1 * t1 * t1 / 6.0 + v1 * t2 + 0.5 * peak * t2 * t2
+    v2 = v1 + peak * t2
+    way += v2 * t3 + 0.5 * peak * t3 * t3 - j * t3 * t3 * t3 / 6.0 + top * t4
+    return way if early else distance - way, duration
 
 
 @part
@@ -134,14 +200,15 @@ def follow(p, s, job, x):
     late = p.alarm_error > 0.0 and s.captured and abs(e) > p.alarm_error
     trips = job.hole_guard and s.captured and e > p.error and x.fall > p.rise
     captured = (s.captured or e < p.capture) and job.request != HOLD  # after a pause it approaches again
-    passed = x.wish if captured else max(x.wish, planned(p, -max(e, 0.0)))
+    wish = clip(x.wish, -p.follow_speed, p.follow_speed)
+    passed = wish if captured else max(wish, planned(p, -max(e, 0.0)))
     alarmed = s.ticks >= 100.0 and not holding
 
     if holding:
         mode = FOLLOW if released or expired else HOLD
         ticks = 0.0 if released or expired else s.ticks + 1.0
         captured = (released or not expired) and job.request != HOLD
-        u = x.wish if released else planned(p, s.refuge - x.head_position)
+        u = wish if released else planned(p, s.refuge - x.head_position)
     else:
         mode = HOLD if trips else (ALARM if alarmed else FOLLOW)
         ticks = s.ticks + 1.0 if late and not trips else 0.0
@@ -149,8 +216,9 @@ def follow(p, s, job, x):
     alarm = FOLLOWING_ERROR if alarmed else s.alarm
     refuge = x.refuge if trips and not holding else s.refuge
     after = State(
-        mode, 1.0 if alarmed else s.phase, ticks, captured, s.override, alarm, s.zero, refuge, s.offset, s.command
-    )
+        mode, 1.0 if alarmed else s.phase, ticks, captured, s.override, alarm, s.zero, refuge, s.offset, s.command,
+        s.origin, s.goal,
+    )  # fmt: skip
     mine = s.mode == FOLLOW or s.mode == HOLD
     return after if mine else s, (0.0 if job.request == HOLD else u) if mine else 0.0
 
@@ -166,7 +234,7 @@ def is_following(s, job):
 def _home(p, phase, job, x):
     """Up to the switch, stop, down at 2 mm/s until it releases, then on to the index pulse (CN102528288A)."""
     at_switch = x.encoder >= job.switch
-    indexed = np.floor(x.encoder / LEAD) != np.floor(x.last_encoder / LEAD)
+    indexed = job.index and np.floor(x.encoder / LEAD) != np.floor(x.last_encoder / LEAD)
     still = abs(x.encoder - x.last_encoder) < 1e-3
     u = p.fastest
     if phase == 0.0:
@@ -194,60 +262,96 @@ def errand(p, s, job, x, u):
     Returns:
         ``(state, command)``, mm/s, before :func:`join`.
     """
-    mode, phase, ticks, captured, alarm, zero, offset = (
-        s.mode, s.phase, s.ticks, s.captured, s.alarm, s.zero, s.offset,
+    mode, phase, ticks, captured, alarm, zero, offset, origin, goal = (
+        s.mode, s.phase, s.ticks, s.captured, s.alarm, s.zero, s.offset, s.origin, s.goal,
     )  # fmt: skip
     asked = FOLLOW if job.request == HOLD else job.request
     running = FOLLOW if mode == HOLD else mode
+    still = abs(s.command) < 1e-9
     if asked != running and (mode != ALARM or asked == STOP):
-        # A new command first stops the current one; following may start from any speed (it is joined bumplessly).
-        stopped = abs(s.command) < 1e-9 or asked == FOLLOW or asked == STOP
-        mode = asked if stopped else STOP
-        phase, ticks, captured = 0.0, 0.0, False
-        alarm = NO_ALARM if asked == STOP else alarm
+        # A new command first stops the current one; following and protection may start from any speed (they are joined
+        # bumplessly).
+        known = asked == np.floor(asked) and asked >= STOP and asked <= PROTECT and asked != ALARM
+        stopped = still or asked == FOLLOW or asked == STOP or asked == PROTECT
+        mode = (asked if stopped else STOP) if known else ALARM
+        phase, ticks, captured = 0.0 if known else 1.0, 0.0, False
+        alarm = (NO_ALARM if asked == STOP else alarm) if known else UNKNOWN
         u = 0.0
     if mode == MOVE:
-        u = planned(p, job.target - x.head_position)
+        if phase == 0.0 or job.target != goal:  # another target first stops the move, too
+            u = 0.0
+            if still:
+                phase, ticks, origin, goal = 1.0, 0.0, x.head_position, job.target
+            elif phase != 0.0:
+                phase = 0.0
+        if phase == 1.0:
+            ticks += 1.0
+            way, duration = course(p, abs(goal - origin), ticks * SECONDS)
+            u = POSITION_GAIN * (origin + (way if goal > origin else -way) - x.head_position)
+            arrived = ticks * SECONDS >= duration and abs(goal - x.head_position) <= IN_POSITION
+            phase = 2.0 if arrived else 1.0
+        elif phase == 2.0:
+            off = goal - x.head_position
+            u = POSITION_GAIN * off if abs(off) > IN_POSITION else 0.0
+    elif mode == PROTECT:
+        near = x.height < job.protect
+        lets_go = x.height > job.protect + p.hysteresis
+        phase = 1.0 if near else (0.0 if lets_go else phase)
+        captured = phase == 1.0
+        u = max(clip(x.wish, -p.follow_speed, p.follow_speed), 0.0) if captured else 0.0
     elif mode == HOME and phase < 4.0:
+        before = phase
         u, phase = _home(p, phase, job, x)
+        zero = x.encoder if phase == 3.0 and before != 3.0 else zero  # where the switch released
         if phase == 4.0:
             u, offset = 0.0, 0.0  # the drive latches its counter at the index pulse
+        elif phase == 3.0 and zero - x.encoder > WITHIN * LEAD:
+            mode, phase, alarm, u = ALARM, 1.0, NO_INDEX, 0.0
     elif mode == CALIBRATE and phase == 0.0:
         u = -TOUCH_SPEED
         if not x.valid:
-            phase, zero, u = 1.0, x.head_position, CALIBRATION_SPEED
+            phase, zero, u = 1.0, x.head_position, job.rise_speed
     elif mode == CALIBRATE and phase == 1.0:
-        done = x.head_position - zero > CALIBRATION_HEIGHT + 0.1
-        phase, u = (2.0, 0.0) if done else (1.0, CALIBRATION_SPEED)
+        done = x.head_position - zero > job.rise + 0.1
+        phase, u = (2.0, 0.0) if done else (1.0, job.rise_speed)
     elif mode == ALARM:
         going = phase == 0.0 and x.head_position < zero + p.retract
         u = planned(p, zero + p.retract + 0.5 - x.head_position) if going else 0.0
         phase = 0.0 if going else 1.0
-    return State(mode, phase, ticks, captured, s.override, alarm, zero, s.refuge, offset, s.command), u
+    return State(
+        mode, phase, ticks, captured, s.override, alarm, zero, s.refuge, offset, s.command, origin, goal
+    ), u  # fmt: skip
 
 
 @part
 def join(p, s, job, x, u):
-    """Alarms of contact and limits, then the bumpless handover.
+    """Alarms of contact, sensor and limits, then the bumpless handover.
 
     Returns:
         ``(state, command)``, mm/s, what goes to the drive.
     """
     armed = s.mode != ALARM
     outside = (x.head_position < job.low and u < 0.0) or (x.head_position > job.high and u > 0.0)
-    limit = outside and armed and s.mode != HOME
+    # Before homing the encoder's zero is unknown, but the switch at the upper end is where it is.
+    over = s.mode == HOME and x.encoder > job.high and u > 0.0
+    limit = armed and (over if s.mode == HOME else outside)
     contact = not x.valid and armed and s.mode != CALIBRATE
-    mode = ALARM if limit or contact else s.mode
-    alarm = COLLISION if contact else (LIMIT if limit else s.alarm)
-    phase = 0.0 if contact else (1.0 if limit else s.phase)
-    zero = x.head_position if contact else s.zero
-    u = p.fastest if contact else (0.0 if limit else u)
+    looks = s.mode == FOLLOW or s.mode == HOLD or s.mode == PROTECT or s.mode == CALIBRATE
+    lost = looks and x.frequency > job.most_frequency
+    flees = contact or lost
+    mode = ALARM if limit or flees else s.mode
+    alarm = COLLISION if contact else (SENSOR_LOST if lost else (LIMIT if limit else s.alarm))
+    phase = 0.0 if flees else (1.0 if limit else s.phase)
+    zero = x.head_position if flees else s.zero
+    u = p.fastest if flees else (0.0 if limit else u)
 
-    passes = mode == FOLLOW and u == x.wish
+    passes = (mode == FOLLOW or mode == PROTECT) and u == x.wish
     apart = not passes or s.override
     command = clip(u, s.command - p.slew, s.command + p.slew) if apart else u
     override = not passes or command != u
-    return State(mode, phase, s.ticks, s.captured, override, alarm, zero, s.refuge, s.offset, command), command
+    return State(
+        mode, phase, s.ticks, s.captured, override, alarm, zero, s.refuge, s.offset, command, s.origin, s.goal
+    ), command  # fmt: skip
 
 
 @part
