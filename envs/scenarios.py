@@ -604,7 +604,9 @@ def _prepare_head(fleet: Fleet, head: Head, m: np.ndarray, draws: Draws, value: 
     which = which + heads.HEADS * heads.OSCILLATORS.index(head.oscillator)
     for index in set(which.tolist()):
         heads.table(index)
-    fleet.set("start.head", m, float(heads.measured(head.table)) if head.table else which)
+    index = np.full(len(m), heads.measured(head.table)) if head.table else which
+    fleet.set("start.head", m, index.astype(float))
+    fleet.set("job.most_frequency", m, heads.beyond(index))
     fleet.replay(signal(head.signal) if head.signal else None)
     for name, column in zip(heads.FIELDS, heads.fields()[:, which], strict=True):
         fleet.set(f"sensor.{name}", m, column)

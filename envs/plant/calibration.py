@@ -26,6 +26,10 @@ SPAN = 10.0
 """mm, calibrated range (Xi2023)."""
 
 
+FEWEST = 200
+"""Samples with which a calibration is still fit to use [A]; fewer than 1000 mean lower accuracy (Xi2023)."""
+
+
 class Params(NamedTuple):
     """How a height is read from the table."""
 
@@ -166,23 +170,32 @@ def _basis(h: np.ndarray, radius: float) -> np.ndarray:
     return np.stack([np.ones_like(g), 1.0 / g, fringe, g], axis=1)
 
 
-def build(frequency: np.ndarray, height: np.ndarray, radius: float = 5.0) -> Table:
+def build(
+    frequency: np.ndarray, height: np.ndarray, radius: float = 5.0, span: float = SPAN, speed: float = 10.0
+) -> Table:
     """The table from the samples of a calibration run.
 
     Args:
         frequency: counted frequencies, Hz, one per sample; 0 where the count was not valid.
         height: encoder height above the point of contact at the centre of each gate, mm.
         radius: of the nozzle, mm; only shapes the trend that is taken out before averaging.
+        span: mm that the run was to cover; the table ends there.
+        speed: mm/s of the run.
 
     Raises:
         CalibrationRefused: too few usable samples, no rise of frequency with height, or too much noise.
     """
-    raw = len(frequency)
-    inside = (frequency > 0.0) & (height > 0.0) & (height <= SPAN + 0.05)
+    raw, expected = len(frequency), round(span / speed * 1e3)
+    inside = (frequency > 0.0) & (height > 0.0) & (height <= span + 0.05)
     f, h = frequency[inside], height[inside]
-    if len(f) < 0.9 * POINTS:
+    if len(f) < 0.9 * expected:
         raise CalibrationRefused(
-            f"only {len(f)} of {POINTS} samples are valid; the head must rise from contact to {SPAN:g} mm at 10 mm/s"
+            f"only {len(f)} of {expected} samples are valid; the head must rise from contact to {span:g} mm at "
+            f"{speed:g} mm/s"
+        )
+    if expected < FEWEST:
+        raise CalibrationRefused(
+            f"{expected} samples over {span:g} mm are too few; at least {FEWEST}: rise more slowly"
         )
     order = np.argsort(h, kind="stable")
     f, h = f[order], h[order]
@@ -207,12 +220,12 @@ def build(frequency: np.ndarray, height: np.ndarray, radius: float = 5.0) -> Tab
     usable = int(good.sum())
     near = good & (h > 0.7) & (h < 1.3)
     noise = 1e3 * float(np.std(local[near])) if near.sum() > 10 else np.inf
-    if usable < 0.9 * POINTS:
+    if usable < 0.9 * expected:
         raise CalibrationRefused(f"{len(f) - usable} of {len(f)} samples lie off the curve; at most 10 % may")
     if not noise <= 50.0:
         raise CalibrationRefused(f"noise of {noise:.0f} µm at 1 mm; at most 50 µm is fit to use")
 
-    grid = np.arange(1, POINTS + 1) * (SPAN / POINTS)
+    grid = np.arange(1, POINTS + 1) * (span / POINTS)
     h, residual = h[good], residual[good]
     left = np.interp(grid, h, _smoothed(h, residual))
     clean = 1e6 / np.sqrt(np.maximum(_basis(grid, radius) @ theta, 1e-6))

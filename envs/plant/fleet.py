@@ -174,6 +174,15 @@ class Fleet(Columns):
         self.put_profile(self._maps[id(heights)][1], 1.0, machines)
         self.set("path.profile_samples", machines, 0.0)
 
+    def read_from(self, tables: Pool, head: int) -> None:
+        """Heights of all machines come from this head's table from now on."""
+        self._point(machine.D_FREQUENCIES, tables.frequencies)
+        self._point(machine.D_HEIGHTS, tables.heights)
+        self._deck[machine.D_TABLES] = tables.frequencies.size
+        every = np.arange(self.size)
+        self.set("start.head", every, float(head))
+        self._put_rows(int(machine.HINTS) // W, every, [0.0, 0.0])
+
     def replay(self, frequencies: np.ndarray | None) -> None:
         """A recorded signal, Hz, one number for each control period, in place of all sensors'; None: none."""
         self._deck[machine.D_SIGNALS] = 0 if frequencies is None else len(frequencies)

@@ -5,7 +5,8 @@ machine, when it is first used.
 """
 
 import functools
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from typing import Any
 
 import numpy as np
 
@@ -70,17 +71,27 @@ def run(params: sensor.Params, seed: int = 0, gate: sensor.Gate | None = None) -
     fleet.set("start.gap", 0, 0.2)
     fleet.set("job.request", 0, supervisor.CALIBRATE)
     fleet.begin(0, mix(seed, 1))
+    return samples_of(fleet, fleet.stepper())
+
+
+def samples_of(fleet: Fleet, advance: Callable[[], Any], longest: int = LONGEST_RUN) -> tuple[np.ndarray, np.ndarray]:
+    """What the first machine of a fleet, asked to calibrate, counts on its way up; see :func:`run`.
+
+    Args:
+        fleet: whose job's request is ``calibrate``.
+        advance: one control period.
+        longest: control periods after which the run is given up.
+    """
     phase, frequency, position = (
         fleet.row("supervisor.phase"), fleet.row("signals.frequency"), fleet.row("signals.head_position"),
     )  # fmt: skip
-    samples: list[tuple[float, float]] = []
-    advance = fleet.stepper()
-    for _ in range(LONGEST_RUN):
+    mode, samples = fleet.row("supervisor.mode"), []
+    for _ in range(longest):
         advance()
-        if phase[0] == 1.0:
-            samples.append((frequency[0], position[0]))
-        if phase[0] == 2.0:
+        if phase[0] == 2.0 or mode[0] == supervisor.ALARM:
             break
+        if phase[0] == 1.0 and mode[0] == supervisor.CALIBRATE:
+            samples.append((frequency[0], position[0]))
     zero = fleet.column("supervisor.zero")[0]
     taken = np.asarray(samples).reshape(-1, 2)
     return taken[:, 0], taken[:, 1] - zero
@@ -101,6 +112,13 @@ def table(index: int) -> calibration.Table:
     if index not in POOL:
         POOL[index] = calibrate(head(index), seed=index)
     return POOL[index]
+
+
+def beyond(indices: np.ndarray) -> np.ndarray:
+    """Hz above which each of these calibrated heads must have lost its sensor: 5 % over its table's end, where the
+    body capacitance leaves less than 1 % [C]; a cable that is off takes that with it."""
+    tops: np.ndarray = POOL.frequencies[(np.asarray(indices) + 1) * calibration.POINTS - 1]
+    return 1.05 * tops
 
 
 @functools.cache

@@ -267,14 +267,14 @@ def errand(p, s, job, x, u):
     )  # fmt: skip
     asked = FOLLOW if job.request == HOLD else job.request
     running = FOLLOW if mode == HOLD else mode
-    still = abs(s.command) < 1e-9
+    still, override = abs(s.command) < 1e-9, s.override
     if asked != running and (mode != ALARM or asked == STOP):
         # A new command first stops the current one; following and protection may start from any speed (they are joined
         # bumplessly).
         known = asked == np.floor(asked) and asked >= STOP and asked <= PROTECT and asked != ALARM
         stopped = still or asked == FOLLOW or asked == STOP or asked == PROTECT
         mode = (asked if stopped else STOP) if known else ALARM
-        phase, ticks, captured = 0.0 if known else 1.0, 0.0, False
+        phase, ticks, captured, override = 0.0 if known else 1.0, 0.0, False, True
         alarm = (NO_ALARM if asked == STOP else alarm) if known else UNKNOWN
         u = 0.0
     if mode == MOVE:
@@ -319,7 +319,7 @@ def errand(p, s, job, x, u):
         u = planned(p, zero + p.retract + 0.5 - x.head_position) if going else 0.0
         phase = 0.0 if going else 1.0
     return State(
-        mode, phase, ticks, captured, s.override, alarm, zero, s.refuge, offset, s.command, origin, goal
+        mode, phase, ticks, captured, override, alarm, zero, s.refuge, offset, s.command, origin, goal
     ), u  # fmt: skip
 
 
@@ -346,7 +346,7 @@ def join(p, s, job, x, u):
     u = p.fastest if flees else (0.0 if limit else u)
 
     passes = (mode == FOLLOW or mode == PROTECT) and u == x.wish
-    apart = not passes or s.override
+    apart = not passes or s.override or mode == PROTECT
     command = clip(u, s.command - p.slew, s.command + p.slew) if apart else u
     override = not passes or command != u
     return State(
