@@ -218,8 +218,8 @@ def focus_compensation(
     shifts = np.array([shift(x) for x in np.linspace(0.0, length, 101)])
     if np.abs(shifts).max() > most or (height - shifts).min() < 0.2:
         raise InvalidInput(
-            f"focus shifts of {shifts.min():g} to {shifts.max():g} mm ask for heights of {(height - shifts).min():g} to "
-            f"{(height - shifts).max():g} mm; corrections up to {most:g} mm and heights from 0.2 mm are allowed"
+            f"focus shifts of {shifts.min():g} to {shifts.max():g} mm ask for heights of {(height - shifts).min():g} "
+            f"to {(height - shifts).max():g} mm; corrections up to {most:g} mm and heights from 0.2 mm are allowed"
         )
     start = panel.time
     first = panel.follow(height - shift(0.0))

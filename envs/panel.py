@@ -245,7 +245,7 @@ class Panel:
         the home position, never closes)."""
         faults: dict[str, Callable[[], Any]] = {
             "cable": lambda: self._fleet.replay(np.full(2, 2.0 * heads.beyond(np.array([0]))[0])),
-            "index": lambda: self._fleet.set("job.index", 0, 0.0),
+            "index": lambda: self._fleet.set("job.indexed", 0, 0.0),
             "switch": lambda: self._fleet.set("job.switch", 0, 1e9),
         }
         if what not in faults:

@@ -1,7 +1,7 @@
 """Supervisor: the one command machine between a controller and the drive.
 
-It runs tick by tick: ``stop``, ``home``, ``move``, ``calibrate``, ``follow``, ``hold``, ``protect``, ``alarm``; each new
-command first stops the motion under way (CN102528288A). Moves follow a displacement–time plan with limited speed,
+It runs tick by tick: ``stop``, ``home``, ``move``, ``calibrate``, ``follow``, ``hold``, ``protect``, ``alarm``; each
+new command first stops the motion under way (CN102528288A). Moves follow a displacement–time plan of limited speed,
 acceleration and jerk (:func:`course`) through a position loop. Protection is single-sided: the head stands still and
 is only lifted, by the law, where the sheet comes nearer than the protection height. While following it passes the law's
 command on, except where one of its guards acts:
@@ -101,7 +101,7 @@ class Job(NamedTuple):
     protect: float = 2.0  # mm, protection height
     rise: float = 10.0  # mm above the sheet, and mm/s: how far and how fast a calibration goes [S] Xi2023
     rise_speed: float = 10.0
-    index: bool = True  # the encoder's index pulse comes
+    indexed: bool = True  # the encoder's index pulse comes
     most_frequency: float = 1e12  # Hz, above which the sensor is lost
 
 
@@ -234,7 +234,7 @@ def is_following(s, job):
 def _home(p, phase, job, x):
     """Up to the switch, stop, down at 2 mm/s until it releases, then on to the index pulse (CN102528288A)."""
     at_switch = x.encoder >= job.switch
-    indexed = job.index and np.floor(x.encoder / LEAD) != np.floor(x.last_encoder / LEAD)
+    indexed = job.indexed and np.floor(x.encoder / LEAD) != np.floor(x.last_encoder / LEAD)
     still = abs(x.encoder - x.last_encoder) < 1e-3
     u = p.fastest
     if phase == 0.0:
