@@ -37,6 +37,33 @@ _CATALOGUE: dict[str, tuple[str, str, dict, bool]] = {
         {"filter.kind": "anti-impulse", "filter.hold": 4, "guard.rise": 0.05}, True,
     ),
     "preview-5ms": ("preview", "knows the sheet 5 ms ahead, tuned: score 1", {}, True),
+    "patent2022": (
+        "patent2022", "Patent2022 as printed: lift, hold, lower with factors of 0.01, planned descent", {}, False,
+    ),
+    "patent2022-free": (
+        "patent2022", "Patent2022 with its constants free, behind an anti-impulse filter, tuned",
+        {"filter.kind": "anti-impulse", "filter.hold": 4, "guard.rise": 0.05}, True,
+    ),
+    "cn102528288a": (
+        "cn102528288a", "CN102528288A: dual loop with scheduled gains, speed from the encoder, assumed gains",
+        {"law.speed": "encoder"}, False,
+    ),
+    "cn102528288a-gap": (
+        "cn102528288a", "CN102528288A with the change of the measured height as following speed, assumed gains",
+        {"law.speed": "gap", "law.kpv": 0.5, "law.lag": 4.0}, False,
+    ),
+    "cn102528288a-tuned": (
+        "cn102528288a", "CN102528288A (speed of the gap) behind an anti-impulse filter, tuned",
+        {
+            "law.speed": "gap", "law.gain": 150.0, "law.ki": 1000.0, "law.kpv": 0.5, "law.kiv": 20.0, "law.lag": 8.0,
+            "filter.kind": "anti-impulse", "filter.hold": 4, "guard.rise": 0.05,
+        }, True,
+    ),
+    "plasma-style": (
+        "plasma", "PID with velocity anti-dive and void lock, as open-source plasma tables have",
+        {"filter.kind": "anti-impulse", "filter.hold": 4, "guard.rise": 0.05}, True,
+    ),
+    "oracle": ("oracle", "knows sheet ahead, true gap and true motion, tuned: a bound", {}, True),
     "wu": (
         "wu", "Wu: proportional position loops, Kv 30 1/s, slow in corners", {"law.kp": 0.54}, False,
     ),

@@ -47,6 +47,26 @@ SPACES: dict[str, tuple[str, ...]] = {
         "law.gate",
     ),
     "preview-5ms": ("law.kp", "law.lead", "law.sharpen", "law.level"),
+    "patent2022-free": (
+        "filter.jump",
+        "law.s",
+        "law.r",
+        "law.hold",
+        "law.lower",
+        "law.accuracy",
+        "law.distance",
+    ),
+    "cn102528288a-tuned": ("filter.jump", "law.gain", "law.ki", "law.kpv", "law.kiv", "law.lag"),
+    "plasma-style": ("filter.jump", "law.kp", "law.ki", "law.kd", "law.lag"),
+    "oracle": (
+        "law.kp",
+        "law.lead",
+        "law.sharpen",
+        "law.ki",
+        "law.damping",
+        "law.brake",
+        "law.nozzle",
+    ),
 }
 """What is searched for each shipped preset; ranges are the declared ones, windows up to 15."""
 
