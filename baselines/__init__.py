@@ -50,7 +50,7 @@ _CATALOGUE: dict[str, tuple[str, str, dict, bool]] = {
     ),
     "cn102528288a-gap": (
         "cn102528288a", "CN102528288A with the change of the measured height as following speed, assumed gains",
-        {"law.speed": "gap", "law.kpv": 0.5, "law.lag": 4.0}, False,
+        {"law.speed": "gap", "law.gain": 100.0, "law.kpv": 0.5}, False,
     ),
     "cn102528288a-tuned": (
         "cn102528288a", "CN102528288A (speed of the gap) behind an anti-impulse filter, tuned",
@@ -64,6 +64,10 @@ _CATALOGUE: dict[str, tuple[str, str, dict, bool]] = {
         {"filter.kind": "anti-impulse", "filter.hold": 4, "guard.rise": 0.05}, True,
     ),
     "oracle": ("oracle", "knows sheet ahead, true gap and true motion, tuned: a bound", {}, True),
+    "ilc": (
+        "ilc", "iterative learning over laps of a closed contour, on a PID behind an anti-impulse filter",
+        {"filter.kind": "anti-impulse", "filter.hold": 4, "guard.rise": 0.05}, False,
+    ),
     "wu": (
         "wu", "Wu: proportional position loops, Kv 30 1/s, slow in corners", {"law.kp": 0.54}, False,
     ),

@@ -27,7 +27,7 @@ from .plant.calibration import read_columns
 from .plant.controller import PERIOD
 from .plant.fleet import Fleet
 from .plant.lanes import mix
-from .plant.path import Contour
+from .plant.path import SPACING, Contour
 from .plant.quantity import InvalidInput, Quantity, did_you_mean
 
 if TYPE_CHECKING:
@@ -228,6 +228,19 @@ class Sheet(_Section):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Circle(_Section):
+    """A circle travelled again and again; it begins and ends at x = y = 0, with its centre on the x axis."""
+
+    radius: Annotated[float, _q("mm", 1, 500, "of the circle")] = 30.0
+    laps: Annotated[int, _q("", 1, 100, "in an episode, at the feed of the scenario", whole=True)] = 8
+
+    @property
+    def length(self) -> float:
+        """mm of a lap."""
+        return 2 * np.pi * self.radius
+
+
+@dataclass(frozen=True, kw_only=True)
 class Job(_Section):
     """What is cut, from what, and how the programme around the cuts looks; axes follow it with an error."""
 
@@ -292,12 +305,20 @@ class Scenario(_Section):
     guard: bool = False
     exempt: bool = False
     path: str | None = None
+    circle: Circle | None = None
     axis: Axis = Axis()
     head: Head = Head()
     sheet: Sheet = Sheet()
     job: Job | None = None
     gantry: Gantry = Gantry()
     optics: Optics = Optics()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.path and self.circle:
+            raise ValueError("path and circle exclude each other in one scenario")
+        if self.job and self.circle:
+            raise ValueError("job and circle exclude each other in one scenario")
 
     @functools.cached_property
     def labels(self) -> dict[str, int]:
@@ -325,7 +346,7 @@ class Scenario(_Section):
             raise InvalidInput(f"scenario '{self.name}': a path needs a feed above 0 mm/s")
         length = contour(str(drawing)).length
         return self.varied(
-            path=str(drawing), duration=round(length / slowest, 3), name=f"{self.name}@{Path(drawing).stem}"
+            path=str(drawing), circle=None, duration=round(length / slowest, 3), name=f"{self.name}@{Path(drawing).stem}"
         )
 
     def to_toml(self) -> str:
@@ -482,10 +503,25 @@ def drawn(drawing: str) -> "Drawing":
 @functools.lru_cache(maxsize=8)
 def contour(drawing: str) -> Contour:
     """The journey through a drawing, moved so that its lower left corner lies at x = y = 0."""
-    from .paths.drawing import journey
+    from .paths.drawing import journey as through
 
-    path = journey(drawn(drawing))
+    path = through(drawn(drawing))
     return Contour(path.name, path.x - path.x.min(), path.y - path.y.min(), path.cutting)
+
+
+@functools.lru_cache(maxsize=8)
+def laps(circle: Circle) -> Contour:
+    """The journey around a circle, all laps one after the other, the beam on throughout."""
+    angle = np.arange(0.0, circle.laps * circle.length + SPACING, SPACING) / circle.radius
+    x, y = circle.radius * (1 - np.cos(angle)), circle.radius * np.sin(angle)
+    return Contour(f"circle-{circle.radius:g}", x, y, np.ones(len(angle)))
+
+
+def journey(scenario: Scenario) -> Contour | None:
+    """What the nozzle travels; None: it goes straight along x."""
+    if scenario.circle:
+        return laps(scenario.circle)
+    return contour(scenario.path) if scenario.path else None
 
 
 @functools.lru_cache(maxsize=32)
@@ -566,10 +602,12 @@ def prepare(fleet: Fleet, scenario: Scenario, machines: Any, seeds: Any, again: 
         _prepare_sheet(fleet, scenario, m, draws)
         if fleet.gantries is not None:
             _prepare_gantry(fleet, scenario, m, draws)
-        if scenario.path:
-            fleet.put_contours([contour(scenario.path)], np.zeros(len(m), int), m)
+        travelled = journey(scenario)
+        if travelled:
+            fleet.put_contours([travelled], np.zeros(len(m), int), m)
         else:
             fleet.set("path.contour", m, -1.0)
+        fleet.set("path.lap", m, scenario.circle.length if scenario.circle else 0.0)
         set_height = value(scenario, "set_height", "")
         fleet.set("path.feed", m, value(scenario, "feed", ""))
         fleet.set("job.set_height", m, set_height)

@@ -114,8 +114,8 @@ def _trace(case: Case, record: Any, index: int) -> pd.DataFrame:
     frame.insert(3, "time", (np.arange(len(frame)) + 1) * PERIOD)
     frame["set_height"] = record.set_height[index]
     frame["scored"] = record.scored[:, index].astype(np.float32)
-    if case.scenario.path:
-        contour = scenarios.contour(case.scenario.path)
+    contour = scenarios.journey(case.scenario)
+    if contour:
         along = np.arange(len(contour.x)) * SPACING
         frame["x"] = np.interp(frame["distance"], along, contour.x)
         frame["y"] = np.interp(frame["distance"], along, contour.y)
