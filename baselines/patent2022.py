@@ -17,9 +17,9 @@ descent accelerates by a·T each period towards vs and then goes on at it; beyon
 vs is the speed from which the head stops within the range.
 
 The print drops the plus sign of L and has no band for the hold; |d| ≤ ε is the reading that makes it reachable. It
-gives none of s, r, ε, h_max, a, D and the smallest displacement. ``patent2022`` assumes them and keeps the printed 0.01;
-in ``patent2022-free`` the constants are tuned. The loop's gain as printed is at most (0.01/T)·(1 + 1/r) and falls with
-``sqrt(|d|)`` to 0.
+gives none of s, r, ε, h_max, a, D and the smallest displacement. ``patent2022`` assumes them and keeps the printed
+0.01; in ``patent2022-free`` the constants are tuned. The loop's gain as printed is at most (0.01/T)·(1 + 1/r) and
+falls with ``sqrt(|d|)`` to 0.
 """
 
 from typing import Annotated, NamedTuple

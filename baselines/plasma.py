@@ -29,9 +29,9 @@ class Params(NamedTuple):
     kd: Annotated[float, Quantity("1", -1.0, 2.0, "derivative gain")] = 0.2
     lag: Annotated[float, Quantity("ms", 0.0, 20.0, "time constant of the derivative's lag")] = 4.0
     limit: Annotated[float, Quantity("mm/s", 1.0, 500.0, "largest integral part")] = 100.0
-    feed: Annotated[float, Quantity("1", 0.0, 1.0, "share of the programmed feed below which the head stands still")] = (
-        0.9
-    )
+    feed: Annotated[
+        float, Quantity("1", 0.0, 1.0, "share of the programmed feed below which the head stands still")
+    ] = 0.9
     fade: Annotated[float, Quantity("s", 0.1, 1000.0, "time in which the largest feed is forgotten")] = 10.0
     slope: Annotated[float, Quantity("mm/s", 1.0, 1000.0, "rise of the reading that means a void", log=True)] = 50.0
     on: Annotated[float, Quantity("ms", 1, 50, "for which it must last", whole=True)] = 2.0

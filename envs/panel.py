@@ -26,7 +26,8 @@ CENTRE = 50.0
 """mm, where centring brings the head [A]."""
 
 IN_POSITION, FOR = 0.1, 0.05
-"""mm and s: the height must be that near the set height for that long (usual for height controllers, [P])."""
+"""mm and s: the height must be that near the set height for that long (usual for height controllers, [P]); above 1 mm,
+where the sensor's noise grows with the square of the height, a tenth of the set height [A]."""
 
 PATIENCE = 30.0
 """s after which a command that is not carried out is given up."""
@@ -94,6 +95,11 @@ class Panel:
     def time(self) -> float:
         """s since the start."""
         return len(self._log) * PERIOD
+
+    @property
+    def position(self) -> float:
+        """mm, the head's position as the machine knows it: off by what the encoder coasted until it is homed."""
+        return float(self._fleet.column("signals.head_position")[0])
 
     @property
     def mode(self) -> str:
@@ -170,6 +176,11 @@ class Panel:
         settings = ", ".join(f"{name} {value:g}" for name, value in job.items())
         self.events.append((self.time, f"{command} {settings}".strip()))
 
+    def send(self, code: float) -> None:
+        """Puts a number into the command's register as a bus would, whether or not it is a command."""
+        self._fleet.set("job.request", 0, code)
+        self.events.append((self.time, f"code {code:g}"))
+
     def stop(self) -> Outcome:
         """All motion stops; an alarm is acknowledged."""
         self.request("stop")
@@ -208,7 +219,8 @@ class Panel:
 
         def reached() -> bool:
             nonlocal near
-            inside = self.mode == "follow" and bool(self._captured[0]) and abs(self["height"] - height) <= IN_POSITION
+            near_enough = abs(self["height"] - height) <= max(IN_POSITION, 0.1 * height)
+            inside = self.mode == "follow" and bool(self._captured[0]) and near_enough
             near = near + 1 if inside else 0
             return near >= wanted
 

@@ -346,7 +346,10 @@ class Scenario(_Section):
             raise InvalidInput(f"scenario '{self.name}': a path needs a feed above 0 mm/s")
         length = contour(str(drawing)).length
         return self.varied(
-            path=str(drawing), circle=None, duration=round(length / slowest, 3), name=f"{self.name}@{Path(drawing).stem}"
+            path=str(drawing),
+            circle=None,
+            duration=round(length / slowest, 3),
+            name=f"{self.name}@{Path(drawing).stem}",
         )
 
     def to_toml(self) -> str:

@@ -234,7 +234,9 @@ def is_following(s, job):
 def _home(p, phase, job, x):
     """Up to the switch, stop, down at 2 mm/s until it releases, then on to the index pulse (CN102528288A)."""
     at_switch = x.encoder >= job.switch
-    indexed = job.indexed and np.floor(x.encoder / LEAD) != np.floor(x.last_encoder / LEAD)
+    # Encoders count, so a place lies on the pulse or not; the last bits of a float must not decide it.
+    now, before = np.floor((x.encoder + 1e-6) / LEAD), np.floor((x.last_encoder + 1e-6) / LEAD)
+    indexed = job.indexed and now != before
     still = abs(x.encoder - x.last_encoder) < 1e-3
     u = p.fastest
     if phase == 0.0:
