@@ -1,0 +1,164 @@
+"""The frame of a reproduction: what rows and intervals say, how a run resumes, and how a failure shows."""
+
+import json
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from scipy.stats import binom
+
+from kerfgym.envs.plant.quantity import InvalidInput
+from kerfgym.experiments.cli import main
+from kerfgym.experiments.reproduce import claims, page
+from kerfgym.experiments.reproduce.claims import (
+    NOT,
+    REPRODUCED,
+    Drawing,
+    Estimate,
+    Findings,
+    Row,
+    Trial,
+    estimate,
+    judged,
+)
+from kerfgym.experiments.reproduce.run import reproduce
+
+
+@pytest.fixture
+def shelf(monkeypatch):
+    """Studies of one's own in place of the documents'."""
+    claims.studies()  # loads the documents once, so that they are not loaded into the shelf
+    monkeypatch.setattr(claims, "_studies", {})
+    return claims.study
+
+
+# --------------------------------------------------------------------------------------------------------- estimates
+
+
+def test_the_interval_of_a_median_is_made_of_the_order_statistics_that_cover_it_in_95_per_cent():
+    values = np.random.default_rng(0).normal(size=24)
+    found = estimate(values)
+    ordered = np.sort(values)
+    k = 0
+    while binom.cdf(k, 24, 0.5) <= 0.025:
+        k += 1
+    assert found.value == np.median(values)
+    assert found.low == ordered[k - 1]
+    assert found.high == ordered[-k]
+
+
+def test_a_failed_run_makes_the_estimate_a_failure_and_not_a_number():
+    found = estimate([1.0, np.nan, 2.0, 3.0, 4.0, 5.0])
+    assert np.isnan(found.value)
+    assert "failed" in str(found)
+
+
+def test_few_or_equal_values_have_no_interval():
+    assert np.isnan(estimate([1.0, 2.0]).low)
+    assert str(estimate([3.0] * 10, "mm")) == "3 mm"
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(1234.4, "1234"), (0.00012345, "0.000123"), (-0.5, "−0.5"), (4.053e6, "4.05e+06")]
+)
+def test_numbers_are_written_with_three_digits(value, text):
+    assert str(Estimate(value, digits=4 if value == 1234.4 else 3)) == text
+
+
+def test_a_row_takes_no_verdict_of_its_own():
+    with pytest.raises(InvalidInput, match="reproduced"):
+        Row("eq. 1", "x", "1", "1", "reproducd")
+    assert judged(True) == REPRODUCED
+    assert judged(np.bool_(False)) == NOT
+
+
+# -------------------------------------------------------------------------------------------------------------- names
+
+
+def test_documents_and_studies_are_found_by_name_in_the_order_of_the_documents():
+    every = [s.name for s in claims.studies()]
+    order = [list(claims.DOCUMENTS).index(name.split("/")[0]) for name in every]
+    assert order == sorted(order)
+    assert set(order) == set(range(len(claims.DOCUMENTS)))
+    assert [s.name for s in claims.studies(["wu/stability"])] == ["wu/stability"]
+    assert [s.name for s in claims.studies(["wu"])] == [name for name in every if name.startswith("wu/")]
+
+
+def test_an_unknown_name_is_refused_with_the_nearest(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit):
+        main(["reproduce", "xi2032"])
+    assert "did you mean 'xi2023'" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main(["reproduce", "wu/stability", "--seeds", "3"])
+    assert "at least 6" in capsys.readouterr().err
+    assert not (tmp_path / "runs").exists()
+
+
+# --------------------------------------------------------------------------------------------------------------- runs
+
+
+def test_a_run_writes_page_markdown_figures_and_record(shelf, tmp_path):
+    @shelf("wu", "One of one's own")
+    def own(trial: Trial) -> Findings:
+        figure = Figure(figsize=(2, 1))
+        figure.subplots().plot([0, 1])
+        row = Row("eq. 1", "gain | of it", "4.5", estimate(np.arange(trial.seeds), "mm"), judged(True), true="a < b")
+        return Findings([row], [Drawing("line", figure, "A line (mm).", "Wu Fig. 0")])
+
+    (part,) = reproduce(["wu"], tmp_path / "r", seeds=8, workers=1)
+    assert part["rows"][0]["numbers"]["simulation"]["value"] == 3.5
+    page_text = (tmp_path / "r" / "reproduce.html").read_text(encoding="utf-8")
+    assert "data:image/png;base64," in page_text
+    assert "a &lt; b" in page_text
+    assert "http://" not in page_text.replace("http://www.w3.org", "")
+    assert "kerfgym reproduce wu/own --seeds 8" in page_text
+    text = (tmp_path / "r" / "reproduce.md").read_text(encoding="utf-8")
+    assert "gain \\| of it" in text
+    assert (tmp_path / "r" / "figures" / "wu-line.png").is_file()
+    record = json.loads((tmp_path / "r" / "run.json").read_text(encoding="utf-8"))
+    assert record["studies"] == ["wu/own"]
+    assert record["failed"] == []
+    assert page.counts([part])[REPRODUCED] == 1
+
+
+def test_a_study_that_fails_is_said_so_and_the_others_are_there(shelf, tmp_path, capsys):
+    @shelf("wu", "Fails")
+    def fails(trial: Trial) -> Findings:
+        raise ValueError("no such thing")
+
+    @shelf("wu", "Works")
+    def works(trial: Trial) -> Findings:
+        return Findings([Row("eq. 1", "x", "1", "1", judged(True))])
+
+    parts = reproduce([], tmp_path / "r", workers=1)
+    assert [bool(part["error"]) for part in parts] == [True, False]
+    assert "no such thing" in (tmp_path / "r" / "reproduce.html").read_text(encoding="utf-8")
+    assert "no such thing" in (tmp_path / "r" / "parts" / "wu-fails.error.txt").read_text(encoding="utf-8")
+    page.show(parts)
+    assert "failed: ValueError:" in capsys.readouterr().out
+
+
+def test_a_run_that_was_interrupted_goes_on_with_what_is_there(shelf, tmp_path):
+    calls = []
+
+    @shelf("wu", "First")
+    def first(trial: Trial) -> Findings:
+        calls.append("first")
+        return Findings([])
+
+    @shelf("wu", "Second")
+    def second(trial: Trial) -> Findings:
+        calls.append("second")
+        return Findings([])
+
+    folder = tmp_path / "r"
+    reproduce([], folder, workers=1)
+    (folder / "run.json").unlink()
+    (folder / "parts" / "wu-second.json").write_text("{ torn", encoding="utf-8")
+    reproduce([], folder, workers=1, resume=True)
+    assert calls == ["first", "second", "second"]
+    with pytest.raises(InvalidInput, match="finished"):
+        reproduce([], folder, workers=1, resume=True)
+    with pytest.raises(InvalidInput, match="exists"):
+        reproduce([], folder, workers=1)
