@@ -55,8 +55,10 @@ _CATALOGUE: dict[str, tuple[str, str, dict, bool]] = {
     "cn102528288a-tuned": (
         "cn102528288a", "CN102528288A (speed of the gap) behind an anti-impulse filter, tuned",
         {
-            "law.speed": "gap", "law.gain": 150.0, "law.ki": 1000.0, "law.kpv": 0.5, "law.kiv": 20.0, "law.lag": 8.0,
-            "filter.kind": "anti-impulse", "filter.hold": 4, "guard.rise": 0.05,
+            "law.speed": "gap",
+            # Where the search starts: what makes it the tuned PID, but for a little integral gain of the speed loop.
+            "law.gain": 171.0, "law.ki": 4281.0, "law.kpv": 0.76, "law.kiv": 2.0, "law.lag": 8.17,
+            "filter.jump": 0.0298, "filter.kind": "anti-impulse", "filter.hold": 4, "guard.rise": 0.05,
         }, True,
     ),
     "plasma-style": (
@@ -66,7 +68,11 @@ _CATALOGUE: dict[str, tuple[str, str, dict, bool]] = {
     "oracle": ("oracle", "knows sheet ahead, true gap and true motion, tuned: a bound", {}, True),
     "ilc": (
         "ilc", "iterative learning over laps of a closed contour, on a PID behind an anti-impulse filter",
-        {"filter.kind": "anti-impulse", "filter.hold": 4, "guard.rise": 0.05}, False,
+        {
+            # Filter and gains of the tuned PID.
+            "filter.jump": 0.029814, "law.kp": 50.333, "law.ki": 3518.5, "law.kd": 0.75961, "law.lag": 8.1686,
+            "filter.kind": "anti-impulse", "filter.hold": 4, "guard.rise": 0.05,
+        }, False,
     ),
     "wu": (
         "wu", "Wu: proportional position loops, Kv 30 1/s, slow in corners", {"law.kp": 0.54}, False,

@@ -43,7 +43,7 @@ class Params(NamedTuple):
     limit: Annotated[float, Quantity("mm/s", 1.0, 500.0, "largest integral part")] = 100.0
     learn: Annotated[float, Quantity("1", 0.0, 1.5, "learning gain γ; 0: nothing is learnt")] = 0.6
     lead: Annotated[float, Quantity("ms", 0.0, 20.0, "of what is learnt from")] = 6.0
-    smooth: Annotated[float, Quantity("ms", 0.0, 40.0, "half the length of Q")] = 10.0
+    smooth: Annotated[float, Quantity("ms", 0.0, 40.0, "half the length of Q")] = 14.0
     gate: Annotated[float, Quantity("mm", 0.001, 5.0, "largest change of the reading in a period", log=True)] = 0.03
     cell: Annotated[float, Quantity("mm", 0.1, 5.0, "length of a cell")] = 0.4
 
