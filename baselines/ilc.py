@@ -5,10 +5,10 @@ The command is a PID's, ``u_fb``, and a velocity F(place) learnt in the laps bef
     F_{j+1}(place) = Q[F_j(place) + γ·(u_fb − de/dt)(place + lead)],     F_0 = 0,   e = height − set height
 
 Without the loop's delay a change of F by δ changes ``de/dt − u_fb`` by δ; so ``u_fb − de/dt`` is what F lacks, at all
-frequencies alike, and ``lead`` makes up for dead time, servo lag and filter. The error of a frequency ω shrinks from
-lap to lap where ``|Q·(1 − γ·exp(iω·Δ))| < 1``, Δ being what lead and delay differ by; where Δ is too large for that, Q
-(a Hann window along the path, without phase) stops the learning. What a reading jumps by beyond ``gate`` in a period
-counts as the gate, so impulses are hardly learnt. Nothing is learnt while the supervisor overrides the law.
+frequencies alike, and ``lead`` makes up for dead time, servo lag and filter. From lap to lap the error of a frequency ω
+changes by about ``|Q·(1 − γ·exp(iω·Δ))|``, Δ being what lead and delay differ by; where this would exceed 1, Q (a Hann
+window along the path, without phase) stops the learning. What a reading jumps by beyond ``gate`` in a period counts as
+the gate, so impulses are hardly learnt. Nothing is learnt while the supervisor overrides the law.
 
 The memory is three rings of cells along the lap: F of even and of odd laps, and what was seen. F is updated as the head
 goes, as soon as Q has all it needs; how many cells a lap has is known after the first. Without laps (``lap`` = 0), and

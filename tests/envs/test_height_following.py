@@ -81,6 +81,8 @@ SIGNALS = ("true_gap", "measured_height")
     [
         *((name, "xi2023-improved") for name in suite("following")), ("wavy", "pid"), ("holes", "pid"),
         ("impulses", "observer"), ("holes", "observer"), ("wavy", "preview-5ms"),
+        ("descent", "patent2022"), ("holes", "cn102528288a-gap"), ("holes", "plasma-style"), ("wavy", "oracle"),
+        ("laps-wavy", "ilc"),
     ],
 )  # fmt: skip
 def test_residual_control_with_zero_actions_is_the_base_controllers_roll_out_bit_for_bit(scenario, base):

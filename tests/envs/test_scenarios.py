@@ -61,7 +61,8 @@ SHEET = {
 }  # fmt: skip
 FOLLOWING = {
     "version": 1, "duration": 3.0, "settle": 0.3, "feed": 200.0, "set_height": {"choice": (0.5, 0.8, 1.0)},
-    "start_above": 0.0, "guard": False, "exempt": False, "path": None, "axis": PLANT, "head": HEAD, "sheet": SHEET,
+    "start_above": 0.0, "guard": False, "exempt": False, "path": None, "circle": None,
+    "axis": PLANT, "head": HEAD, "sheet": SHEET,
 }  # fmt: skip
 
 
