@@ -60,7 +60,7 @@ class State(NamedTuple):
     cells: float = 0.0  # in a lap; 0: not known yet
     length: float = 0.0  # mm of a lap
     total: float = 0.0  # mm/s, sum of what was seen in the cell
-    count: float = 0.0  # periods in the cell
+    periods: float = 0.0  # in the cell
 
 
 @part
@@ -146,7 +146,7 @@ def control(params, state, signals, tables, memory):
     if fits and entered and state.cell >= 0.0:
         half = min(np.floor(params.smooth * 1e-3 * x.feed / params.cell + 0.5), WIDEST)
         lead = params.lead * 1e-3 * x.feed / params.cell
-        mean = state.total / max(state.count, 1.0)
+        mean = state.total / max(state.periods, 1.0)
         # All cells that were left, were there more than one in this period.
         left = here - state.cell + (cells if turned else 0.0)
         for i in range(int(clip(left, 0.0, 64.0))):
@@ -161,9 +161,9 @@ def control(params, state, signals, tables, memory):
                 learnt = _learnt(memory, lap, ready, cells, half, lead, params.learn)
                 memory[_index(_ring(lap + 1.0), ready)] = learnt
     total = (0.0 if entered else state.total) + lacks
-    count = (0.0 if entered else state.count) + 1.0
+    periods = (0.0 if entered else state.periods) + 1.0
     after = State(
-        inner.integral, inner.error, inner.slope, x.place, x.lap, here, cells, length, total, count
+        inner.integral, inner.error, inner.slope, x.place, x.lap, here, cells, length, total, periods
     )  # fmt: skip
     knows = fits and x.lap >= 1.0 and cells > 0.0 and x.captured
     forward = _forward(memory, after, x.lap, x.place) if knows else 0.0

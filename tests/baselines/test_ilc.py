@@ -1,5 +1,6 @@
 """Iterative learning: what falls from lap to lap, what bounds it, and whose memory it is."""
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -72,6 +73,18 @@ def test_a_new_episode_starts_with_nothing_learnt():
         gaps.append(record[:, 0, 0].copy())
         fleet.begin([0], scenarios.noise_keys([1003]))
     assert np.array_equal(*gaps)
+
+
+def test_in_the_environment_it_learns_what_it_learns_in_a_roll_out():
+    case = load("laps-wavy")
+    env = gym.make("kerfgym/HeightFollowing-v0", scenario=case, split="test", base="ilc", max_steps=2000).unwrapped
+    record = roll(case.varied(duration=2.0), get("ilc"), [1004])
+    for _ in range(2):  # the second episode, too
+        env.reset(options={"scenario_seed": 1004})
+        gaps = [env.step(np.zeros(1, np.float32))[4]["true_gap"] for _ in range(2000)]
+        assert np.array_equal(np.array(gaps, np.float32), record["gap"][:, 0])
+    error = np.square(record.error[:, 0])
+    assert error[300:942].mean() > 2.0 * error[1242:1884].mean()  # the same places, a lap later
 
 
 def test_laps_too_long_for_the_memory_are_travelled_by_the_pid():
