@@ -80,6 +80,11 @@ _CATALOGUE: dict[str, tuple[str, str, dict, bool]] = {
     "wu-no-corners": (
         "wu", "Wu without acceleration, deceleration and corner handling", {"law.kp": 0.54, "plan.corners": 0}, False,
     ),
+    "wu-matched": (
+        "wu", "Wu, gains of x and y corrected for a drive whose x is 3.5 % stronger and y 3.5 % weaker",
+        {"law.kp": 0.54, "law.x_plus": 0.9662, "law.x_minus": 0.9662, "law.y_plus": 1.0363, "law.y_minus": 1.0363},
+        False,
+    ),
     "wu-tuned": (
         "wu", "Wu, gain tuned to an overshoot of at most 1 %: the reference of the slot xy", {}, True,
     ),
