@@ -100,6 +100,10 @@ _CATALOGUE: dict[str, tuple[str, str, dict, bool]] = {
         "recipe", "Huang2024 Table 2: dynamic compound, 1 m/min, circular helix ±0.3 mm and ±1 mm at 2 kHz",
         {"plan.feed": 1000.0 / 60, "law.frequency": 2000.0, "law.x": 0.3, "law.y": 0.3, "law.z": 1.0}, False,
     ),
+    "huang2024-adjusting": (
+        "huang2024", "Huang2024: dynamic compound with a unit that adjusts feed, power, dither and focus by rules",
+        {"plan.feed": 1000.0 / 60}, True,
+    ),
 }  # fmt: skip
 
 
