@@ -313,7 +313,7 @@ def equal_gains(trial: Trial) -> Findings:
     te = p.t1 + p.t2 - p.tau + 2e-3  # a held servo period adds half of itself where the velocity is integrated
     kv = _kv(KP, p)
     for radius, speed in ((60.0, 30.0), (50.0, CUTTING), (10.0, CUTTING)):
-        ((theta, error),) = distorted(radius, speed, [(1.0, {}, {})])
+        ((_, error),) = distorted(radius, speed, [(1.0, {}, {})])
         shift, ripple = 1e3 * float(error.mean()), 1e3 * float(np.ptp(error))
         formula = -1e3 * speed**2 / radius * (1 / (2 * kv**2) - te / kv)
         rows.append(Row(
@@ -430,9 +430,9 @@ def _figure_5(shapes: dict[str, tuple[np.ndarray, np.ndarray]], radius: float) -
             ax.set(ylabel="y, mm")
     return Drawing(
         "circles", figure,
-        f"Circles of R 60 mm at 1.8 m/min, Kv 30 1/s, with gains that differ by 5 %; radial errors × {times:g}, dashed: "
-        "equal gains; arrows: sense of travel. A gain that is weaker in one direction bulges or flattens only the half "
-        "travelled that way; a weaker axis makes an ellipse along a diagonal.",
+        f"Circles of R 60 mm at 1.8 m/min, Kv 30 1/s, with gains that differ by 5 %; radial errors × {times:g}, "
+        "dashed: equal gains; arrows: sense of travel. A gain that is weaker in one direction bulges or flattens "
+        "only the half travelled that way; a weaker axis makes an ellipse along a diagonal.",
         "Wu Fig. 5 (its four inscriptions; the drawings themselves are not available)",
     )  # fmt: skip
 
@@ -475,8 +475,8 @@ def _corner() -> Drawing:
         "corner",
         figure,
         "Left: a corner of contour-square (seed 1000). Right: contour error along the whole cut, left of the path "
-        "positive. At constant feed the corner is cut short and the axes swing afterwards; slowed down, they overrun it "
-        "less and settle sooner.",
+        "positive. At constant feed the corner is cut short and the axes swing afterwards; slowed down, they overrun "
+        "it less and settle sooner.",
         "Wu §5.3",
     )
 
@@ -588,7 +588,8 @@ def _approaches(errors: np.ndarray, names: list[str]) -> Drawing:
     return Drawing(
         "approaches",
         figure,
-        "Standstill error at five places over 300 mm, five approaches from each side, from brisk to slow; shaded: ±0.01 mm. With 8 bits "
-        "the velocity command vanishes within half a D/A step, 22 µm of error, and the slide rests anywhere in there.",
+        "Standstill error at five places over 300 mm, five approaches from each side, from brisk to slow; shaded: "
+        "±0.01 mm. With 8 bits the velocity command vanishes within half a D/A step, 22 µm of error, and the "
+        "slide rests anywhere in there.",
         "Wu §1",
     )
