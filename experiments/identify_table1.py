@@ -67,10 +67,10 @@ FALLOFF = 100.0
 class Parameters(NamedTuple):
     """What is identified."""
 
-    speed: float = 0.37  # mm/s, peak speed of the surface
-    gain_scale: float = 1.15  # mm
+    speed: float = 0.364  # mm/s, peak speed of the surface
+    gain_scale: float = 1.05  # mm
     impulse: float = 0.24  # mm
-    impulse_scale: float = 0.78  # mm
+    impulse_scale: float = 0.79  # mm
 
 
 def gain(p: Parameters, height: float) -> float:
@@ -134,11 +134,13 @@ def medians(p: Parameters, seeds: Any, heights: tuple[float, ...] = (*FITTED, *H
 def fit(seeds: Any = SEEDS, start: Parameters | None = None) -> Parameters:
     """Least squares of the six relative deviations at the fitted heights, the same noise at every trial."""
 
-    def residuals(x: np.ndarray) -> np.ndarray:
-        return medians(Parameters(*np.exp(x).tolist()), seeds, FITTED)["deviation"].to_numpy()
+    first = np.array(start or Parameters())
 
-    first = np.log(start or Parameters())
-    return Parameters(*np.exp(least_squares(residuals, first, diff_step=0.02, xtol=1e-3).x).tolist())
+    def residuals(x: np.ndarray) -> np.ndarray:
+        return medians(Parameters(*(first * x).tolist()), seeds, FITTED)["deviation"].to_numpy()
+
+    found = least_squares(residuals, np.ones(len(first)), bounds=(0.5, 2.0), diff_step=0.03, xtol=1e-3, max_nfev=10)
+    return Parameters(*(first * found.x).tolist())
 
 
 def load() -> Parameters:
