@@ -67,7 +67,7 @@ WINDOW = 1.0
 
 MODES = {
     "stop": "stopped", "home": "homing", "move": "moving", "calibrate": "calibrating", "follow": "following",
-    "hold": "holding", "alarm": "alarm",
+    "hold": "holding", "alarm": "alarm", "protect": "protecting",
 }  # fmt: skip
 """Modes of the supervisor in words; any other stands for itself."""
 
