@@ -91,18 +91,15 @@ def _learnt(memory, lap, cell, cells, half, lead, gain):
         k = i - half
         weight = sine(1.5707963267948966 * (1.0 + k / (half + 1.0)))
         weight *= weight
-        # Passes before and after this lap's wrap around; in the first there is nothing before its beginning.
+        # A lap's end is followed by its beginning; in the first nothing is known of what lies before its beginning.
         there, seen, further = cell + k, cell + k + shift, cell + k + shift + 1.0
-        known = cells > 0.0 or there >= 0.0
-        pass_ = lap
         if cells > 0.0:
-            pass_ = lap - 1.0 if there < 0.0 else (lap + 1.0 if there >= cells else lap)
             there += cells if there < 0.0 else (-cells if there >= cells else 0.0)
             seen += cells if seen < 0.0 else (-cells if seen >= cells else 0.0)
             further += cells if further < 0.0 else (-cells if further >= cells else 0.0)
-        if known and there >= 0.0 and seen >= 0.0 and there < CELLS and further < CELLS and further >= 0.0:
+        if there >= 0.0 and seen >= 0.0 and there < CELLS and further < CELLS and further >= 0.0:
             lacks = (1.0 - share) * memory[_index(2.0, seen)] + share * memory[_index(2.0, further)]
-            value += weight * (memory[_index(_ring(max(pass_, 0.0)), there)] + gain * lacks)
+            value += weight * (memory[_index(_ring(lap), there)] + gain * lacks)
             weights += weight
     return value / weights if weights > 0.0 else 0.0
 

@@ -41,7 +41,9 @@ def test_its_integral_takes_away_what_is_constant():
     for period in range(1, 4):
         state, wish = oracle.control(p, state, x, ())
         assert np.isclose(wish, -min(1000.0 * 1e-3 * 0.01 * period, 0.02))
-    still, _ = oracle.control(p, state, x._replace(override=True), ())
-    assert still.integral == state.integral
+    some, _ = oracle.control(p, oracle.init(p), x, ())
+    still, _ = oracle.control(p, some, x._replace(override=True), ())
+    assert still.integral == some.integral  # a further period would have doubled it
+    assert np.isclose(some.integral, 0.01)
     empty, _ = oracle.control(p, state, x._replace(captured=False), ())
     assert empty.integral == 0.0
