@@ -103,8 +103,8 @@ def moving_average(trial: Trial) -> Findings:
             "centre of the machine's impulse response, in samples of 1 ms; the paper does not mention a delay"),
         Row("§3.3", "weighted mean and lag filter, named as alternatives", "no equation", Estimate(apart, "Hz"),
             judged(apart < ROUNDING, TREND),
-            "largest difference from scipy.signal.lfilter; weights (0.8 from sample to sample) and lag (2 ms) are ours. "
-            "The anti-impulse filter is named too; it bridges jumps off the trend"),
+            "largest difference from scipy.signal.lfilter; weights (0.8 from sample to sample) and lag (2 ms) are "
+            "ours. The anti-impulse filter is named too; it bridges jumps off the trend"),
     ]  # fmt: skip
     return Findings(rows, [_responses()])
 
@@ -123,9 +123,9 @@ def _responses() -> Drawing:
         ax.set(xlabel="sample (1 ms each)", ylabel=f"response to a {name}", xlim=(-4, 9), ylim=(-0.05, 1.1))
     drawn.axes[1].legend(fontsize=8)
     return Drawing(
-        "responses", drawn, "Filters of N = 5 (k = 2). The centred form answers before the step comes, so no machine can "
-        "run it; the causal one lags by k = 2 samples. The improved filter jumps in the middle of the step and does not "
-        "answer to an impulse of one sample.", "Xi2023 eq. 6 and Fig. 9",
+        "responses", drawn, "Filters of N = 5 (k = 2). The centred form answers before the step comes, so no machine "
+        "can run it; the causal one lags by k = 2 samples. The improved filter jumps in the middle of the step and "
+        "does not answer to an impulse of one sample.", "Xi2023 eq. 6 and Fig. 9",
     )  # fmt: skip
 
 
@@ -145,8 +145,8 @@ def improved_filter(trial: Trial) -> Findings:
     late = [float((ramp[-1] - value) / 1e3) for value in machine_filters(pair, ramp)[-1]]
     rows = [
         Row("Fig. 9", "the six steps, N = 3, 5, 9", "(Σ − max − min)/(N − 2)", Estimate(off, "Hz"),
-            judged(off < ROUNDING), "largest difference of the machine's filter from the steps in plain Python, a signal "
-            "with noise and impulses, once the queue is full; the machine's starts full of its first reading"),
+            judged(off < ROUNDING), "largest difference of the machine's filter from the steps in plain Python, a "
+            "signal with noise and impulses, once the queue is full; the machine's starts full of its first reading"),
         Row("§3.3", "an impulse of one sample, share that passes, N = 5", "“more accurate”",
             f"{100 * leak[1][1]:.3g} %, moving average {100 * leak[1][0]:.3g} %", judged(leak[1][1] < leak[1][0]),
             "a single impulse is the largest or smallest of its window and goes out with it"),
@@ -175,6 +175,6 @@ def _cleaned(pair: list[filters.Params]) -> Drawing:
     ax.annotate("impulses of ±60 kHz,\nbeyond the frame", (51, 27), fontsize=8, color=QUIET)
     ax.legend(fontsize=8, loc="lower left")
     return Drawing(
-        "improved", drawn, "Both filters of N = 5 on the same samples. Single impulses (20, 50) leave the improved filter "
-        "alone; of two within one window (80, 82) it passes a third.", "Xi2023 Fig. 9",
+        "improved", drawn, "Both filters of N = 5 on the same samples. Single impulses (20, 50) leave the improved "
+        "filter alone; of two within one window (80, 82) it passes a third.", "Xi2023 Fig. 9",
     )  # fmt: skip

@@ -82,7 +82,7 @@ def oscillator(trial: Trial) -> Findings:
             f"With {top:.1f} µH the lower end needs {c5_of(eq3._replace(inductance=top), LOW):.1f} pF"),
         Row("eq. 1", "capacitors in series that give the band from 10–50 pF", "C2, C3, C4 below 1000 pF",
             f"1/(C3+C1) + 1/(C2+C0) + 1/C4 = {series:.5f} 1/pF".replace("-", "−"), judged(series >= 0),
-            "it would have to be negative: capacitors in series only narrow the band, a stray one in parallel does too"),
+            "it would have to be negative: capacitors in series narrow the band, and so does a stray one in parallel"),
         Row("eq. 3", "band from 10–50 pF, preset eq3 (168 µH)", "1.665–4.053 MHz",
             f"{band[0]:.3f}–{band[1]:.3f} MHz", judged(miss < 0.01, otherwise=TREND),
             f"the inductance in the middle misses either end by {100 * miss:.1f} %"),
@@ -121,8 +121,8 @@ def _bands(top: float, bottom: float) -> Drawing:
     ax.legend(fontsize=8)
     return Drawing(
         "band", drawn,
-        "Frequency over the sensed capacitance. No curve passes through both printed ends: an inductance that meets one "
-        "misses the other, and capacitors in series only flatten the curve.", "Xi2023 eqs. 1–3 and §2.2",
+        "Frequency over the sensed capacitance. No curve passes through both printed ends: an inductance that meets "
+        "one misses the other, and capacitors in series only flatten the curve.", "Xi2023 eqs. 1–3 and §2.2",
     )  # fmt: skip
 
 
@@ -191,8 +191,8 @@ def _curve(frequency: np.ndarray, height: np.ndarray, table: calibration.Table) 
     right.axhline(0, color=COLOURS[0], lw=1)
     return Drawing(
         "calibration", drawn,
-        "A calibration run of the machine: contact, then up to 10 mm at 10 mm/s. Left the samples and the table made of "
-        "them; right what a sample is off in height. The curve flattens upwards, so the same noise weighs more there.",
+        "A calibration run of the machine: contact, then up to 10 mm at 10 mm/s. Left the samples and the table made "
+        "of them; right what a sample is off in height. The curve flattens upwards, so noise weighs more there.",
         "Xi2023 Fig. 7",
     )  # fmt: skip
 
@@ -220,11 +220,11 @@ def look_up(trial: Trial) -> Findings:
     ]
     rows = [
         Row("§3.2", "binary search finds the entry", "the table's entry", Estimate(100 * same, "% agree"),
-            judged(same == 1.0), "4000 random frequencies against numpy.searchsorted; ten comparisons for 1000 entries"),
+            judged(same == 1.0), "4000 random frequencies against numpy.searchsorted; ten comparisons each"),
         Row("§3.2", "nearest entry of a table of 0.01 mm", "0.01 mm between entries", Estimate(1e3 * errors[0], "µm"),
             judged(abs(errors[0] - 0.005) < 3e-4),
-            "largest error on an exact table, 0.1–9.9 mm: half the distance, at any height. Half of 0.01 mm exceeds the "
-            "static accuracy of 0.001 mm that is claimed"),
+            "largest error on an exact table, 0.1–9.9 mm: half the distance, at any height. Half of 0.01 mm exceeds "
+            "the static accuracy of 0.001 mm that is claimed"),
         Row("§4", "0.001 mm static needs interpolation between entries", "not mentioned",
             Estimate(1e3 * errors[1], "µm"), judged(errors[1] < 1e-3, otherwise=TREND),
             "largest error of a straight line between two entries of an exact table, 0.1–9.9 mm"),
