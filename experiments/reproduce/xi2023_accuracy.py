@@ -22,7 +22,7 @@ STATIC, DYNAMIC, SPEED = 0.001, 0.01, 500.0
 HEIGHTS = (0.1, 0.3, 0.5, 0.7, 0.9)
 """mm, of Table 1."""
 
-SETTLE = 0.5
+SETTLE = 0.3
 """s before errors count."""
 
 SURFACE_SPEEDS = np.geomspace(0.05, 50.0, 20)
@@ -47,9 +47,11 @@ Put = Callable[[Fleet, np.ndarray, np.ndarray], None]
 AXIS = Axis(bandwidth=80.0, zeta=0.8, dead_time=0.001, acceleration=14_000.0, resonance=100.0)
 
 
-def _flat(height: float, noise: float = 1e-3, feed: float = SPEED, above: float = 0.0) -> Scenario:
+def _flat(
+    height: float, noise: float = 1e-3, feed: float = SPEED, above: float = 0.0, seconds: float = 1.0
+) -> Scenario:
     return Scenario(
-        name="flat", duration=SETTLE + 1.0, settle=SETTLE, feed=feed, set_height=height, start_above=above,
+        name="flat", duration=SETTLE + seconds, settle=SETTLE, feed=feed, set_height=height, start_above=above,
         axis=AXIS,
         head=Head(nominal=True, noise=noise, impulses=0.0),
     )  # fmt: skip
@@ -124,7 +126,7 @@ def dynamic_accuracy(trial: Trial) -> Findings:
     gain = float(stacks.get("xi2023-improved").part("law").kv)
     slopes = {name: _slopes(name, trial.seeds) for name in FOLLOWERS}
     limits = {name: np.array([_limit(SURFACE_SPEEDS, e) for e in errors]) for name, errors in slopes.items()}
-    p = table1.load()
+    p, fastest = table1.load(), SURFACE_SPEEDS[-1]
     rows = [
         Row("abstract", "500 mm/s, read as the Z axis' limit", "500 mm/s", Estimate(reached, "mm/s"),
             judged(abs(reached / SPEED - 1) < 0.01, CALIBRATED),
@@ -142,11 +144,10 @@ def dynamic_accuracy(trial: Trial) -> Findings:
         middle = float(np.median(limits[name]))
         rows.append(Row(
             "abstract", f"500 mm/s, read as the feed: steepest slope within 0.01 mm, {name}", "500 mm/s, 0.01 mm",
-            estimate(limits[name], "mm/s"),
+            f"more than {fastest:g} mm/s" if middle >= 0.999 * fastest else estimate(limits[name], "mm/s"),
             judged(middle >= USUAL[1], otherwise=TREND if middle >= USUAL[0] else NOT),
-            f"{what}; largest error of the true gap while the surface rises at this speed, {middle / SPEED * 1e3:.2g} "
-            "mm per metre of sheet; sheets slope by 1–30 mm per metre"
-            + ("; steeper ones were not tried" if middle >= SURFACE_SPEEDS[-1] else ""),
+            f"{what}; largest error of the true gap while the surface falls at this speed, {middle / SPEED * 1e3:.2g} "
+            "mm per metre of sheet; sheets slope by 1–30 mm per metre",
         ))  # fmt: skip
     for length, usual in WAVES:
         found = {name: np.array([_limit(a, e) for e in errors]) for name, (a, errors) in _waves(length, trial).items()}
@@ -176,12 +177,12 @@ def _fastest() -> tuple[float, float]:
 
 def _limit(loads: np.ndarray, errors: np.ndarray) -> float:
     """The load at which the error reaches 0.01 mm, between those tried; errors grow with it."""
-    rising = np.maximum.accumulate(errors)
+    rising = np.minimum(np.maximum.accumulate(errors), 1e9)
     return float(np.exp(np.interp(DYNAMIC, rising, np.log(loads))))
 
 
 def _grid(name: str, scenario: Scenario, loads: np.ndarray, seeds: int, put: Put) -> np.ndarray:
-    """Largest true error, mm, shape (seeds, loads); ``put(fleet, machines, loads)`` writes the loads."""
+    """Largest true error, mm, shape (seeds, loads), infinite after a collision."""
     stack: Stack = stacks.get(name)
     keys = np.repeat(np.arange(seeds, dtype=np.uint64), len(loads))
     out = []
@@ -194,17 +195,18 @@ def _grid(name: str, scenario: Scenario, loads: np.ndarray, seeds: int, put: Put
         put(fleet, every, loads[index % len(loads)])
         fleet.begin(every, scenarios.noise_keys(keys[index]))
         record = rollout.run(fleet, scenario, stack, keys[index])
-        out.append(np.abs(record.error[scenario.settle_steps :]).max(axis=0))
+        error = np.abs(record.error[scenario.settle_steps :]).max(axis=0)
+        out.append(np.where(record.collided | ~np.isfinite(error), np.inf, error))
     return np.concatenate(out).reshape(seeds, len(loads))
 
 
 def _slopes(name: str, seeds: int) -> np.ndarray:
-    """Largest true error over slopes, mm, shape (seeds, speeds)."""
+    """Largest true error on falling slopes, mm, shape (seeds, speeds); 0.6 s, within the Z axis' travel."""
 
     def put(fleet: Fleet, machines: np.ndarray, speeds: np.ndarray) -> None:
-        fleet.set("sheet.tilt_x", machines, speeds / SPEED)
+        fleet.set("sheet.tilt_x", machines, -speeds / SPEED)
 
-    return _grid(name, _flat(0.5), SURFACE_SPEEDS, seeds, put)
+    return _grid(name, _flat(0.5, seconds=0.3), SURFACE_SPEEDS, seeds, put)
 
 
 def _waves(length: float, trial: Trial) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -233,6 +235,6 @@ def _dynamic_figure(slopes: dict[str, np.ndarray], gain: float) -> Drawing:
     ax.legend(fontsize=8)
     return Drawing(
         "dynamic", drawn, "Largest error of the true gap on a slope, median over seeds, nothing but the sensor's "
-        "noise. A P law holds 0.01 mm up to Kv · 0.01 mm; the observer knows the slope and pays only its noise.",
+        "noise. A P law holds 0.01 mm up to Kv · 0.01 mm; the observer knows the slope and pays only for noise.",
         "Xi2023 abstract and §4",
     )  # fmt: skip

@@ -172,7 +172,7 @@ def _cleaned(pair: list[filters.Params]) -> Drawing:
     ax.plot(n, (y[:, 0] - REST) / 1e3, color=COLOURS[1], lw=1.2, label="moving average")
     ax.plot(n, (y[:, 1] - REST) / 1e3, color=COLOURS[0], lw=1.6, label="improved")
     ax.set(xlabel="sample (1 ms each)", ylabel="frequency − 3.6 MHz (kHz)", ylim=(-30, 30))
-    ax.annotate("impulses of ±60 kHz,\nbeyond the frame", (51, 27), fontsize=8, color=QUIET)
+    ax.annotate("impulses of ±60 kHz,\nbeyond the frame", (52, 20), fontsize=8, color=QUIET)
     ax.legend(fontsize=8, loc="lower left")
     return Drawing(
         "improved", drawn, "Both filters of N = 5 on the same samples. Single impulses (20, 50) leave the improved "

@@ -182,12 +182,12 @@ def _curve(frequency: np.ndarray, height: np.ndarray, table: calibration.Table) 
     inside = (frequency > 0) & (height > 0)
     f, h = frequency[inside], height[inside]
     left.plot(h, f / 1e6, ".", ms=3, color=COLOURS[4], label=f"samples, one per ms ({len(h)})")
-    left.plot(table.height, table.frequency / 1e6, color=COLOURS[0], lw=1, label="table (1000 entries)")
+    left.plot(table.height, table.frequency / 1e6, color=COLOURS[0], lw=1, zorder=3, label="table (1000 entries)")
     left.set(xlabel="height (mm)", ylabel="frequency (MHz)")
     left.legend(fontsize=8)
     off = 1e3 * (np.interp(f, table.frequency, table.height) - h)
     right.plot(h, off, ".", ms=3, color=COLOURS[4])
-    right.set(xlabel="height (mm)", ylabel="sample, read from the table, − encoder (µm)")
+    right.set(xlabel="height (mm)", ylabel="sample's height − encoder (µm)")
     right.axhline(0, color=COLOURS[0], lw=1)
     return Drawing(
         "calibration", drawn,
