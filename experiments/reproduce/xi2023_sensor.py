@@ -49,6 +49,11 @@ def c5_of(p: sensor.Params, frequency: float) -> float:
     return 1.0 / (p.inductance * (2 * np.pi * frequency) ** 2 * 1e-6 - p.series)
 
 
+def exact(heights: np.ndarray) -> np.ndarray:
+    """Frequencies of the nominal head in Hz, without noise, at heights in mm."""
+    return np.array([1e6 * megahertz(sensor.EQ3, capacitance(sensor.EQ3, h)) for h in heights.tolist()])
+
+
 def exponent(p: sensor.Params, height: float) -> float:
     """d ln f / d ln h at a height in mm."""
     a, b = (megahertz(p, capacitance(p, height * s)) for s in (0.999, 1.001))
@@ -161,10 +166,8 @@ def calibration_run(trial: Trial) -> Findings:
 def _nearest_error(entries: int) -> float:
     """Largest error in mm of the nearest of evenly spaced entries over 0.1–10 mm, on the exact curve."""
     grid = np.linspace(calibration.SPAN / entries, calibration.SPAN, entries)
-    curve = np.array([megahertz(sensor.EQ3, capacitance(sensor.EQ3, float(h))) for h in grid])
-    wanted = np.linspace(0.1, calibration.SPAN, 5003)
-    f = np.array([megahertz(sensor.EQ3, capacitance(sensor.EQ3, float(h))) for h in wanted])
-    place = np.interp(f, curve, np.arange(entries))
+    wanted = np.linspace(0.1, calibration.SPAN, 1999)
+    place = np.interp(exact(wanted), exact(grid), np.arange(entries))
     return float(np.abs(grid[np.rint(place).astype(int)] - wanted).max())
 
 
@@ -209,13 +212,12 @@ def look_up(trial: Trial) -> Findings:
     found = np.array([calibration.bracket(table.frequency, np.uint64(0), f) for f in wanted.tolist()]).astype(int)
     right = np.clip(np.searchsorted(table.frequency, wanted, side="right") - 1, 0, calibration.POINTS - 2)
     same = float((found == right).mean())
-    heights = rng.uniform(0.1, 9.9, 4000)
+    heights = rng.uniform(0.1, 9.9, 1000)
     grid = table.height
-    exact = np.array([1e6 * megahertz(sensor.EQ3, capacitance(sensor.EQ3, float(h))) for h in grid])
-    f = [1e6 * megahertz(sensor.EQ3, capacitance(sensor.EQ3, float(h))) for h in heights]
+    curve, f = exact(grid), exact(heights)
     first = np.uint64(0)
     errors = [
-        float(max(abs(calibration.height(p, exact, grid, first, x)[0] - h) for x, h in zip(f, heights, strict=True)))
+        float(max(abs(calibration.height(p, curve, grid, first, x)[0] - h) for x, h in zip(f, heights, strict=True)))
         for p in (calibration.Params(look_up=1.0), calibration.Params(look_up=0.0))
     ]
     rows = [
@@ -229,14 +231,14 @@ def look_up(trial: Trial) -> Findings:
             Estimate(1e3 * errors[1], "µm"), judged(errors[1] < 1e-3, otherwise=TREND),
             "largest error of a straight line between two entries of an exact table, 0.1–9.9 mm"),
     ]  # fmt: skip
-    return Findings(rows, [_readings(exact, grid)])
+    return Findings(rows, [_readings(curve, grid)])
 
 
 def _readings(frequency: np.ndarray, grid: np.ndarray) -> Drawing:
     drawn = figure()
     (ax,) = drawn.axes
     heights = np.linspace(0.48, 0.54, 601)
-    f = [1e6 * megahertz(sensor.EQ3, capacitance(sensor.EQ3, float(h))) for h in heights]
+    f = exact(heights)
     for look, label, colour in ((1.0, "nearest entry", COLOURS[1]), (0.0, "interpolated", COLOURS[0])):
         p = calibration.Params(look_up=look)
         read = np.array([calibration.height(p, frequency, grid, np.uint64(0), x)[0] for x in f])
