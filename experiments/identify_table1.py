@@ -7,9 +7,9 @@ set height h, with no physics behind them, make the printed error fall as it doe
     Kv(h) = 40 · exp((h/gain_scale)³)  1/s,      A(h) = impulse · sqrt(h/1 mm) · exp(−h/impulse_scale)  mm
 
 Only ``speed``/Kv matters, so Kv(0) is set. The four numbers are fitted to the six of Table 1 at 0.1, 0.5 and 0.9 mm;
-those at 0.3 and 0.7 mm are held out of the fit (the
-forms of the two laws were chosen with the whole table in sight). Statistic of a run, as in the paper: the largest error of the *reported* height;
-of many runs: the median, since a maximum scatters. The error of the true gap stands beside it.
+those at 0.3 and 0.7 mm are held out of the fit (the forms of the two laws were chosen with the whole table in sight).
+Statistic of a run, as in the paper: the largest error of the *reported* height; of many runs: the median, since a
+maximum scatters. The error of the true gap stands beside it.
 """
 
 import sys

@@ -14,6 +14,11 @@ from kerfgym.experiments.reproduce.xi2023_table import OneSided
 
 FEW = Trial(seeds=6)
 
+STUDIES = (
+    "oscillator", "calibration-run", "look-up", "moving-average", "improved-filter", "table-1", "rising-height",
+    "above-set-height", "static-accuracy", "dynamic-accuracy",
+)  # fmt: skip
+
 PRINTED = {
     "oscillator": ("1.665–4.053 MHz, 10–50 pF",),
     "calibration-run": ("1000", "0.01 mm"),
@@ -26,8 +31,8 @@ PRINTED = {
 
 @pytest.fixture(scope="module")
 def found():
-    """Findings of every study, by key, few seeds."""
-    return {s.key: s.run(FEW) for s in studies(["xi2023"])}
+    """Findings of every study but the operator's, by key, few seeds."""
+    return {s.key: s.run(FEW) for s in studies([f"xi2023/{key}" for key in STUDIES])}
 
 
 def rows(found, key: str, words: str) -> list[Row]:
@@ -39,11 +44,9 @@ def numbers(text: object) -> list[float]:
     return [float(word) for word in re.findall(r"-?\d+\.?\d*", str(text).replace("−", "-"))]
 
 
-def test_the_studies_come_in_the_order_of_the_paper(found):
-    assert list(found) == [
-        "oscillator", "calibration-run", "look-up", "moving-average", "improved-filter", "table-1", "rising-height",
-        "above-set-height", "static-accuracy", "dynamic-accuracy",
-    ]  # fmt: skip
+def test_the_studies_come_in_the_order_of_the_paper():
+    keys = [s.key for s in studies(["xi2023"])]
+    assert keys[: len(STUDIES)] == list(STUDIES)
 
 
 @pytest.mark.parametrize("key", PRINTED)
