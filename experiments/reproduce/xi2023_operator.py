@@ -60,7 +60,7 @@ def operator(trial: Trial) -> Findings:
             judged(np.min(usable) >= 950), "what counts as an impulse is left out"),
         Row("§4", "settable calibration speed: samples at 40 mm/s", "fewer", estimate(coarse, digits=4),
             judged(np.max(coarse) < np.min(usable))),
-        Row("§4", "fewer valid points mean lower accuracy: error of the table at 1 mm, 250 against 1000 points", "lower",
+        Row("§4", "fewer valid points, lower accuracy: error of the table at 1 mm, 250 against 1000 points", "lower",
             f"{np.median(np.abs(rough)):.2f} against {np.median(np.abs(fine)):.2f} µm",
             judged(np.median(np.abs(rough)) > np.median(np.abs(fine)), "trend only"),
             "medians of the mean of reported − true over 0.3 s; the table's trend is fitted, so that little is lost"),
