@@ -46,7 +46,7 @@ _CATALOGUE: dict[str, tuple[str, str, dict, bool]] = {
     ),
     "cn102528288a": (
         "cn102528288a", "CN102528288A: dual loop with scheduled gains, speed from the encoder, assumed gains",
-        {"law.speed": "encoder", "law.gain": 120.0, "law.kpv": 0.6, "law.kiv": 30.0}, False,
+        {"law.speed": "encoder", "law.gain": 250.0, "law.ki": 100.0, "law.kpv": 0.5, "law.kiv": 20.0}, False,
     ),
     "cn102528288a-gap": (
         "cn102528288a", "CN102528288A with the change of the measured height as following speed, assumed gains",

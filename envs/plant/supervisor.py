@@ -18,8 +18,9 @@ command on, except where one of its guards acts:
 
 What is asked for in an alarm is refused until ``stop`` has acknowledged it; an unknown command is an alarm too.
 
-Whenever its command has differed from the law's, the two are brought together at no more than ``slew`` per period, so
-following is switched on and off without a bump.
+When the law takes over again, the difference between what the supervisor commanded and what the law asks for dies away
+by ``slew`` per period, so following is switched on and off without a bump. It is the difference that is limited, not the
+law's command: a rate limit in the loop could keep it oscillating for ever.
 """
 
 from typing import Annotated, NamedTuple
@@ -36,6 +37,9 @@ ALARMS = (
     "none", "collision", "limit", "following error", "sensor lost", "index pulse missing", "unknown command",
 )  # fmt: skip
 NO_ALARM, COLLISION, LIMIT, FOLLOWING_ERROR, SENSOR_LOST, NO_INDEX, UNKNOWN = (float(i) for i in range(len(ALARMS)))
+
+UNJOINED = 1e9
+"""mm/s, no difference: the supervisor commands."""
 
 MEMORY = 15
 """ms by which a hold goes back in the head's positions: an edge is felt that much earlier than it trips the guard."""
@@ -115,11 +119,11 @@ class State(NamedTuple):
     override: bool = False  # its command differs from the law's
     alarm: float = NO_ALARM
     zero: float = 0.0  # mm, head position at the last contact
-    refuge: float = 0.0  # mm, head position to which a hold goes back
+    anchor: float = 0.0  # mm, head position to which a hold goes back, or where the move under way began
     offset: float = 0.0  # mm, added to the encoder; set by homing
     command: float = 0.0  # mm/s, last command sent
-    origin: float = 0.0  # mm, where the move under way began
-    goal: float = 0.0  # mm, where it goes
+    goal: float = 0.0  # mm, where the move under way goes
+    apart: float = 0.0  # mm/s, by which the command still differs from the law's
 
 
 class View(NamedTuple):
@@ -208,16 +212,16 @@ def follow(p, s, job, x):
         mode = FOLLOW if released or expired else HOLD
         ticks = 0.0 if released or expired else s.ticks + 1.0
         captured = (released or not expired) and job.request != HOLD
-        u = wish if released else planned(p, s.refuge - x.head_position)
+        u = wish if released else planned(p, s.anchor - x.head_position)
     else:
         mode = HOLD if trips else (ALARM if alarmed else FOLLOW)
         ticks = s.ticks + 1.0 if late and not trips else 0.0
         u = planned(p, x.refuge - x.head_position) if trips else (0.0 if alarmed else passed)
     alarm = FOLLOWING_ERROR if alarmed else s.alarm
-    refuge = x.refuge if trips and not holding else s.refuge
+    anchor = x.refuge if trips and not holding else s.anchor
     after = State(
-        mode, 1.0 if alarmed else s.phase, ticks, captured, s.override, alarm, s.zero, refuge, s.offset, s.command,
-        s.origin, s.goal,
+        mode, 1.0 if alarmed else s.phase, ticks, captured, s.override, alarm, s.zero, anchor, s.offset, s.command,
+        s.goal, s.apart,
     )  # fmt: skip
     mine = s.mode == FOLLOW or s.mode == HOLD
     return after if mine else s, (0.0 if job.request == HOLD else u) if mine else 0.0
@@ -264,38 +268,38 @@ def errand(p, s, job, x, u):
     Returns:
         ``(state, command)``, mm/s, before :func:`join`.
     """
-    mode, phase, ticks, captured, alarm, zero, offset, origin, goal = (
-        s.mode, s.phase, s.ticks, s.captured, s.alarm, s.zero, s.offset, s.origin, s.goal,
+    mode, phase, ticks, captured, alarm, zero, offset, anchor, goal = (
+        s.mode, s.phase, s.ticks, s.captured, s.alarm, s.zero, s.offset, s.anchor, s.goal,
     )  # fmt: skip
     asked = FOLLOW if job.request == HOLD else job.request
     running = FOLLOW if mode == HOLD else mode
-    still, override = abs(s.command) < 1e-9, s.override
+    still, apart = abs(s.command) < 1e-9, s.apart
     if asked != running and (mode != ALARM or asked == STOP):
         # A new command first stops the current one; following and protection may start from any speed (they are joined
         # bumplessly).
         known = asked == np.floor(asked) and asked >= STOP and asked <= PROTECT and asked != ALARM
         stopped = still or asked == FOLLOW or asked == STOP or asked == PROTECT
         mode = (asked if stopped else STOP) if known else ALARM
-        phase, ticks, captured, override = 0.0 if known else 1.0, 0.0, False, True
+        phase, ticks, captured, apart = 0.0 if known else 1.0, 0.0, False, UNJOINED
         alarm = (NO_ALARM if asked == STOP else alarm) if known else UNKNOWN
         u = 0.0
     if mode == MOVE:
         if phase == 0.0 or job.target != goal:  # another target first stops the move, too
             u = 0.0
             if still:
-                phase, ticks, origin, goal = 1.0, 0.0, x.head_position, job.target
+                phase, ticks, anchor, goal = 1.0, 0.0, x.head_position, job.target
             elif phase != 0.0:
                 phase = 0.0
         if phase == 1.0:
             ticks += 1.0
-            way, duration = course(p, abs(goal - origin), ticks * SECONDS)
-            u = POSITION_GAIN * (origin + (way if goal > origin else -way) - x.head_position)
+            way, duration = course(p, abs(goal - anchor), ticks * SECONDS)
+            u = POSITION_GAIN * (anchor + (way if goal > anchor else -way) - x.head_position)
             arrived = ticks * SECONDS >= duration and abs(goal - x.head_position) <= IN_POSITION
             phase = 2.0 if arrived else 1.0
         elif phase == 2.0:
             off = goal - x.head_position
             u = POSITION_GAIN * off if abs(off) > IN_POSITION else 0.0
-    elif mode == PROTECT:
+    elif mode == PROTECT and asked == running:  # in the first tick the law has not seen the protection height yet
         near = x.height < job.protect
         lets_go = x.height > job.protect + p.hysteresis
         phase = 1.0 if near else (0.0 if lets_go else phase)
@@ -321,7 +325,7 @@ def errand(p, s, job, x, u):
         u = planned(p, zero + p.retract + 0.5 - x.head_position) if going else 0.0
         phase = 0.0 if going else 1.0
     return State(
-        mode, phase, ticks, captured, override, alarm, zero, s.refuge, offset, s.command, origin, goal
+        mode, phase, ticks, captured, s.override, alarm, zero, anchor, offset, s.command, goal, apart
     ), u  # fmt: skip
 
 
@@ -348,11 +352,13 @@ def join(p, s, job, x, u):
     u = p.fastest if flees else (0.0 if limit else u)
 
     passes = (mode == FOLLOW or mode == PROTECT) and u == x.wish
-    apart = not passes or s.override or mode == PROTECT
-    command = clip(u, s.command - p.slew, s.command + p.slew) if apart else u
-    override = not passes or command != u
+    difference = s.command - u if s.apart == UNJOINED else s.apart
+    left = difference - clip(difference, -p.slew, p.slew)
+    command = u + left if passes else clip(u, s.command - p.slew, s.command + p.slew)
+    override = not passes or left != 0.0
     return State(
-        mode, phase, s.ticks, s.captured, override, alarm, zero, s.refuge, s.offset, command, s.origin, s.goal
+        mode, phase, s.ticks, s.captured, override, alarm, zero, s.anchor, s.offset, command, s.goal,
+        left if passes else UNJOINED,
     ), command  # fmt: skip
 
 

@@ -174,8 +174,8 @@ class ZMachine:
         """At rest over the sheet; one reading, which fills the filter; the law's first command."""
         zero, no = np.zeros(len(self.keys)), np.zeros(len(self.keys), bool)
         self.tick = -1
-        self.lost, self.holding, self.override, self.captured, self.fresh = no, no, no, no, ~no
-        self.refuge = self.held = self.command = zero
+        self.lost, self.holding, self.override, self.foreign, self.captured, self.fresh = no, no, no, no, no, ~no
+        self.refuge = self.held = self.command = self.apart = zero
         self.commands = deque([zero] * 6, 6)  # newest first
         self.surface = self.surface_at(0.0)
         self.gap, self.head = self.start.gap + zero, self.surface + self.start.gap
@@ -279,11 +279,15 @@ class ZMachine:
         u = np.where(self.captured, self.wish, slow)
         u = np.where(self.holding | expired, back, u)
 
-        # A command that is not the law's, or was not in the period before, changes by no more than the slew.
+        # A command that is not the law's changes by no more than the slew; when the law takes over, what the two differ
+        # by then dies away by the slew.
         passes = ~self.holding & (u == self.wish)
+        differs = np.where(self.foreign, self.command - u, self.apart)
+        self.apart = np.sign(differs) * np.maximum(np.abs(differs) - g.slew, 0.0)
         joined = clip(u, self.command - g.slew, self.command + g.slew)
-        command = np.where(passes & ~self.override, u, joined)
-        self.override = ~passes | (command != u)
+        command = np.where(passes, u + self.apart, joined)
+        self.foreign = ~passes
+        self.override = ~passes | (self.apart != 0.0)
         self.command = command
         self.lost = self.lost | ((self.encoder < self.job.low) & (u < 0.0))
         self.lost = self.lost | ((self.encoder > self.job.high) & (u > 0.0))
