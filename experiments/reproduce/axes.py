@@ -15,7 +15,7 @@ from ...envs.plant.fleet import Fleet
 
 Floats = npt.NDArray[np.float64]
 
-IDEAL = {"dac": 0.0, "encoder": 0.0, "acceleration": 1e9, "speed": 1e9}
+IDEAL: dict[str, Any] = {"dac": 0.0, "encoder": 0.0, "acceleration": 1e9, "speed": 1e9}
 """Axes without quantisation and limits: what Wu's difference equations describe."""
 
 _LEFT = 20  # ms of a journey that are not travelled: interpolation and buffer are ahead

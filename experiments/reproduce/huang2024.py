@@ -45,14 +45,14 @@ def equations(trial: Trial) -> Findings:
     i0 = delta * p0 / area
     # Power of a spot from its intensity, on rings.
     r = np.linspace(0.0, 8.0 * w0, 200_001)
-    uniform = np.trapezoid(np.where(r <= w0, i0, 0.0) * 2 * np.pi * r, r) / delta
-    gaussian = np.trapezoid(i0 * np.exp(-2.0 * (r / w0) ** 2) * 2 * np.pi * r, r) / delta
+    uniform = float(np.trapezoid(np.where(r <= w0, i0, 0.0) * 2 * np.pi * r, r)) / delta
+    gaussian = float(np.trapezoid(i0 * np.exp(-2.0 * (r / w0) ** 2) * 2 * np.pi * r, r)) / delta
     rows = [
-        Row("eq. 1", "P0 = S·I0/δ, a spot of even intensity I0", f"{p0:.0f} W", Estimate(float(uniform), "W", digits=4),
+        Row("eq. 1", "P0 = S·I0/δ, a spot of even intensity I0", f"{p0:.0f} W", Estimate(uniform, "W", digits=4),
             judged(abs(uniform / p0 - 1) < 1e-3), f"inverse: I0 = δ·P0/S = {i0 * 1e-3:.3g} kW/mm² at {p0:.0f} W, δ "
             f"{delta:.2f}, ω0 {1e3 * w0:g} µm; the integral over the spot gives P0 back"),
         Row("eq. 1", "the same, I0 the peak of a Gaussian spot (§2.2: Gaussian distribution)", f"{p0:.0f} W",
-            Estimate(float(gaussian), "W", digits=4), judged(abs(gaussian / p0 - 1) < 0.05),
+            Estimate(gaussian, "W", digits=4), judged(abs(gaussian / p0 - 1) < 0.05),
             "a Gaussian beam carries π·ω0²·I0/2: with a peak power density the print is off by a factor of 2"),
     ]  # fmt: skip
     fast = _jobs("huang2024-static-fast", "cut-square", trial.seeds)
@@ -228,7 +228,7 @@ def dither(trial: Trial) -> Findings:
         wanted = printed_dither(shape, 2 * np.pi * u, sizes)
         apart = float(np.abs(made[:2] - wanted[:2]).max())
         rows.append(Row("eq. 12", f"{shape} helix, x and y with t → 2πft", "M·[t, sin t, cos t]",
-                        f"apart by {1e3 * apart:.1g} µm", judged(apart < 1e-9, REPRODUCED),
+                        "apart by less than 1 pm" if apart < 1e-9 else f"apart by {1e3 * apart:.2g} µm", judged(apart < 1e-9, REPRODUCED),
                         "over half of its turns; then the spiral runs in again" if shape == "hat" else ""))  # fmt: skip
     grown = 2 * 2 * np.pi * 2000.0
     far = float(np.abs(spot.shaped(spot.Params(), still, np.linspace(0.0, 4.0, 4001))[2]).max())
@@ -292,6 +292,8 @@ def _shapes() -> Drawing:
         ax.set_zlabel("z of its stroke, 1", fontsize=8, labelpad=0)
         ax.tick_params(labelsize=7, pad=0)
         ax.set(xlim=(-0.32, 0.32), ylim=(-0.32, 0.32), xticks=(-0.3, 0, 0.3), yticks=(-0.3, 0, 0.3), zticks=(0, 0.5, 1))
+        for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
+            axis.pane.fill = False
         ax.set_box_aspect(None, zoom=0.95)
     figure.subplots_adjust(left=0.0, right=0.94, bottom=0.04, top=0.98, wspace=0.14)
     return Drawing(
