@@ -369,7 +369,8 @@ def unequal_gains(trial: Trial) -> Findings:
             judged(waves[2] > 10 * max(waves[1], waves[3], waves[4])), f"R {radius:g} mm; its amplitude, too, is "
             f"(v/2)·|1/Kx − 1/Ky| = {1e3 * expected:.3g} µm"),
         Row("§5.2", "correction in software makes the velocity gains alike and restores the circle",
-            "must be ensured", f"second harmonic {waves[2]:.3g} µm → {max(rest, 1e-3):.1g} µm or less", judged(rest < 0.01 * waves[2]),
+            "must be ensured", f"second harmonic {waves[2]:.3g} µm → {max(rest, 1e-3):.1g} µm or less",
+            judged(rest < 0.01 * waves[2]),
             "relative gains law.x_plus … law.y_minus of wu: the reciprocals of the drive's"),
     ]  # fmt: skip
     level = matched[1].mean()
