@@ -13,8 +13,8 @@ law and are empty until the approach is over.
 "Last period's following speed", v, is read in two ways: ``encoder``, the head's own speed, or ``gap``, the change of
 the measured height; the latter holds the sheet's speed too and so feeds it forward. ``lag`` smooths it (0 as printed).
 The document gives no gains: ``cn102528288a`` and ``cn102528288a-gap`` assume them, in ``cn102528288a-tuned`` they are
-tuned. The assumed ones leave room for the schedule: it raises the gain with the error, and where the drive's acceleration
-is at its limit a speed loop of Kpv = 1 answers a step of 1.5 mm with a limit cycle.
+tuned. The assumed ones leave room for the schedule: it raises the gain with the error, and where the drive's
+acceleration is at its limit a speed loop of Kpv = 1 answers a step of 1.5 mm with a limit cycle.
 """
 
 from typing import Annotated, NamedTuple

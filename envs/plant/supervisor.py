@@ -19,8 +19,8 @@ command on, except where one of its guards acts:
 What is asked for in an alarm is refused until ``stop`` has acknowledged it; an unknown command is an alarm too.
 
 When the law takes over again, the difference between what the supervisor commanded and what the law asks for dies away
-by ``slew`` per period, so following is switched on and off without a bump. It is the difference that is limited, not the
-law's command: a rate limit in the loop could keep it oscillating for ever.
+by ``slew`` per period, so following is switched on and off without a bump. It is the difference that is limited, not
+the law's command: a rate limit in the loop could keep it oscillating for ever.
 """
 
 from typing import Annotated, NamedTuple
