@@ -8,13 +8,13 @@ from matplotlib.figure import Figure
 from scipy.interpolate import BSpline
 from scipy.special import comb
 
-from ...baselines import huang2024
+from ...baselines import preset
 from ...envs import job_metrics, quality, scenarios
 from ...envs import material as materials
 from ...envs import stack as stacks
 from ...envs.paths import bspline
 from ...envs.plant import cut, gantry, spot
-from ...envs.plant.quantity import InvalidInput, quantities
+from ...envs.plant.quantity import InvalidInput
 from .. import calibrate, jobs
 from ..report.plots import COLOURS, GRID, QUIET
 from .claims import CALIBRATED, REPRODUCED, TREND, Drawing, Estimate, Findings, Row, Trial, estimate, judged, study
@@ -529,9 +529,9 @@ def adjusting_unit(trial: Trial) -> Findings:
             "§4", f"{text} with the unit, relative to without", claim, ratio, judged(fewer < 0.995, TREND),
             "unchanged, within half a per cent" if abs(ratio.value - 1) <= 0.005 else "",
         ))  # fmt: skip
-    rules = len(quantities(huang2024.Params)) - 8
+    tuned = len(preset(names[1])["parameters"])
     note = (
-        f"geometric mean over {len(core)} scenarios, test seeds; {rules} numbers of the rules tuned on tune seeds. The "
+        f"geometric mean over {len(core)} scenarios, test seeds; {tuned} numbers of the rules tuned on tune seeds. The "
         "paper names the unit and its purpose, not its rules: they are ours"
     )
     rows[0] = Row(**{**rows[0].__dict__, "note": note})
