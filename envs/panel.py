@@ -156,6 +156,7 @@ class Panel:
 
     @feed.setter
     def feed(self, value: float) -> None:
+        """Tells X another feed, from the next period on."""
         self._speed[0] = value
 
     # ------------------------------------------------------------------------------------------------------ commands

@@ -87,6 +87,8 @@ def travelled(channels: npt.NDArray[np.float32], optics: spot.Params, power: flo
     turn = np.cumsum(np.append(0.0, real.frequency[1:])) * 1e-3 / per  # of the dither so far
     x, y, z = spot.shaped(optics, real, turn)
     tx, ty = at("tx"), at("ty")
+    bent = np.maximum(np.hypot(tx, ty), 1e-9)  # around a corner the mean of two directions is shorter than either
+    tx, ty = tx / bent, ty / bent
     if optics.along:
         dx, dy = x, y
     else:
