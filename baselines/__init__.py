@@ -40,6 +40,10 @@ _CATALOGUE: dict[str, tuple[str, str, dict, bool]] = {
         "lqg", "Kalman filters and linear-quadratic regulator on an identified model, tuned",
         {"filter.kind": "anti-impulse", "filter.hold": 4, "guard.rise": 0.05}, True,
     ),
+    "mpc": (
+        "mpc", "model-predictive: the LQG under bounds on command and acceleration, a quadratic program a period, tuned",
+        {"filter.kind": "anti-impulse", "filter.hold": 4, "guard.rise": 0.05}, True,
+    ),
     "preview-5ms": ("preview", "knows the sheet 5 ms ahead, tuned: score 1", {}, True),
     "patent2022": (
         "patent2022", "Patent2022 as printed: lift, hold, lower with factors of 0.01, planned descent", {}, False,

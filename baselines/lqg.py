@@ -12,7 +12,7 @@ weights by iterating the Riccati equations when an episode begins.
 What an innovation of the sheet exceeds ``gate`` by is cut off, so impulses hardly move the estimate. Far from the sheet
 it is taken to be where it is read; over a hole it is not read at all.
 
-Defaults of bandwidth, damping and dead time are medians over the following suite's plants, as identified by
+Defaults of bandwidth, damping and dead time are means over the following suite's plants, as identified by
 ``python -m kerfgym.experiments.identify``.
 """
 
@@ -44,9 +44,9 @@ Damping = Annotated[float, Quantity("ms", 0.0, 50.0, "weight of the speed relati
 class Params(NamedTuple):
     """Model, variances (as standard deviations) and weights; of these only ratios matter."""
 
-    bandwidth: Bandwidth = 80.0
-    zeta: Zeta = 0.8
-    dead_time: DeadTime = 1.6
+    bandwidth: Bandwidth = 86.0
+    zeta: Zeta = 0.82
+    dead_time: DeadTime = 1.76
     encoder: Encoder = 3e-4
     drift: Drift = 100.0
     reading: Reading = 2e-3
