@@ -51,7 +51,7 @@ class Params(NamedTuple):
     drift: Drift = 100.0
     reading: Reading = 2e-3
     shift: Shift = 1e-5
-    wander: Wander = 0.05
+    wander: Wander = 0.01
     bend: Bend = 10.0
     memory: Memory = 20.0
     gate: Gate = 0.05

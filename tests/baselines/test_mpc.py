@@ -1,0 +1,143 @@
+"""MPC: its quadratic program against scipy, and what bounds do in the loop."""
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear, nnls
+
+from kerfgym.baselines import active_set, lqg, mpc
+from kerfgym.envs.plant import machine, supervisor
+from kerfgym.envs.plant.controller import PERIOD, Sensed
+from kerfgym.envs.scenarios import load
+from kerfgym.envs.stack import resolve
+from kerfgym.experiments.rollout import fleet_for
+
+
+def solved(h, x0, most, start, fastest):
+    n = len(x0)
+    m = np.zeros(2 * n * n + n + active_set.room(n))
+    m[: n * n] = h.ravel()
+    jay, x, work = n * n, 2 * n * n, 2 * n * n + n
+    active_set.factor(m, n, 0, jay)
+    m[x : x + n] = x0
+    steps = active_set.solve(m, n, jay, x, work, most, start, fastest)
+    return m[x : x + n].copy(), steps
+
+
+def problems(count, seed):
+    rng = np.random.default_rng(seed)
+    for _ in range(count):
+        n = int(rng.integers(1, mpc.HORIZON + 1))
+        root = rng.normal(size=(n + 2, n)) * np.exp(rng.normal(size=n))
+        yield root, 3.0 * rng.normal(size=n), 2.0 * rng.normal(), float(rng.choice([0.5, 2.0, 1e3]))
+
+
+def test_with_bounds_on_the_changes_alone_the_optimum_is_scipys():
+    met = 0
+    for root, x0, start, _ in problems(60, 1):
+        h = root.T @ root
+        found, _ = solved(h, x0, 1.0, start, 1e6)
+        oracle = lsq_linear(root, root @ x0, (-1.0, 1.0), method="bvls", tol=1e-14).x
+        assert found == pytest.approx(oracle, abs=1e-7)
+        met += np.isclose(np.abs(found), 1.0).sum()
+    assert met > 200
+
+
+def test_the_optimum_meets_the_conditions_of_karush_kuhn_and_tucker_and_no_bound_is_broken():
+    sums = 0
+    for root, x0, start, fastest in problems(200, 2):
+        n = len(x0)
+        h = root.T @ root + 1e-3 * np.eye(n)
+        found, steps = solved(h, x0, 1.0, start, fastest)
+        total = start + np.cumsum(found)
+        reach = np.maximum(fastest, abs(start) - np.arange(1, n + 1))
+        assert (np.abs(found) <= 1.0 + 1e-12).all()
+        assert (np.abs(total) <= reach + 1e-12).all()
+        assert steps < 6 * n
+        # The gradient must be a sum of the active bounds' normals with multipliers that push inwards.
+        unit, step = np.eye(n), np.tril(np.ones((n, n)))
+        normals = [-s * unit[i] for s in (1, -1) for i in range(n) if s * found[i] > 1.0 - 1e-9]
+        normals += [-s * step[i] for s in (1, -1) for i in range(n) if s * total[i] > reach[i] - 1e-9]
+        gradient = h @ (found - x0)
+        left = nnls(np.array(normals).T, gradient)[1] if normals else np.linalg.norm(gradient)
+        assert left < 1e-9 * (1.0 + np.linalg.norm(h @ x0))
+        sums += (np.abs(total) > reach - 1e-9).sum()
+    assert sums > 100
+
+
+def test_from_beyond_the_bound_of_the_command_it_comes_back_as_fast_as_it_may():
+    found, _ = solved(np.eye(6), np.zeros(6), 1.0, 5.5, 2.0)
+    assert found == pytest.approx([-1.0, -1.0, -1.0, -0.5, 0.0, 0.0])
+
+
+# ------------------------------------------------------------------------------------------------- the law
+
+
+P = mpc.Params(effort=10.0, acceleration=1e4)
+
+
+def first(p, state, height=0.8, **more):
+    memory = np.zeros(mpc.MEMORY)
+    x = Sensed(height=height, head_position=2.0, set_height=0.8, captured=True, mode=supervisor.FOLLOW, **more)
+    _, wish = mpc.control(p, state, x, (), memory)
+    return x, wish, memory
+
+
+def test_the_plans_hessian_and_unbounded_optimum_are_those_of_a_dense_least_squares_problem():
+    _, _, m = first(P, mpc.init(P))
+    a, b = m[lqg.A :][:49].reshape(7, 7), m[lqg.B :][:7]
+    cost = m[lqg.P :][:49].reshape(7, 7)
+    q = np.diag([1.0, (1e-3 * P.damping) ** 2, 0, 0, 0, 0, 0])
+    n = mpc.HORIZON
+    powers = [np.linalg.matrix_power(a, i) for i in range(n + 1)]
+    free = np.vstack(powers[1:])  # stacked states of the coming periods, from the state of now
+    forced = np.zeros((7 * n, n))
+    for i in range(n):
+        for j in range(i + 1):
+            forced[7 * i : 7 * i + 7, j] = powers[i - j] @ b
+    weight = np.kron(np.eye(n), q)
+    weight[-7:, -7:] = cost
+    h = forced.T @ weight @ forced + (1e-3 * P.effort) ** 2 * np.eye(n)
+    jay = m[mpc.J :][: n * n].reshape(n, n)
+    assert jay.T @ h @ jay == pytest.approx(np.eye(n), abs=1e-7)
+    best = -np.linalg.solve(h, forced.T @ weight @ free)
+    plan = m[mpc.PLAN :][: 7 * n].reshape(7, n).T
+    assert plan == pytest.approx(best, rel=1e-5, abs=1e-5 * abs(best).max())
+
+
+def test_where_no_bound_is_met_it_is_the_lqg():
+    fleets = []
+    for spec in ("lqg", "mpc:law.acceleration=1e5,law.fastest=1000"):
+        chosen = resolve("lqg")
+        shared = {f"law.{k}": v for k, v in chosen.part("law")._asdict().items()}
+        stack = resolve(spec).varied({**shared, **{k: p.value for k, p in chosen.parameters().items() if "law" not in k}})
+        fleet = fleet_for(load("rough"), stack, [1001, 1002])
+        record = fleet.start_recording(900)
+        fleet.advance(900)
+        fleets.append(record[:, machine.CHANNELS.index("gap")].copy())
+    assert np.ptp(fleets[0]) > 0.01
+    assert fleets[0] == pytest.approx(fleets[1], abs=1e-6)
+
+
+def test_bounds_hold_and_the_sheet_is_caught_up_with_sooner_than_by_clipping():
+    """Against the model: a step of 1 mm that saturates; the plan knows its bounds, a clipped LQG does not."""
+    costs = {}
+    for name in ("plan", "clip"):
+        p = P._replace(acceleration=2000.0, fastest=20.0, gate=5.0, shift=0.1)
+        memory, state, head, sent, cost = np.zeros(mpc.MEMORY), mpc.init(p), np.zeros(6), [0.0], 0.0
+        for i in range(300):
+            x = Sensed(
+                height=head[0] + 0.8 - (1.0 if i >= 5 else 0.0), head_position=head[0] + 0.8, set_height=0.8,
+                command=head[3], fresh=i == 0, captured=True, override=name == "clip", mode=supervisor.FOLLOW,
+            )  # fmt: skip
+            state, wish = mpc.control(p, state, x, (), memory)
+            step = memory[lqg.STEP :][:18].reshape(3, 6)
+            cost += (head[0] - (1.0 if i >= 5 else 0.0)) ** 2 + (1e-3 * p.effort * (wish - head[3])) ** 2
+            head = np.array([head[0], 0, 0, wish, head[3], head[4]]) + np.concatenate(
+                [step @ np.array([*head[1:6], wish]), np.zeros(3)]
+            )
+            sent.append(wish)
+        assert np.abs(np.diff(sent)).max() == pytest.approx(p.acceleration * PERIOD)
+        assert np.abs(sent).max() == pytest.approx(p.fastest)
+        assert abs(head[0] - 1.0) < 1e-3
+        costs[name] = cost
+    assert costs["plan"] < 0.99 * costs["clip"]
