@@ -41,7 +41,7 @@ _CATALOGUE: dict[str, tuple[str, str, dict, bool]] = {
         {"filter.kind": "anti-impulse", "filter.hold": 4, "guard.rise": 0.05}, True,
     ),
     "mpc": (
-        "mpc", "model-predictive: the LQG under bounds on command and acceleration, a quadratic program a period, tuned",
+        "mpc", "model-predictive: the LQG under bounds on command and acceleration, planned anew each period, tuned",
         {"filter.kind": "anti-impulse", "filter.hold": 4, "guard.rise": 0.05}, True,
     ),
     "preview-5ms": ("preview", "knows the sheet 5 ms ahead, tuned: score 1", {}, True),

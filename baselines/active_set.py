@@ -31,14 +31,14 @@ def factor(m, n, h, jay):
     for j in range(n):
         for i in range(j, n):
             total = m[h + i * n + j]
-            for l in range(j):
-                total -= m[h + i * n + l] * m[h + j * n + l]
+            for k in range(j):
+                total -= m[h + i * n + k] * m[h + j * n + k]
             m[h + i * n + j] = total**0.5 if i == j else total / m[h + j * n + j]
     for j in range(n):  # L·y = e_j; J = L⁻ᵀ has y as its row j
         for i in range(n):
             total = 1.0 if i == j else 0.0
-            for l in range(j, i):
-                total -= m[h + i * n + l] * m[jay + j * n + l]
+            for k in range(j, i):
+                total -= m[h + i * n + k] * m[jay + j * n + k]
             m[jay + j * n + i] = total / m[h + i * n + i] if i >= j else 0.0
 
 

@@ -127,9 +127,7 @@ def prepare(p, m):
     """Model and gains for the parameters ``p`` into the memory ``m``."""
     drive, course = servo.Drive(p.bandwidth, p.zeta, p.dead_time), servo.sheet(p.memory * 1e-3)
     for j in range(6):
-        z, v, a = servo.period(
-            drive, 0.0, _unit(j, 0), _unit(j, 1), _unit(j, 2), _unit(j, 3), _unit(j, 4), _unit(j, 5)
-        )
+        z, v, a = servo.period(drive, 0.0, _unit(j, 0), _unit(j, 1), _unit(j, 2), _unit(j, 3), _unit(j, 4), _unit(j, 5))
         _column(m, STEP, 6, j, z, v, a)
     # Transposed: row 0 is what the position does to each.
     for i in range(3):

@@ -66,17 +66,17 @@ def prepare(m, effort, damping):
     """Hessian, factored, and the unbounded plan, from the LQG's model and gains; weights in s."""
     # Response of the states to a change now, i + 1 periods on, and P times it.
     far, weighed = ROOM, ROOM + N * S
-    for l in range(S):
-        m[far + l] = m[lqg.B + l]
+    for c in range(S):
+        m[far + c] = m[lqg.B + c]
     for i in range(N):
-        for l in range(S):
+        for c in range(S):
             onward, cost = 0.0, 0.0
             for k in range(S):
-                cost += m[lqg.P + l * S + k] * m[far + i * S + k]
-                onward += m[lqg.A + l * S + k] * m[far + i * S + k]
-            m[weighed + i * S + l] = cost
+                cost += m[lqg.P + c * S + k] * m[far + i * S + k]
+                onward += m[lqg.A + c * S + k] * m[far + i * S + k]
+            m[weighed + i * S + c] = cost
             if i + 1 < N:
-                m[far + (i + 1) * S + l] = onward
+                m[far + (i + 1) * S + c] = onward
     h = ROOM + 2 * N * S  # the Hessian: row j, column k
     for j in range(N):
         for k in range(N):
@@ -85,27 +85,27 @@ def prepare(m, effort, damping):
             for i in range(late + 1, N):
                 one, two = far + (i - j - 1) * S, far + (i - k - 1) * S
                 total += m[one] * m[two] + damping * damping * m[one + 1] * m[two + 1]
-            for l in range(S):
-                total += m[far + (N - j - 1) * S + l] * m[weighed + (N - k - 1) * S + l]
+            for c in range(S):
+                total += m[far + (N - j - 1) * S + c] * m[weighed + (N - k - 1) * S + c]
             m[h + j * N + k] = total
     active_set.factor(m, N, h, J)
     # The change i periods on is −k·(A − b·k)^i times the state of now.
-    for l in range(S):
-        m[PLAN + l * N] = -m[lqg.K + l]
+    for c in range(S):
+        m[PLAN + c * N] = -m[lqg.K + c]
     for i in range(1, N):
         along = 0.0
         for k in range(S):
             along += m[PLAN + k * N + i - 1] * m[lqg.B + k]
-        for l in range(S):
-            total = -along * m[lqg.K + l]
+        for c in range(S):
+            total = -along * m[lqg.K + c]
             for k in range(S):
-                total += m[PLAN + k * N + i - 1] * m[lqg.A + k * S + l]
-            m[PLAN + l * N + i] = total
-    for l in range(S):
+                total += m[PLAN + k * N + i - 1] * m[lqg.A + k * S + c]
+            m[PLAN + c * N + i] = total
+    for c in range(S):
         largest, way = 0.0, 0.0
         for i in range(N):
-            largest, way = max(largest, abs(m[PLAN + l * N + i])), way + abs(m[PLAN + l * N + i])
-        m[LARGEST + l], m[WAY + l] = largest, way
+            largest, way = max(largest, abs(m[PLAN + c * N + i])), way + abs(m[PLAN + c * N + i])
+        m[LARGEST + c], m[WAY + c] = largest, way
 
 
 @part

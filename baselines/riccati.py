@@ -14,8 +14,8 @@ from kerfgym.envs.plant.lanes import stage
 MOST = 20000
 """Iterations at most."""
 
-SETTLED = 1e-12
-"""Relative change of the gains from one iteration to the next at which it ends."""
+SETTLED, ROUNDING = 1e-12, 1e-15
+"""It ends when no gain changes by more than this share of itself, and of the largest, from one iteration to the next."""
 
 
 @stage
@@ -38,8 +38,8 @@ def solve(m, n, a, b, q, r, p, k, work):
         for i in range(n):
             for j in range(n):
                 total = 0.0
-                for l in range(n):
-                    total += m[p + i * n + l] * m[a + l * n + j]
+                for via in range(n):
+                    total += m[p + i * n + via] * m[a + via * n + j]
                 m[work + i * n + j] = total
         s = r
         for i in range(n):
@@ -57,9 +57,9 @@ def solve(m, n, a, b, q, r, p, k, work):
         for i in range(n):
             for j in range(n):
                 total = m[q + i] if i == j else 0.0
-                for l in range(n):
-                    total += m[a + l * n + i] * m[work + l * n + j]
+                for via in range(n):
+                    total += m[a + via * n + i] * m[work + via * n + j]
                 m[p + i * n + j] = total - m[k + i] * m[k + j] * s
-        if change <= SETTLED * size * 1e-3 and size > 0.0:
+        if change <= ROUNDING * size and size > 0.0:
             break
     return s

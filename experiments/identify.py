@@ -17,13 +17,11 @@ import numpy as np
 from scipy import optimize, signal
 
 from ..baselines import servo
-from ..envs import scenarios
-from ..envs.plant import heads
-from ..envs.plant.controller import PERIOD, make_law
+from ..envs.plant.controller import PERIOD
 from ..envs.plant.fleet import Fleet
 from ..envs.scenarios import Axis, Head, Scenario
-from . import rollout
 from ..envs.stack import get
+from . import rollout
 
 PERIODS = 1200
 """Length of an experiment, control periods."""
@@ -115,16 +113,17 @@ def identify(axis: Axis, seeds: Any, levels: tuple[float, float]) -> Identified:
     commands = command(levels)
     courses, fleet = experiment(axis, seeds, commands)
     fits = [fit(commands, course) for course in courses.T]
-    drives = np.array([drive for drive, _ in fits])
+    bandwidth, zeta, dead_time = np.array([drive for drive, _ in fits]).T
     return Identified(
-        *drives.T, np.array([rms for _, rms in fits]), fleet.column("z.omega") / (2 * np.pi), fleet.column("z.zeta"),
-        fleet.column("z.dead_time"),
+        bandwidth, zeta, dead_time, np.array([rms for _, rms in fits]), fleet.column("z.omega") / (2 * np.pi),
+        fleet.column("z.zeta"), fleet.column("z.dead_time"),
     )  # fmt: skip
 
 
 def main() -> None:
-    """Prints what is found on the nominal machine and over the following suite's plants."""
-    print(f"{'plants':<12}{'command':<12}{'bandwidth, Hz':>22}{'damping ratio':>22}{'dead time, ms':>22}{'left, µm':>10}")
+    """Prints what is found on the nominal machine and over the suite's plants: mean, 5th and 95th percentile."""
+    heading = ("bandwidth, Hz", "damping ratio", "dead time, ms")
+    print(f"{'plants':<12}{'command':<12}" + "".join(f"{h:>22}" for h in heading) + f"{'left, µm':>10}")
     for plants, axis, seeds in (("nominal", NOMINAL, [0]), ("randomised", Axis(), range(100))):
         for name, levels in LEVELS.items():
             found = identify(axis, seeds, levels)
@@ -132,7 +131,8 @@ def main() -> None:
             for column in (found.bandwidth, found.zeta, found.dead_time):
                 low, high = np.percentile(column, [5, 95])
                 cells.append(f"{column.mean():.2f}" + (f" ({low:.2f}–{high:.2f})" if len(column) > 1 else ""))
-            print(f"{plants:<12}{name:<12}" + "".join(f"{c:>22}" for c in cells) + f"{1e3 * np.median(found.rms):>10.2f}")
+            left = 1e3 * np.median(found.rms)
+            print(f"{plants:<12}{name:<12}" + "".join(f"{c:>22}" for c in cells) + f"{left:>10.2f}")
 
 
 if __name__ == "__main__":

@@ -152,13 +152,15 @@ def test_a_wrong_model_leaves_no_error_on_a_ramp_either():
     assert abs(errors[-1]) < 1e-6
 
 
-def test_after_an_override_the_command_goes_on_from_what_was_sent():
-    """While the supervisor sends 1.5 mm/s, the estimate of the drive follows, so nothing winds up."""
+def test_nothing_winds_up_while_the_supervisor_overrides_the_law():
+    """The supervisor sends 1.5 mm/s for a while; the estimate of the drive knows."""
     override = (np.arange(600) >= 300) & (np.arange(600) < 340)
-    _, states = loop(lqg.Params(**OPEN), np.zeros(600), override=override)
+    errors, states = loop(lqg.Params(**OPEN), np.zeros(600), override=override)
     assert states[:300, 1] == pytest.approx(0.0, abs=1e-9)
     assert states[339, 1] == pytest.approx(1.5, abs=0.02)
-    assert states[341, 6] == pytest.approx(1.5, abs=0.6)  # the law's first own command
+    assert errors.max() == pytest.approx(0.06, abs=0.01)  # 40 ms at 1.5 mm/s
+    assert errors.min() > -0.1 * errors.max()
+    assert abs(errors[-1]) < 1e-6
 
 
 def test_the_estimate_of_the_sheet_is_scipys_kalman_filter():
