@@ -15,7 +15,7 @@ MOST = 20000
 """Iterations at most."""
 
 SETTLED, ROUNDING = 1e-12, 1e-15
-"""It ends when no gain changes by more than this share of itself, and of the largest, from one iteration to the next."""
+"""It ends when an iteration changes no gain by more than this share of itself, and of the largest."""
 
 
 @stage

@@ -10,6 +10,7 @@ a few decisions, less what the same calls cost with a law that does nothing::
 import sys
 import time
 from collections.abc import Iterable
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +20,7 @@ from ..envs import stack as stacks
 from ..envs.plant import heads, machine
 from ..envs.plant.controller import PERIOD, Privileged, stage_of
 from ..envs.plant.fleet import Fleet
-from ..envs.plant.kernels import specialise
+from ..envs.plant.kernels import Kernel
 from ..envs.plant.lanes import U0, U1, U, W, call, doubles, rows, unflat, words
 from ..envs.plant.quantity import InvalidInput
 from ..envs.stack import Stack
@@ -60,7 +61,7 @@ def _decide(deck_address):
         call(deck[1], deck[0], U0, U1, deck[2], deck[3])
 
 
-_decide_kernel = specialise(_decide, "decisions")
+_decide_kernel = Kernel(_decide, Path(__file__).read_text(encoding="utf-8"))
 
 
 def lived(stack: Stack, scenario: str, periods: int) -> np.ndarray:

@@ -110,6 +110,7 @@ def test_gains_are_made_once_for_the_same_parameters():
     lqg.control(lqg.Params(), lqg.init(lqg.Params()), x, (), memory)
     assert memory[lqg.K] == 0.0
     for field in set(lqg.Params._fields) - {"gate"}:  # which is no part of any gain
+        lqg.control(lqg.Params(), lqg.init(lqg.Params()), x, (), memory)
         memory[lqg.K] = 0.0
         p = lqg.Params()._replace(**{field: getattr(lqg.Params(), field) * 1.1})
         lqg.control(p, lqg.init(p), x, (), memory)
@@ -117,10 +118,13 @@ def test_gains_are_made_once_for_the_same_parameters():
 
 
 def loop(p, surface, plant=None, override=None):
-    """The law against its own model (or ``plant``), noiseless, on a given sheet; returns errors and states."""
+    """The law against its own model (or ``plant``), noiseless, on a given sheet.
+
+    Returns errors, states of the law, and the head's position, speed and acceleration.
+    """
     a, b = model(plant or p)
     memory, state = np.zeros(lqg.MEMORY), lqg.init(p)
-    head, errors, states = np.zeros(6), [], []
+    head, errors, states, motion = np.zeros(6), [], [], []
     for i, level in enumerate(surface):
         x = Sensed(
             height=head[0] + 0.8 - level, head_position=head[0] + 0.8, set_height=0.8, command=head[3],
@@ -129,9 +133,10 @@ def loop(p, surface, plant=None, override=None):
         state, wish = lqg.control(p, state, x, (), memory)
         states.append(state)
         errors.append(x.height - x.set_height)
+        motion.append((head[0] + 0.8, head[1], head[2]))
         command = wish if override is None or not override[i] else 1.5
         head = a @ head + b * command
-    return np.array(errors), np.array(states)
+    return np.array(errors), np.array(states), np.array(motion)
 
 
 OPEN = {"gate": 5.0}
@@ -140,22 +145,23 @@ OPEN = {"gate": 5.0}
 @pytest.mark.parametrize("p", [lqg.Params(**OPEN), ODD._replace(**OPEN)])
 def test_on_its_own_model_the_drive_is_estimated_exactly_and_a_ramp_leaves_no_error(p):
     surface = 3.0 * T * np.arange(1500)
-    errors, states = loop(p, surface)
-    assert states[-1, 1] == pytest.approx(3.0, abs=1e-6)  # the head's speed
+    errors, states, motion = loop(p, surface)
+    assert np.abs(motion[:, 1]).max() > 3.0
+    assert states[:, :3] == pytest.approx(motion, abs=1e-8)
     assert states[-1, 4] == pytest.approx(3.0, abs=1e-6)  # the sheet's
     assert abs(errors).max() > 1e-3
     assert abs(errors[-1]) < 1e-7
 
 
 def test_a_wrong_model_leaves_no_error_on_a_ramp_either():
-    errors, _ = loop(lqg.Params(**OPEN), 3.0 * T * np.arange(3000), plant=lqg.Params(bandwidth=60.0, zeta=1.0))
+    errors, _, _ = loop(lqg.Params(**OPEN), 3.0 * T * np.arange(3000), plant=lqg.Params(bandwidth=60.0, zeta=1.0))
     assert abs(errors[-1]) < 1e-6
 
 
 def test_nothing_winds_up_while_the_supervisor_overrides_the_law():
     """The supervisor sends 1.5 mm/s for a while; the estimate of the drive knows."""
     override = (np.arange(600) >= 300) & (np.arange(600) < 340)
-    errors, states = loop(lqg.Params(**OPEN), np.zeros(600), override=override)
+    errors, states, _ = loop(lqg.Params(**OPEN), np.zeros(600), override=override)
     assert states[:300, 1] == pytest.approx(0.0, abs=1e-9)
     assert states[339, 1] == pytest.approx(1.5, abs=0.02)
     assert errors.max() == pytest.approx(0.06, abs=0.01)  # 40 ms at 1.5 mm/s

@@ -75,18 +75,13 @@ def test_from_beyond_the_bound_of_the_command_it_comes_back_as_fast_as_it_may():
 P = mpc.Params(effort=10.0, acceleration=1e4)
 
 
-def first(p, state, height=0.8, **more):
-    memory = np.zeros(mpc.MEMORY)
-    x = Sensed(height=height, head_position=2.0, set_height=0.8, captured=True, mode=supervisor.FOLLOW, **more)
-    _, wish = mpc.control(p, state, x, (), memory)
-    return x, wish, memory
-
-
-def test_the_plans_hessian_and_unbounded_optimum_are_those_of_a_dense_least_squares_problem():
-    _, _, m = first(P, mpc.init(P))
+@pytest.mark.parametrize("p", [P, P._replace(dead_time=0.4, effort=2.0, damping=5.0)])
+def test_the_plans_hessian_and_unbounded_optimum_are_those_of_a_dense_least_squares_problem(p):
+    m = np.zeros(mpc.MEMORY)
+    mpc.control(p, mpc.init(p), Sensed(height=0.8, head_position=2.0, set_height=0.8), (), m)
     a, b = m[lqg.A :][:49].reshape(7, 7), m[lqg.B :][:7]
     cost = m[lqg.P :][:49].reshape(7, 7)
-    q = np.diag([1.0, (1e-3 * P.damping) ** 2, 0, 0, 0, 0, 0])
+    q = np.diag([1.0, (1e-3 * p.damping) ** 2, 0, 0, 0, 0, 0])
     n = mpc.HORIZON
     powers = [np.linalg.matrix_power(a, i) for i in range(n + 1)]
     free = np.vstack(powers[1:])  # stacked states of the coming periods, from the state of now
@@ -96,7 +91,7 @@ def test_the_plans_hessian_and_unbounded_optimum_are_those_of_a_dense_least_squa
             forced[7 * i : 7 * i + 7, j] = powers[i - j] @ b
     weight = np.kron(np.eye(n), q)
     weight[-7:, -7:] = cost
-    h = forced.T @ weight @ forced + (1e-3 * P.effort) ** 2 * np.eye(n)
+    h = forced.T @ weight @ forced + (1e-3 * p.effort) ** 2 * np.eye(n)
     jay = m[mpc.J :][: n * n].reshape(n, n)
     assert jay.T @ h @ jay == pytest.approx(np.eye(n), abs=1e-7)
     best = -np.linalg.solve(h, forced.T @ weight @ free)
