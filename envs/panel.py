@@ -32,6 +32,9 @@ where the sensor's noise grows with the square of the height, a tenth of the set
 PATIENCE = 30.0
 """s after which a command that is not carried out is given up."""
 
+_FAR = 2.0
+"""mm, height from which on a calibration begins with an approach."""
+
 COMMANDS = ("stop", "home", "centre", "move", "calibrate", "follow", "hold", "protect")
 
 CHANNELS = {
@@ -235,15 +238,21 @@ class Panel:
     def calibrate(self, distance: float = calibration.SPAN, speed: float = 10.0) -> Outcome:
         """Touches the sheet, rises by ``distance`` (mm) at ``speed`` (mm/s), and reads heights from the new table.
 
+        The sheet is felt for slowly, so a head that is far from it first comes near on the table that it has.
+
         Raises:
             CalibrationRefused: the run is not fit to use; the old table stays.
         """
         _check("distance", distance, 1.0, 20.0, "mm")
         _check("speed", speed, 1.0, 50.0, "mm/s")
+        if self["height"] > _FAR:
+            near = self.follow(1.0)
+            if not near.done:
+                return near
         self.request("calibrate", rise=distance, rise_speed=speed)
         start, most = self.time, round((distance / speed + PATIENCE) / PERIOD)
         frequency, height = heads.samples_of(self._fleet, self.tick, most)
-        if self.mode != "calibrate":
+        if self.mode != "calibrate" or self._phase[0] != 2.0:
             return Outcome(False, self.time - start, self.alarm)
         radius = self._fleet.get("sensor").radius
         self._pool[0] = self.table = calibration.build(frequency, height, radius, distance, speed)
