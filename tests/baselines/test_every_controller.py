@@ -59,7 +59,7 @@ def test_in_an_environment_of_jobs_it_does_what_it_does_in_a_roll_out(name):
     team = stack.team(f"{found.slot}={name}")
     fleet = workshop.fleet_for(scenarios.load(scenario), team, [1005])
     for _ in range(60):
-        _, _, terminated, truncated, info = env.step(np.zeros(env.action_space.shape, np.float32))
+        _, _, terminated, truncated, _ = env.step(np.zeros(env.action_space.shape, np.float32))
         fleet.advance(8)
         assert not terminated
         assert not truncated
