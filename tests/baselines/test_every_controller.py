@@ -55,7 +55,7 @@ def test_in_an_environment_of_jobs_it_does_what_it_does_in_a_roll_out(name):
     found = stack.get(name)
     kind, scenario = ("ContourFollowing", "contour-corners") if found.slot == "xy" else ("Cutting", "cut-corners")
     env = gym.make(f"kerfgym/{kind}-v0", scenario=scenario, base=f"{found.slot}={name}", split="test").unwrapped
-    _, info = env.reset(options={"scenario_seed": 1005})
+    env.reset(options={"scenario_seed": 1005})
     team = stack.team(f"{found.slot}={name}")
     fleet = workshop.fleet_for(scenarios.load(scenario), team, [1005])
     for _ in range(60):
