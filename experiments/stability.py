@@ -13,6 +13,7 @@ import numpy as np
 
 from ..envs import scenarios
 from ..envs.plant import heads
+from ..envs.plant.controller import PERIOD
 from ..envs.plant.fleet import Fleet
 from ..envs.scenarios import Head, Scenario
 from ..envs.stack import Stack
@@ -55,6 +56,16 @@ def _scenario(settle: float, window: float) -> Scenario:
     return Scenario(name="injection", duration=settle + window, settle=settle, feed=0.0, set_height=0.8, head=quiet)
 
 
+def put_plants(fleet: Fleet, plants: np.ndarray) -> None:
+    """Gives every machine its plant: shape (machines, 4), as in :data:`CORNERS`."""
+    every = np.arange(fleet.size)
+    fleet.set("z.omega", every, 2 * np.pi * plants[:, 0])
+    fleet.set("z.zeta", every, plants[:, 1])
+    fleet.set("z.dead_time", every, plants[:, 2] / PERIOD)
+    fleet.set("z.omega_r", every, 2 * np.pi * plants[:, 3])
+    fleet.set("z.acceleration", every, 14000.0)
+
+
 class Injection:
     """The fleet of an injection, built once and used for many stacks of one law.
 
@@ -76,12 +87,7 @@ class Injection:
         self.fleet = Fleet(size, stack.law, heads.ensure([0]), threads)
         every = np.arange(size)
         scenarios.prepare(self.fleet, self.scenario, every, np.zeros(size))
-        plants = np.asarray(CORNERS)[self.corner]
-        self.fleet.set("z.omega", every, 2 * np.pi * plants[:, 0])
-        self.fleet.set("z.zeta", every, plants[:, 1])
-        self.fleet.set("z.dead_time", every, plants[:, 2] * 1e3)
-        self.fleet.set("z.omega_r", every, 2 * np.pi * plants[:, 3])
-        self.fleet.set("z.acceleration", every, 14000.0)
+        put_plants(self.fleet, np.asarray(CORNERS)[self.corner])
         self.fleet.put_vibration(every, 0, AMPLITUDE, self.tone, 0.0)
 
     def measure(self, stack: Stack) -> Sensitivity:

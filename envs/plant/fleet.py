@@ -215,6 +215,12 @@ class Fleet(Columns):
         self._deck[machine.D_ACT], self._deck[machine.D_OBSERVE] = act, observe
         self._point(machine.D_IO, io)
 
+    def at_end(self, stage: int, numbers: np.ndarray) -> None:
+        """A stage at the end of each period of machines without axes: its address, and the array that it gets."""
+        assert self.gantries is None
+        self._deck[machine.D_FINISH] = stage
+        self._point(machine.D_GANTRY, numbers)
+
     def begin(self, machines: Any, keys: Any) -> None:
         """Starts an episode on ``machines`` (whose parameters are written), with one random stream each."""
         for index, key in zip(np.atleast_1d(machines), np.atleast_1d(keys), strict=True):
