@@ -18,7 +18,7 @@ from ..envs.plant.controller import PERIOD
 from ..envs.plant.path import SPACING
 from ..envs.plant.quantity import InvalidInput, did_you_mean
 from ..envs.scenarios import Scenario
-from . import jobs, rollout, runs, stability
+from . import decisions, jobs, margins, rollout, runs, stability
 from .results import Results
 
 DEFAULT = ("xi2023-ma", "xi2023-improved", "xi2023-tuned", "pid", "observer", "preview-5ms")
@@ -31,7 +31,7 @@ PATH_SEEDS = 20
 
 @dataclass(frozen=True)
 class Case:
-    """One task: a controller on some seeds of a scenario; without a scenario, its |S|."""
+    """One task: a controller on some seeds of a scenario; without a scenario, its |S| and its margins."""
 
     controller: str
     scenario: Scenario | None
@@ -75,17 +75,20 @@ def along(path: Path, names: list[str], suite: str) -> list[Scenario]:
 
 
 def compute(case: Case, stack: stacks.Stack | stacks.Team) -> dict[str, pd.DataFrame]:
-    """Tables ``runs``, ``traces`` and ``sensitivity`` of one task, with its cost in ``ledger``."""
+    """Tables ``runs``, ``traces``, ``sensitivity`` and ``margins`` of one task, with its cost in ``ledger``."""
     if isinstance(stack, stacks.Team):
         assert case.scenario is not None
         return jobs.compute(case.controller, case.scenario, stack, case.seeds, case.trace)
     start, steps = time.process_time(), 0
     tables: dict[str, pd.DataFrame] = {}
     if case.scenario is None:
-        found = stability.sensitivity(stack)
-        steps = found.steps
+        found, room = stability.sensitivity(stack), margins.Bench(stack).measure(stack)
+        steps = found.steps + room.steps
         tables["sensitivity"] = pd.DataFrame(
             {"controller": case.controller, "frequency": found.frequencies, "magnitude": found.worst}
+        )
+        tables["margins"] = pd.DataFrame(
+            {"controller": [case.controller], "gain": [room.gain], "delay_ms": [room.delay_ms]}
         )
     else:
         record = rollout.roll(case.scenario, stack, case.seeds)
@@ -141,6 +144,7 @@ def run(
     core: tuple[str, ...] = (),
     suite: str = "following",
     with_ms: bool = True,
+    with_cost: bool = False,
     workers: int = 2,
     command: list[str] | None = None,
     overwrite: bool = False,
@@ -209,11 +213,16 @@ def run(
     }  # fmt: skip
     if with_jobs:
         return _finish_jobs(folder, frame.reset_index(drop=True), joined, meta, chosen, core, suite)
+    if with_cost:  # one after another, when the cores are idle
+        meta["decisions"] = {
+            name: {key: float(f"{value:.4g}") for key, value in decisions.measure(stack)._asdict().items()}
+            for name, stack in known.items()
+        }
     empty = pd.DataFrame({"controller": [], "frequency": [], "magnitude": []})
     results = Results(
         frame.reset_index(drop=True), joined.get("traces", pd.DataFrame()), joined.get("sensitivity", empty), meta,
         tuple(c for c in core if c in names), tuple(s.name for s in chosen if s.exempt),
-        {s.name: s.summary for s in chosen},
+        {s.name: s.summary for s in chosen}, joined.get("margins", pd.DataFrame()),
     )  # fmt: skip
     _write(folder, results, chosen)
     _clear(parts)
@@ -311,6 +320,8 @@ def _write(folder: Path, results: Results, chosen: list[Scenario]) -> None:
         runs.write_table(folder, "traces", results.traces, csv=False)
     if len(results.sensitivity):
         runs.write_table(folder, "sensitivity", results.sensitivity)
+    if len(results.margins):
+        runs.write_table(folder, "margins", results.margins)
     for scenario in chosen:
         with runs.atomic(folder / "scenarios" / f"{scenario.name}.toml") as part:
             part.write_text(scenario.to_toml(), encoding="utf-8")

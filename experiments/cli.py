@@ -66,6 +66,7 @@ def benchmark(
     name: str | None = None,
     jobs: int = 2,
     ms: bool = True,
+    cost: bool = True,
     overwrite: bool = False,
     resume: bool = False,
 ) -> None:
@@ -83,7 +84,8 @@ def benchmark(
         split: test, tune or reserve.
         name: of the run folder. Default: date and time.
         jobs: worker processes.
-        ms: measure the sensitivity peak Ms by injection.
+        ms: measure the sensitivity peak Ms by injection, and the margins of gain and dead time.
+        cost: time the controllers' decisions.
         overwrite: replace an existing run folder.
         resume: finish an interrupted run.
     """
@@ -110,7 +112,7 @@ def benchmark(
     standard = scenarios.rules(suite).get("controllers", bench.DEFAULT)
     results = bench.run(
         list(dict.fromkeys(controller)) or list(standard), chosen, folder, wanted, core=core, suite=suite, with_ms=ms,
-        workers=jobs, overwrite=overwrite, resume=resume,
+        with_cost=cost, workers=jobs, overwrite=overwrite, resume=resume,
     )  # fmt: skip
     from .table import print_jobs, print_summary
 

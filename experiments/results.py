@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from .budgets import budgets
+
 REFERENCE, CEILING = "xi2023-tuned", "preview-5ms"
 
 
@@ -32,6 +34,7 @@ class Results:
         meta: the run's record (``run.json``).
         core: names of the scenarios that make the score.
         exempt: names of the scenarios in which collisions are expected.
+        margins: ``controller, gain`` (factor) and ``delay_ms``, worst over the corner plants (:mod:`margins`).
     """
 
     runs: pd.DataFrame
@@ -41,6 +44,7 @@ class Results:
     core: tuple[str, ...] = ()
     exempt: tuple[str, ...] = ()
     summaries: dict[str, str] = field(default_factory=dict)
+    margins: pd.DataFrame = field(default_factory=pd.DataFrame)
 
     @property
     def controllers(self) -> list[str]:
@@ -62,7 +66,7 @@ class Results:
         return table.reindex(index=self.controllers, columns=self.scenarios)
 
     def summary(self) -> pd.DataFrame:
-        """One row per controller: score (µm), ratio, scale, Ms, collision and failure counts, jitter."""
+        """One row per controller: score (µm), ratio, scale, stability, budget, collision and failure counts, jitter."""
         pooled, reported = self.pooled(), self.pooled("rms_reported")
         scored = [s for s in self.core if s in pooled.columns] or list(pooled.columns)
         score = _geometric(pooled[scored])
@@ -74,6 +78,10 @@ class Results:
             frame["ms"] = self.sensitivity.groupby("controller")["magnitude"].max().reindex(frame.index)
         else:
             frame["ms"] = np.nan
+        for column, name in (("gain_margin", "gain"), ("delay_margin", "delay_ms")):
+            room = self.margins.set_index("controller")[name] if len(self.margins) else pd.Series(dtype=float)
+            frame[column] = room.reindex(frame.index)
+        frame = frame.join(budgets(self.meta.get("tuning") or {}, frame.index, REFERENCE))
         groups = self.runs.groupby("controller", sort=False)
         frame["information"] = groups["information"].first()
         ordinary = self.runs[~self.runs["scenario"].isin(self.exempt)].groupby("controller", sort=False)
@@ -90,6 +98,13 @@ class Results:
             known = metric in self.runs
             frame[column] = core[metric].apply(lambda values: values.mean(skipna=False)) if known else np.nan
         return frame
+
+    def decisions(self) -> pd.DataFrame:
+        """Cost of a decision, one row per controller: ``median_us``, ``p99_us`` and ``ratio`` of the latter to the
+        control period; NaN if it was not timed. Timings differ from run to run, so the summary is without them."""
+        measured = self.meta.get("decisions") or {}
+        columns = ["median_us", "p99_us", "ratio"]
+        return pd.DataFrame.from_dict(measured, orient="index", columns=columns).reindex(self.controllers)
 
     def collision_rates(self) -> pd.DataFrame:
         """Share of runs with a collision, controllers × scenarios."""

@@ -10,8 +10,11 @@ from rich.table import Table
 
 from ..envs.job_metrics import METRICS
 from ..envs.material import material
+from ..envs.plant.controller import PERIOD
 from ..envs.plant.machine import SUBSTEPS
+from .budgets import MARKS, in_words
 from .jobs import JobResults
+from .margins import DELAYS, GAINS
 from .results import REFERENCE, Results
 
 
@@ -21,6 +24,17 @@ def _number(value: float, form: str = "{:.2f}") -> str:
 
 def _cell(table: Any, row: Any, column: str) -> float:
     return float(table.at[row, column])
+
+
+def margin(value: float, largest: float) -> str:
+    """A margin: ``> 64`` if none was found up to there."""
+    return f"> {largest:g}" if math.isinf(value) else _number(value, "{:.2f}")
+
+
+def budget_note(summary: Any) -> str:
+    """Which ratios are at equal budgets, in a sentence."""
+    marked = [f"{mark}: {MARKS[mark]}" for mark in MARKS if (summary["budget"] == mark).any()]
+    return f"Ratios not at equal budgets: {'; '.join(marked)}." if marked else "All ratios are at equal budgets."
 
 
 def print_summary(results: Results) -> None:
@@ -34,17 +48,23 @@ def print_summary(results: Results) -> None:
         f"× {REFERENCE}",
         "reported",
         "Ms",
+        "gain",
+        "delay, ms",
         *core,
         "jitter",
         "dross, mm",
         "Rz, µm",
         "collisions",
         "failed",
+        "µs",
+        "p99, µs",
+        "budget",
         "class",
     ):
         table.add_column(title, justify="right", no_wrap=True)
     order = {"sensor": 0, "preview": 1, "privileged": 2}
     rows = sorted(summary.iterrows(), key=lambda r: (order[r[1]["information"]], r[1]["score"]))
+    costs = results.decisions()
     last = None
     for name, row in rows:
         if last not in (None, row["information"]):
@@ -52,17 +72,23 @@ def print_summary(results: Results) -> None:
         last = row["information"]
         table.add_row(
             str(name), _number(row["score"]), _number(row["ratio"]), _number(row["reported"]), _number(row["ms"]),
+            margin(row["gain_margin"], GAINS[-1]), margin(row["delay_margin"], DELAYS[-1]),
             *(_number(_cell(pooled, name, s), "{:.1f}") for s in core), _number(row["jitter"]),
             _number(row["dross"], "{:.4f}"), _number(row["roughness"]),
-            f"{row['collisions']}/{row['collision_runs']}", str(row["failed"]), str(row["information"]),
+            f"{row['collisions']}/{row['collision_runs']}", str(row["failed"]),
+            _number(_cell(costs, name, "median_us")), _number(_cell(costs, name, "p99_us")), in_words(row),
+            str(row["information"]),
         )  # fmt: skip
-    console = Console(width=max(Console().width, 200))
+    console = Console(width=max(Console().width, Console(width=1000).measure(table).maximum))
     console.print(table)
     exempt = f" ({', '.join(results.exempt)} left out)" if results.exempt else ""
     console.print(
         f"score: geometric mean over {', '.join(core)}; reported: the same of what the machine itself measures;\n"
         f"jitter: RMS change of the command, mm/s per ms; collisions of all scenarios{exempt};\n"
-        f"dross and Rz: proxies, means over the core. {material('thin-sheet').label.capitalize()}."
+        f"dross and Rz: proxies, means over the core. {material('thin-sheet').label.capitalize()}.\n"
+        f"gain and delay: factor on the loop's gain and additional dead time up to which it settles, worst corner plant;\n"
+        f"µs: a decision, median and 99th percentile, of a period of {1e6 * PERIOD:.0f} µs; budget: trials and steps of\n"
+        f"tuning. {budget_note(summary)}"
     )
 
 
