@@ -14,6 +14,7 @@ from ..envs.plant.fleet import Fleet
 from ..envs.quality import iso_range, iso_taper
 from ..envs.scenarios import Scenario
 from ..envs.stack import Team
+from .budgets import budgets
 
 LONGEST = 3.0
 """Times the nominal time, after which a job that is not done has failed."""
@@ -121,7 +122,7 @@ class JobResults:
         return table.reindex(index=self.controllers, columns=self.scenarios)
 
     def summary(self) -> pd.DataFrame:
-        """One row per controller: score, ratio of the reference over it, and the mean of every metric over the core."""
+        """One row per controller: score, ratio of the reference over it, mean of every metric over the core, budget."""
         pooled = self.pooled(self.metric)
         scored = [s for s in self.core if s in pooled.columns] or list(pooled.columns)
         score = pd.Series(np.exp(np.log(pooled[scored].to_numpy(float)).mean(axis=1)), index=pooled.index)
@@ -137,4 +138,4 @@ class JobResults:
         frame["count"] = groups.size()
         for column in ("iso_roughness", "iso_taper"):
             frame[column] = core[column].agg(lambda values: "/".join(sorted(set(values))))
-        return frame
+        return frame.join(budgets(self.meta.get("tuning") or {}, frame.index, self.reference))

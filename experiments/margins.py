@@ -9,7 +9,8 @@ The nozzle runs over a step of the sheet of 0.1 mm, on the corner plants of :mod
 what is left of the response a second later has become smaller: the RMS of the true gap about its mean in the second
 window is below 0.9 of that in the first, or below 2 µm (friction, backlash and D/A keep a little hunting alive). A loop
 that swings on with constant amplitude does not settle, nor does one that touches the sheet. Nothing is assumed about
-the controller; for a linear loop this is the stability margin.
+the controller; for a linear loop this is the stability margin. Where friction, limits or a filter's threshold matter,
+the margin holds for this step: larger ones leave less of it.
 
 Many factors and delays are tried side by side, each on all corners, in two roll-outs: a coarse grid, and a fine one
 between the last value at which every corner settles and the next.
@@ -38,8 +39,8 @@ SETTLE, WINDOW = 0.3, 0.5
 DECAY, FLOOR = 0.9, 0.002
 """Largest ratio of the windows' RMS, and the RMS (mm) below which it does not matter."""
 
-FEED = 20.0
-"""mm/s, only to get over the step."""
+FEED = 200.0
+"""mm/s, as in the following suite: the footprint takes 20 ms to get over the step."""
 
 CANDIDATES = 16
 """Factors, and as many delays, that are tried side by side."""
@@ -185,3 +186,16 @@ def margins(stack: Stack, threads: int = 1) -> Margins:
     """Gain and dead-time margin and Ms of a stack, worst over the corner plants."""
     found, peak = Bench(stack, threads).measure(stack), stability.sensitivity(stack, threads)
     return Margins(found.gain, found.delay_ms, peak.peak, found.steps + peak.steps)
+
+
+def in_words(value: float, largest: float) -> str:
+    """A margin for a table: ``> 64`` if none was found up to there, ``none`` if the loop does not settle as it is."""
+    if math.isnan(value):
+        return "–"
+    return (
+        f"> {largest:g}"
+        if math.isinf(value)
+        else (f"{value:.2f}" if value < 9.95 else f"{value:.1f}")
+        if value
+        else "none"
+    )

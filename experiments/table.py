@@ -15,7 +15,11 @@ from ..envs.plant.machine import SUBSTEPS
 from .budgets import MARKS, in_words
 from .jobs import JobResults
 from .margins import DELAYS, GAINS
+from .margins import in_words as margin
 from .results import REFERENCE, Results
+
+BESIDE = 8
+"""Scenarios that have a column beside the score; more of them get a table of their own."""
 
 
 def _number(value: float, form: str = "{:.2f}") -> str:
@@ -26,9 +30,14 @@ def _cell(table: Any, row: Any, column: str) -> float:
     return float(table.at[row, column])
 
 
-def margin(value: float, largest: float) -> str:
-    """A margin: ``> 64`` if none was found up to there."""
-    return f"> {largest:g}" if math.isinf(value) else _number(value, "{:.2f}")
+def _print_scenarios(console: Console, pooled: Any, names: list[str]) -> None:
+    table = Table(title="by scenario, µm")
+    table.add_column("scenario", no_wrap=True)
+    for name in names:
+        table.add_column(name, justify="right")
+    for scenario in pooled.columns:
+        table.add_row(scenario, *(_number(_cell(pooled, name, scenario), "{:.1f}") for name in names))
+    console.print(table)
 
 
 def budget_note(summary: Any) -> str:
@@ -40,7 +49,8 @@ def budget_note(summary: Any) -> str:
 def print_summary(results: Results) -> None:
     """Prints one row per controller, best score first, information classes apart."""
     summary, pooled = results.summary(), results.pooled()
-    core = [s for s in results.core if s in pooled.columns] or list(pooled.columns)
+    scored = [s for s in results.core if s in pooled.columns] or list(pooled.columns)
+    core = scored if len(scored) <= BESIDE else []
     table = Table(title=f"RMS of the true gap error, µm · {results.meta['seed_count']} seeds per scenario")
     table.add_column("controller", no_wrap=True)
     for title in (
@@ -81,14 +91,17 @@ def print_summary(results: Results) -> None:
         )  # fmt: skip
     console = Console(width=max(Console().width, Console(width=1000).measure(table).maximum))
     console.print(table)
+    if not core:
+        _print_scenarios(console, pooled[scored], [str(name) for name, _ in rows])
     exempt = f" ({', '.join(results.exempt)} left out)" if results.exempt else ""
     console.print(
-        f"score: geometric mean over {', '.join(core)}; reported: the same of what the machine itself measures;\n"
+        f"score: geometric mean over {', '.join(core) or f'these {len(scored)}'};\n"
+        f"reported: the same of what the machine itself measures;\n"
         f"jitter: RMS change of the command, mm/s per ms; collisions of all scenarios{exempt};\n"
         f"dross and Rz: proxies, means over the core. {material('thin-sheet').label.capitalize()}.\n"
-        f"gain and delay: factor on the loop's gain and additional dead time up to which it settles, worst corner plant;\n"
-        f"µs: a decision, median and 99th percentile, of a period of {1e6 * PERIOD:.0f} µs; budget: trials and steps of\n"
-        f"tuning. {budget_note(summary)}"
+        f"gain, delay: factor on the loop's gain and additional dead time up to which it settles, worst corner plant;\n"
+        f"µs: a decision, median and 99th percentile, in a period of {1e6 * PERIOD:.0f} µs;\n"
+        f"budget: trials and simulated steps of tuning. {budget_note(summary)}"
     )
 
 
@@ -101,6 +114,7 @@ def print_jobs(results: JobResults) -> None:
     titles = (
         f"{results.metric}, {unit}", f"× {results.reference}", "contour rms, µm", "max, µm", "gap rms, µm", "dross, mm",
         "Rz, µm", "ISO 9013", "through", "kerf, mm", "u, mm", "time, s", "feed, mm/s", "collisions", "failed",
+        "budget",
     )  # fmt: skip
     for title in titles:
         table.add_column(title, justify="right")
@@ -111,10 +125,11 @@ def print_jobs(results: JobResults) -> None:
             "taper": "{:.3f}", "time": "{:.2f}", "mean_feed": "{:.1f}",
         }  # fmt: skip
         cells = [_number(row[m], form) if form else str(row[m]) for m, form in forms.items()]
-        table.add_row(str(name), *cells, f"{row['collisions']}/{row['count']}", str(row["failed"]))
-    console = Console(width=max(Console().width, 190))
+        table.add_row(str(name), *cells, f"{row['collisions']}/{row['count']}", str(row["failed"]), in_words(row))
+    console = Console(width=max(Console().width, 210))
     console.print(table)
     console.print(f"score: geometric mean over {', '.join(results.core)} of the RMS over seeds.")
+    console.print(f"budget: trials and steps of tuning, all slots together. {budget_note(summary)}")
     for label in results.labels:
         console.print(f"quality: {label}.")
 

@@ -14,6 +14,7 @@ from ...envs.job_metrics import METRICS
 from ...envs.kerf_picture import Kerf, picture
 from ...envs.paths.job import CUT, LEAD_IN
 from ...envs.scenarios import SPLITS
+from ..budgets import MARKS, in_words
 from ..jobs import JobResults
 from ..runs import atomic
 
@@ -46,6 +47,7 @@ def write_report(folder: Path, results: JobResults) -> Path:
         ],
         names=list(summary.index), meta=results.meta, warnings=warnings(results),
         command=results.meta.get("command", ""),
+        marks={mark: text for mark, text in MARKS.items() if (summary["budget"] == mark).any()},
     )  # fmt: skip
     path = folder / "report.html"
     with atomic(path) as part:
@@ -89,7 +91,7 @@ def _row(name: str, row: pd.Series, results: JobResults) -> dict[str, Any]:
         "name": name, "reference": name == results.reference, "score": _text(row["score"]),
         "ratio": _text(row["ratio"]),
         "cells": [_text(row[column]) for column in COLUMNS], "collisions": f"{row['collisions']}/{row['count']}",
-        "failed": int(row["failed"]),
+        "failed": int(row["failed"]), "budget": in_words(row),
     }  # fmt: skip
 
 

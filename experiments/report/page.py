@@ -15,6 +15,9 @@ from matplotlib.figure import Figure
 
 from ...envs.metrics import METRICS
 from ...envs.scenarios import SPLITS
+from ..budgets import MARKS, in_words
+from ..margins import DELAYS, GAINS, STEP
+from ..margins import in_words as margin
 from ..results import CEILING, REFERENCE, Results
 from ..runs import atomic
 from . import plots, quality_plot
@@ -148,13 +151,17 @@ def _count(count: int, word: str) -> str:
 
 def _classes(results: Results, summary: pd.DataFrame) -> list[dict[str, Any]]:
     """Rows of the headline table, information classes apart."""
-    out = []
+    out, costs = [], results.decisions()
     for information, names in plots.ranked(results, summary).items():
         rows = []
         for name in names:
             row = summary.loc[name]
             peak = float(row["ms"])
             rows.append({
+                "gain": margin(row["gain_margin"], GAINS[-1]), "delay": margin(row["delay_margin"], DELAYS[-1]),
+                "median_us": number(costs.at[name, "median_us"]), "p99_us": number(costs.at[name, "p99_us"]),
+                "share": share_of_period(float(costs.at[name, "ratio"])),
+                "budget": in_words({**row, "budget": ""}) or "–", "mark": row["budget"],
                 "name": name, "reference": name == REFERENCE, "ceiling": name == CEILING, "score": number(row["score"]),
                 "ratio": number(row["ratio"]), "scale": _scale(float(row["scale"])), "ms": number(peak),
                 "over": peak > LIMIT_MS, "p99": number(row["p99"]), "reported": number(row["reported"]),
@@ -163,6 +170,11 @@ def _classes(results: Results, summary: pd.DataFrame) -> list[dict[str, Any]]:
             })  # fmt: skip
         out.append({"information": information, "knows": plots.KNOWS.get(information, "not ranked"), "rows": rows})
     return out
+
+
+def share_of_period(ratio: float) -> str:
+    """Of the control period, in per cent."""
+    return f"{100 * ratio:.2g} %" if math.isfinite(ratio) else "–"
 
 
 def _scale(value: float) -> str:
@@ -324,6 +336,9 @@ def _page(results: Results, summary: pd.DataFrame, sections: dict[str, list[dict
         reference=REFERENCE,
         ceiling=CEILING,
         limit_ms=LIMIT_MS,
+        step=STEP,
+        timed=bool(results.meta.get("decisions")),
+        marks={mark: text for mark, text in MARKS.items() if (summary["budget"] == mark).any()},
         units={name: metric.unit for name, metric in METRICS.items()},
         sections=sections,
         touched=bool((results.runs["collision"] > 0).any()),
