@@ -72,7 +72,7 @@ def test_from_beyond_the_bound_of_the_command_it_comes_back_as_fast_as_it_may():
 # ------------------------------------------------------------------------------------------------- the law
 
 
-P = mpc.Params(effort=10.0, acceleration=1e4)
+P = mpc.Params(effort=10.0, damping=2.0, drift=100.0, acceleration=1e4)
 
 
 @pytest.mark.parametrize("p", [P, P._replace(dead_time=0.4, effort=2.0, damping=5.0)])
