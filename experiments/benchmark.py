@@ -19,6 +19,7 @@ from ..envs.plant.path import SPACING
 from ..envs.plant.quantity import InvalidInput, did_you_mean
 from ..envs.scenarios import Scenario
 from . import decisions, jobs, margins, rollout, runs, stability
+from .ledger import Ledger
 from .results import Results
 
 DEFAULT = ("xi2023-ma", "xi2023-improved", "xi2023-tuned", "pid", "observer", "preview-5ms")
@@ -205,8 +206,7 @@ def run(
         "seeds": f"{min(seeds)}-{max(seeds)}", "seed_count": len(seeds), "scenarios": names, "controllers": controllers,
         "core": list(core), "wall_seconds": round(time.time() - started, 1),
         "ledger": {
-            name: {"simulated_steps": int(row["steps"]), "cpu_seconds": round(float(row["cpu_seconds"]), 2)}
-            for name, row in ledger.iterrows()
+            name: Ledger(int(row["steps"]), float(row["cpu_seconds"])).entry() for name, row in ledger.iterrows()
         },
         "tuning": {name: stack.provenance for name, stack in known.items() if stack.provenance},
         "parameters": {name: {k: p.value for k, p in stack.parameters().items()} for name, stack in known.items()},
