@@ -17,6 +17,7 @@ import importlib.util
 import inspect
 import re
 import sys
+import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -198,8 +199,8 @@ def get(name: str) -> Stack:
 def resolve(spec: "str | Stack") -> Stack:
     """A stack from what a user writes.
 
-    ``pid`` · ``pid:law.kp=80,filter.window=9`` · ``z=pid`` · ``package.module:attr`` · ``file.py:attr``, the last two
-    also with overrides behind a second colon.
+    ``pid`` · ``pid:law.kp=80,filter.window=9`` · ``z=pid`` · ``runs/x/tuned.toml`` · ``package.module:attr`` ·
+    ``file.py:attr``, the last two also with overrides behind a second colon.
 
     Raises:
         InvalidInput: unknown name, slot, module, attribute, parameter, or value out of range.
@@ -213,6 +214,8 @@ def resolve(spec: "str | Stack") -> Stack:
     pieces = rest.split(":")
     if len(pieces) > 1 and "=" not in pieces[1]:
         stack, overrides = _import(pieces[0], pieces[1]), pieces[2:]
+    elif pieces[0].endswith(".toml"):
+        stack, overrides = _tuned_stack(pieces[0]), pieces[1:]
     else:
         stack, overrides = get(pieces[0]), pieces[1:]
     if len(overrides) > 1:
@@ -252,6 +255,22 @@ class Team:
         """Every declared parameter, its name preceded by the slot: ``z.law.kp``."""
         return {f"{s.slot}.{name}": p for s in self.stacks for name, p in s.parameters().items()}
 
+    def varied(self, changes: dict[str, Any], name: str | None = None) -> "Team":
+        """The team with some parameters changed, named as :meth:`parameters` names them.
+
+        Raises:
+            InvalidInput: unknown parameter (the nearest is offered), or value out of range.
+        """
+        known = self.parameters()
+        by_slot: dict[str, dict[str, Any]] = {}
+        for key, value in changes.items():
+            if key not in known:
+                raise InvalidInput(f"controller '{self.name}': unknown parameter '{key}'; {did_you_mean(key, known)}")
+            slot, parameter = key.split(".", 1)
+            by_slot.setdefault(slot, {})[parameter] = value
+        stacks = {s.slot: s.varied(by_slot[s.slot]) for s in self.stacks if s.slot in by_slot}
+        return replace(self, name=name or self.name, **stacks)
+
     @property
     def program(self) -> list[str]:
         """Text of the files that hold its laws."""
@@ -277,6 +296,10 @@ def team(spec: "str | Stack | Team") -> Team:
     """
     if isinstance(spec, Team):
         return spec
+    if isinstance(spec, str) and spec.endswith(".toml") and "=" not in spec:
+        base, changes, _ = tuned(spec)
+        if is_team(base):
+            return team(base).varied(changes, name=spec)
     parts = [spec] if isinstance(spec, Stack) else spec.split(",")
     merged: list[Any] = []
     for part in parts:  # overrides of the stack before have commas too: xy=wu:law.kp=1,plan.corners=0
@@ -292,6 +315,39 @@ def team(spec: "str | Stack | Team") -> Team:
         found[stack.slot] = stack
     filled = {slot: found[slot] if slot in found else get(name) for slot, name in STANDARD.items()}
     return Team(spec if isinstance(spec, str) else spec.name, **filled)
+
+
+def is_team(spec: str) -> bool:
+    """Whether a user's words name several slots: ``z=pid,xy=wu``."""
+    return len([part for part in spec.split(",") if part.split("=")[0] in SLOTS]) > 1
+
+
+def tuned(path: str) -> tuple[str, dict[str, Any], dict[str, Any]]:
+    """What a ``tuned.toml`` holds: the controller it started from, the parameters that differ, how they were found.
+
+    Raises:
+        InvalidInput: no such file, not TOML, or not what ``kerfgym tune`` writes.
+    """
+    try:
+        data = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InvalidInput(f"cannot read '{path}': {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InvalidInput(f"{path}: not valid TOML: {error}") from None
+    base, parameters = data.get("controller"), data.get("parameters")
+    if not isinstance(base, str) or not isinstance(parameters, dict) or base.endswith(".toml"):
+        raise InvalidInput(f"{path}: not a tuned controller; it needs 'controller', a name, and a table [parameters]")
+    return base, parameters, data.get("provenance", {})
+
+
+def _tuned_stack(path: str) -> Stack:
+    base, parameters, provenance = tuned(path)
+    if is_team(base):
+        raise InvalidInput(f"'{path}' is a team ({base}); it does jobs, such as those of the suite cutting")
+    try:
+        return replace(resolve(base).varied(parameters, name=path), provenance=provenance)
+    except InvalidInput as error:
+        raise InvalidInput(f"{path}: {error}") from None
 
 
 def _overrides(text: str, spec: str) -> dict[str, Any]:

@@ -1,0 +1,172 @@
+"""Evaluation of candidates in compiled roll-outs, a few scenarios at a time, on fleets that are built once.
+
+Only *tune* seeds, and a suite's core, with those scenarios behind it in which nobody may collide.
+"""
+
+import math
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from ...envs import job_metrics, metrics, scenarios
+from ...envs import stack as stacks
+from ...envs.plant import heads
+from ...envs.plant.fleet import Fleet
+from ...envs.plant.quantity import InvalidInput
+from ...envs.recording import Recording
+from ...envs.scenarios import Scenario
+from ...envs.stack import Stack, Team
+from .. import jobs, rollout, stability
+from ..ledger import Ledger
+from .goals import Figures
+
+TOGETHER = 2
+"""Scenarios that share a fleet: what a candidate is judged by before it goes on. Not the number of cores, since a study
+must not depend on the machine."""
+
+
+def chosen(suite: str) -> tuple[list[Scenario], tuple[str, ...]]:
+    """The scenarios that a candidate goes through, the core first, and the core's names."""
+    cases, core = scenarios.suite(suite), scenarios.core(suite)
+    guarded = [n for n, case in cases.items() if case.guard and not case.exempt and n not in core]
+    return [cases[name] for name in (*core, *guarded)], core
+
+
+def with_jobs(suite: str) -> bool:
+    """Whether the suite's scenarios are jobs for teams."""
+    return chosen(suite)[0][0].job is not None
+
+
+class Evaluator:
+    """Runs candidates that share the laws of ``base``.
+
+    Args:
+        base: a stack of the slot z, or, for suites of jobs, any stack or team.
+        suite: whose core is run.
+        seeds: of the split *tune*.
+        threads: worker threads.
+    """
+
+    def __init__(self, base: Stack | Team, suite: str, seeds: Any, threads: int = 1) -> None:
+        self.base, self.suite, self.threads = base, suite, threads
+        self.scenarios, self.core = chosen(suite)
+        self.jobs = self.scenarios[0].job is not None
+        if not self.jobs and (isinstance(base, Team) or base.slot != "z"):
+            raise InvalidInput(
+                f"controller '{base.name}' drives slot '{getattr(base, 'slot', 'z, xy and process')}'; "
+                f"suite '{suite}' needs one of slot 'z', such as pid"
+            )
+        self.seeds = np.asarray(list(seeds), np.uint64)
+        self.ledger = Ledger()
+        self._rungs: list[_Rung] = []
+        self._injection: stability.Injection | None = None
+
+    @property
+    def follower(self) -> Stack:
+        """The stack of the slot z whose sensitivity is meant."""
+        return self._follower(self.base)
+
+    def _follower(self, candidate: Stack | Team) -> Stack:
+        if isinstance(candidate, Team):
+            return candidate.z
+        return candidate if candidate.slot == "z" else stacks.team(candidate).z
+
+    def peak(self, candidate: Stack | Team) -> float:
+        """Ms on a coarser set of frequencies than the suite's, quick enough for a search."""
+        with self.ledger.timed():
+            if self._injection is None:
+                self._injection = stability.Injection(
+                    self.follower, np.geomspace(5.0, 200.0, 20), settle=0.4, window=0.8, threads=self.threads
+                )
+            found = self._injection.measure(self._follower(candidate))
+        self.ledger.steps += found.steps
+        return found.peak
+
+    def exact_peak(self, candidate: Stack | Team) -> float:
+        """Ms at the suite's frequencies, as a benchmark measures it."""
+        with self.ledger.timed():
+            found = stability.sensitivity(self._follower(candidate), self.threads)
+        self.ledger.steps += found.steps
+        return found.peak
+
+    def run(self, candidate: Stack | Team, wanted: tuple[str, ...]) -> Iterator[Figures]:
+        """The metrics ``wanted`` of the scenarios, some of them after another; failed runs are NaN."""
+        self.ledger.use(int(s) for s in self.seeds)
+        if self.jobs:
+            yield from self._run_jobs(stacks.team(candidate), wanted)
+            return
+        assert isinstance(candidate, Stack)
+        if not self._rungs:
+            self._rungs = list(self._build())
+        for rung in self._rungs:
+            start = time.process_time()
+            found = rung.run(candidate, wanted)
+            self.ledger.add(rung.steps, time.process_time() - start)
+            yield found
+
+    def whole(self, candidate: Stack | Team, wanted: tuple[str, ...]) -> Figures:
+        """The same, of all scenarios at once."""
+        return {name: figures for part in self.run(candidate, wanted) for name, figures in part.items()}
+
+    def _build(self) -> Iterator["_Rung"]:
+        group: list[Scenario] = []
+        for scenario in self.scenarios:
+            if group and (len(group) == TOGETHER or scenario.steps != group[0].steps):
+                yield _Rung(group, self.follower, self.seeds, self.threads)
+                group = []
+            group.append(scenario)
+        yield _Rung(group, self.follower, self.seeds, self.threads)
+
+    def _run_jobs(self, team: Team, wanted: tuple[str, ...]) -> Iterator[Figures]:
+        for scenario in self.scenarios:
+            start = time.process_time()
+            fleet, job, _ = jobs.roll(scenario, team, self.seeds)
+            done = job_metrics.Jobs.of(fleet, job)
+            broken = job_metrics.failed(done)
+            found = {
+                name: figure if name in ("collision", "covered") else np.where(broken, np.nan, figure)
+                for name in dict.fromkeys(wanted)
+                for figure in (job_metrics.METRICS[name].function(done),)
+            }
+            self.ledger.add(int(fleet.tick) * len(self.seeds), time.process_time() - start)
+            yield {scenario.name: found}
+
+
+class _Rung:
+    """A fleet with the machines of a few scenarios of equal length."""
+
+    def __init__(self, group: list[Scenario], stack: Stack, seeds: np.ndarray, threads: int) -> None:
+        self.scenarios, self.seeds = group, np.tile(seeds, len(group))
+        self.machines = [np.arange(i * len(seeds), (i + 1) * len(seeds)) for i in range(len(group))]
+        self.fleet = Fleet(len(self.seeds), stack.law, heads.POOL, threads)
+        for scenario, mine in zip(group, self.machines, strict=True):
+            scenarios.prepare(self.fleet, scenario, mine, seeds)
+        self.steps = self.fleet.size * group[0].steps
+
+    def run(self, stack: Stack, wanted: tuple[str, ...]) -> Figures:
+        every = np.arange(self.fleet.size)
+        self.fleet.forget_filters()
+        stack.install(self.fleet, every)
+        self.fleet.begin(every, scenarios.noise_keys(self.seeds))
+        whole = rollout.run(self.fleet, self.scenarios[0], stack, self.seeds)
+        found: Figures = {}
+        for scenario, mine in zip(self.scenarios, self.machines, strict=True):
+            part = slice(mine[0], mine[-1] + 1)
+            record = Recording(
+                scenario, whole.seeds[part], whole.set_height[part], whole.data[:, :, part], whole.collided[part],
+                whole.lowest[part],
+            )  # fmt: skip
+            broken = metrics.failed(record)
+            found[scenario.name] = {
+                name: figure if name == "collision" else np.where(broken, np.nan, figure)
+                for name in dict.fromkeys(wanted)
+                for figure in (metrics.METRICS[name].function(record),)
+            }
+        return found
+
+
+def finite(value: float, otherwise: float) -> float:
+    """``value``, or ``otherwise`` if it is none."""
+    return value if math.isfinite(value) else otherwise

@@ -1,0 +1,128 @@
+"""What a search is for: metrics that are made small (or large), and what a controller must not do meanwhile.
+
+Over seeds a metric is pooled as reports pool it (RMS of an RMS, the largest of a maximum, the mean of the rest); over
+the suite's core the geometric mean is taken, of what may be zero the arithmetic one. A limit that is kept gives a
+number below 0, one that is broken a number above, on a logarithmic scale, so that a tenth too much weighs alike for all.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...envs import job_metrics, metrics, scenarios
+from ...envs.plant.quantity import InvalidInput, did_you_mean
+
+ZERO = ("collision", "held", "overshoot", "undershoot", "settling_20um", "settling_10um", "min_gap", "through", "covered")
+"""Metrics that may be zero or infinite in good runs: their mean over scenarios is the arithmetic one."""
+
+FAILED = 1e6
+"""Value of a candidate one of whose runs failed."""
+
+FAR = 10.0
+"""Largest violation of a limit that is told to a sampler."""
+
+Figures = dict[str, dict[str, Any]]
+"""Scenario, then metric, to the values of its runs, shape (seeds,)."""
+
+
+def registry(with_jobs: bool) -> dict[str, Any]:
+    """Metrics by name: those of jobs, or those of followers."""
+    return job_metrics.METRICS if with_jobs else metrics.METRICS
+
+
+def metric(name: str, with_jobs: bool) -> Any:
+    """A metric by name.
+
+    Raises:
+        InvalidInput: unknown; the nearest is offered.
+    """
+    known = registry(with_jobs)
+    if name not in known:
+        raise InvalidInput(f"unknown metric '{name}'; {did_you_mean(name, known)}")
+    return known[name]
+
+
+def pooled(name: str, values: Any) -> float:
+    """One number from the runs of a scenario; NaN if one of them failed."""
+    array = np.asarray(values, float)
+    if name.startswith("rms_") or name.endswith("_rms"):
+        return float(np.sqrt(np.mean(array**2)))
+    if "max" in name or name in ("overshoot", "undershoot"):
+        return float(array.max())
+    return float(array.min() if name == "min_gap" else array.mean())
+
+
+def over(name: str, values: list[float]) -> float:
+    """One number from those of the scenarios."""
+    array = np.asarray(values, float)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return float(array.mean() if name in ZERO else np.exp(np.log(array).mean()))
+
+
+def score(name: str, figures: Figures, core: tuple[str, ...]) -> float:
+    """The metric over those scenarios of the core that have been run."""
+    return over(name, [pooled(name, figures[s][name]) for s in core if s in figures])
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A metric that must stay at or below ``most`` (at or above, if higher is better)."""
+
+    name: str
+    most: float
+
+    def broken(self, value: float, higher: bool = False) -> float:
+        """By how much, as a logarithm; at or below 0 it is kept."""
+        if math.isnan(value):
+            return FAR
+        if value <= 0 or self.most <= 0:
+            difference = value - self.most
+        else:
+            difference = math.log(value / self.most)
+        return float(np.clip(-difference if higher else difference, -FAR, FAR))
+
+
+def descents(names: tuple[str, ...]) -> tuple[str, ...]:
+    """The scenarios that begin with an approach from above."""
+    return tuple(n for n in names if scenarios.load(n).start_above != 0)
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a candidate must keep.
+
+    Attributes:
+        ms: largest sensitivity peak; infinite: any.
+        limits: of metrics, over the core; ``overshoot`` is the largest of any descent instead.
+    """
+
+    ms: float = math.inf
+    limits: tuple[Limit, ...] = ()
+
+    @property
+    def metrics(self) -> tuple[str, ...]:
+        """What has to be measured for them."""
+        return ("collision", *(limit.name for limit in self.limits))
+
+    def peak(self, peak: float) -> float:
+        """Violation of the cap on Ms."""
+        return Limit("ms", self.ms).broken(peak if math.isfinite(peak) else math.nan)
+
+    def check(self, figures: Figures, core: tuple[str, ...], with_jobs: bool) -> dict[str, float]:
+        """Violations by name; collisions count in every scenario that was run."""
+        crashes = sum(float(np.nansum(figures[s]["collision"])) for s in figures)
+        found = {"collision": 0.1 + 0.01 * crashes if crashes else 0.0}
+        for limit in self.limits:
+            found[limit.name] = limit.broken(
+                measured(limit.name, figures, core, with_jobs), metric(limit.name, with_jobs).better == "higher"
+            )
+        return found
+
+
+def measured(name: str, figures: Figures, core: tuple[str, ...], with_jobs: bool) -> float:
+    """The number that a limit of this name is about."""
+    if name == "overshoot" and not with_jobs:
+        return max((pooled(name, figures[s][name]) for s in descents(tuple(figures))), default=0.0)
+    return score(name, figures, core)

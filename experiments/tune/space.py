@@ -1,0 +1,182 @@
+"""What is searched: from a user's words to axes, and from points on the axes to parameters of a controller."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...envs.plant.filters import KINDS
+from ...envs.plant.quantity import InvalidInput, Quantity, did_you_mean
+from ...envs.stack import Parameter, Stack, Team
+
+GROUPS = ("filter", "law", "guard", "gate", "table", "plan")
+ALL = ("filter", "law", "guard", "plan")
+"""Groups that ``all`` stands for; how the sensor is gated and calibrated is left as it is."""
+
+READS = {
+    "none": (), "mean": ("window",), "improved": ("window", "trim"), "weighted": ("window", "ratio"),
+    "median": ("window",), "lag": ("tau",), "anti-impulse": ("jump", "hold"), "kalman": ("trust",),
+}  # fmt: skip
+"""Settings that each kind of filter reads; the others are not asked for while it is chosen."""
+
+assert set(READS) == set(KINDS)
+
+NARROW = {"filter.window": (1.0, 15.0), "filter.trim": (0.0, 7.0)}
+"""Ranges searched unless told otherwise, where the declared ones go far beyond what a height follower can use."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One searched parameter: its range, and how it is spread over 0 to 1."""
+
+    name: str
+    low: float
+    high: float
+    whole: bool = False
+    log: bool = False
+    choices: tuple[str, ...] = ()
+
+    def encode(self, value: float) -> float:
+        """``value`` on the scale from 0 to 1."""
+        if self.whole:
+            return (value - self.low + 0.5) / (self.high - self.low + 1.0)
+        if self.log:
+            return math.log(value / self.low) / math.log(self.high / self.low)
+        return (value - self.low) / (self.high - self.low)
+
+    def decode(self, x: float) -> float:
+        """The value at ``x``, 0 to 1."""
+        if self.whole:
+            return float(min(self.high, math.floor(self.low + x * (self.high - self.low + 1.0))))
+        if self.log:
+            return float(np.clip(self.low * (self.high / self.low) ** x, self.low, self.high))
+        return float(self.low + x * (self.high - self.low))
+
+    @property
+    def words(self) -> str:
+        """Name and range, as a digest and a reader take it."""
+        if self.choices:
+            return f"{self.name}={'|'.join(self.choices)}"
+        marks = (" whole" if self.whole else "") + (" log" if self.log else "")
+        return f"{self.name}={self.low:g}..{self.high:g}{marks}"
+
+
+@dataclass(frozen=True)
+class Space:
+    """Axes, and where each stands in the controller as it is."""
+
+    axes: tuple[Axis, ...]
+    start: dict[str, float]
+
+    @property
+    def conditional(self) -> bool:
+        """Whether some axes count only for some choices."""
+        return any(axis.choices for axis in self.axes)
+
+    def active(self, chosen: dict[str, Any]) -> list[Axis]:
+        """The axes that count, given the choices made: a filter's settings only for the kinds that read them."""
+        kinds = {name.rpartition(".")[0]: value for name, value in chosen.items() if name.endswith("filter.kind")}
+
+        def counts(axis: Axis) -> bool:
+            group, _, setting = axis.name.rpartition(".")
+            if group not in kinds or setting == "kind":
+                return True
+            return setting in READS[kinds[group]]
+
+        return [axis for axis in self.axes if counts(axis)]
+
+    def suggest(self, trial: Any) -> dict[str, Any]:
+        """A candidate from an optuna trial: choices first, then the numbers that they leave to choose."""
+        chosen: dict[str, Any] = {}
+        for axis in sorted(self.axes, key=lambda a: not a.choices):
+            if axis.choices:
+                chosen[axis.name] = trial.suggest_categorical(axis.name, list(axis.choices))
+        for axis in self.active(chosen):
+            if axis.choices:
+                continue
+            if axis.whole:
+                chosen[axis.name] = trial.suggest_int(axis.name, int(axis.low), int(axis.high))
+            else:
+                chosen[axis.name] = trial.suggest_float(axis.name, axis.low, axis.high, log=axis.log)
+        return chosen
+
+    def values(self, params: dict[str, Any]) -> dict[str, Any]:
+        """Parameters of the controller from those of a trial: five digits, and a trim that leaves something over."""
+        out = {k: v if isinstance(v, str) else float(f"{float(v):.5g}") for k, v in params.items()}
+        for axis in self.axes:
+            if not axis.choices and not axis.whole and axis.name in out:
+                out[axis.name] = min(max(out[axis.name], axis.low), axis.high)
+        for name in [n for n in out if n.endswith("filter.trim")]:
+            window = float(out.get(name.replace(".trim", ".window"), self.start.get(name.replace("trim", "window"), 64)))
+            out[name] = min(float(out[name]), float((int(window) - 1) // 2))
+        return out
+
+
+def space(controller: Stack | Team, words: Iterable[str]) -> Space:
+    """The space that ``words`` mean: groups (filter, law, guard …), ``all``, and names with or without a range.
+
+    ``law.kp`` is searched over its declared range, ``law.kp=20..120`` over this one.
+
+    Raises:
+        InvalidInput: unknown word (the nearest is offered), or a range beyond the declared one.
+    """
+    known = controller.parameters()
+    groups = {group: [n for n in known if n.split(".")[-2] == group] for group in GROUPS}
+    groups = {group: names for group, names in groups.items() if names}
+    groups["all"] = [n for group in ALL for n in groups.get(group, [])]
+    ranges: dict[str, tuple[float, float] | None] = {}
+    for word in words:
+        name, equals, text = word.partition("=")
+        if name in groups and not equals:
+            ranges.update({n: ranges.get(n) for n in groups[name]})
+        elif name in known:
+            ranges[name] = _range(text, known[name], word) if equals else ranges.get(name)
+        else:
+            raise InvalidInput(
+                f"controller '{controller.name}': nothing called '{name}' to tune; "
+                f"{did_you_mean(name, [*groups, *known])}"
+            )
+    if not ranges:
+        raise InvalidInput(f"nothing to tune; known: {', '.join([*groups, *known])}")
+    axes = tuple(_axis(known[name], limits) for name, limits in ranges.items())
+    start = {a.name: _inside(a, known[a.name].value) for a in axes}
+    start |= {n: p.value for n, p in known.items() if n.endswith("filter.window") and n not in start}
+    return Space(axes, start)
+
+
+def start_of(axes: Space) -> dict[str, Any]:
+    """The controller as it stands, as parameters of a trial."""
+    out: dict[str, Any] = {}
+    for axis in axes.axes:
+        value = axes.start[axis.name]
+        out[axis.name] = axis.choices[int(value)] if axis.choices else (int(value) if axis.whole else float(value))
+    kept = {axis.name for axis in axes.active({k: v for k, v in out.items() if isinstance(v, str)})}
+    return {name: value for name, value in out.items() if name in kept}
+
+
+def _axis(parameter: Parameter, limits: tuple[float, float] | None) -> Axis:
+    q: Quantity = parameter.quantity
+    if q.choices:
+        return Axis(parameter.name, 0.0, len(q.choices) - 1.0, choices=q.choices)
+    narrow = next((r for end, r in NARROW.items() if parameter.name.endswith(end)), (q.low, q.high))
+    low, high = limits or (max(q.low, min(narrow[0], parameter.value)), min(q.high, max(narrow[1], parameter.value)))
+    return Axis(parameter.name, float(low), float(high), q.whole, q.log and low > 0)
+
+
+def _range(text: str, parameter: Parameter, word: str) -> tuple[float, float]:
+    q = parameter.quantity
+    low, dots, high = text.partition("..")
+    if not dots or q.choices:
+        raise InvalidInput(f"'{word}': a range is written {parameter.name}=LOW..HIGH; allowed: {q.range}")
+    ends = q.check(low, parameter.name), q.check(high, parameter.name)
+    if ends[0] >= ends[1]:
+        raise InvalidInput(f"'{word}': the range is empty; allowed: {q.range}")
+    return ends
+
+
+def _inside(axis: Axis, value: float) -> float:
+    return value if axis.choices else min(max(value, axis.low), axis.high)
+
+
