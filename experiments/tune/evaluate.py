@@ -3,9 +3,7 @@
 Only *tune* seeds, and a suite's core, with those scenarios behind it in which nobody may collide.
 """
 
-import math
 import time
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -60,7 +58,8 @@ class Evaluator:
             )
         self.seeds = np.asarray(list(seeds), np.uint64)
         self.ledger = Ledger()
-        self._rungs: list[_Rung] = []
+        self._groups = _grouped(self.scenarios, 1 if self.jobs else TOGETHER)
+        self._rungs: dict[int, _Rung] = {}
         self._injection: stability.Injection | None = None
 
     @property
@@ -91,47 +90,51 @@ class Evaluator:
         self.ledger.steps += found.steps
         return found.peak
 
-    def run(self, candidate: Stack | Team, wanted: tuple[str, ...]) -> Iterator[Figures]:
-        """The metrics ``wanted`` of the scenarios, some of them after another; failed runs are NaN."""
+    @property
+    def parts(self) -> int:
+        """Parts in which the scenarios are run."""
+        return len(self._groups)
+
+    def part(self, i: int, candidate: Stack | Team, wanted: tuple[str, ...]) -> Figures:
+        """The metrics ``wanted`` of the scenarios of part ``i``; failed runs are NaN."""
         self.ledger.use(int(s) for s in self.seeds)
         if self.jobs:
-            yield from self._run_jobs(stacks.team(candidate), wanted)
-            return
+            return self._part_of_jobs(self._groups[i][0], stacks.team(candidate), wanted)
         assert isinstance(candidate, Stack)
-        if not self._rungs:
-            self._rungs = list(self._build())
-        for rung in self._rungs:
-            start = time.process_time()
-            found = rung.run(candidate, wanted)
-            self.ledger.add(rung.steps, time.process_time() - start)
-            yield found
+        if i not in self._rungs:
+            self._rungs[i] = _Rung(self._groups[i], self.follower, self.seeds, self.threads)
+        start = time.process_time()
+        found = self._rungs[i].run(candidate, wanted)
+        self.ledger.add(self._rungs[i].steps, time.process_time() - start)
+        return found
 
     def whole(self, candidate: Stack | Team, wanted: tuple[str, ...]) -> Figures:
         """The same, of all scenarios at once."""
-        return {name: figures for part in self.run(candidate, wanted) for name, figures in part.items()}
+        return {s: figures for i in range(self.parts) for s, figures in self.part(i, candidate, wanted).items()}
 
-    def _build(self) -> Iterator["_Rung"]:
-        group: list[Scenario] = []
-        for scenario in self.scenarios:
-            if group and (len(group) == TOGETHER or scenario.steps != group[0].steps):
-                yield _Rung(group, self.follower, self.seeds, self.threads)
-                group = []
-            group.append(scenario)
-        yield _Rung(group, self.follower, self.seeds, self.threads)
+    def _part_of_jobs(self, scenario: Scenario, team: Team, wanted: tuple[str, ...]) -> Figures:
+        start = time.process_time()
+        fleet, job, _ = jobs.roll(scenario, team, self.seeds)
+        done = job_metrics.Jobs.of(fleet, job)
+        broken = job_metrics.failed(done)
+        found = {
+            name: figure if name in ("collision", "covered") else np.where(broken, np.nan, figure)
+            for name in dict.fromkeys(wanted)
+            for figure in (job_metrics.METRICS[name].function(done),)
+        }
+        self.ledger.add(int(fleet.tick) * len(self.seeds), time.process_time() - start)
+        return {scenario.name: found}
 
-    def _run_jobs(self, team: Team, wanted: tuple[str, ...]) -> Iterator[Figures]:
-        for scenario in self.scenarios:
-            start = time.process_time()
-            fleet, job, _ = jobs.roll(scenario, team, self.seeds)
-            done = job_metrics.Jobs.of(fleet, job)
-            broken = job_metrics.failed(done)
-            found = {
-                name: figure if name in ("collision", "covered") else np.where(broken, np.nan, figure)
-                for name in dict.fromkeys(wanted)
-                for figure in (job_metrics.METRICS[name].function(done),)
-            }
-            self.ledger.add(int(fleet.tick) * len(self.seeds), time.process_time() - start)
-            yield {scenario.name: found}
+
+def _grouped(cases: list[Scenario], size: int) -> list[list[Scenario]]:
+    """The scenarios in groups of equal length."""
+    groups: list[list[Scenario]] = []
+    for scenario in cases:
+        if groups and len(groups[-1]) < size and scenario.steps == groups[-1][0].steps:
+            groups[-1].append(scenario)
+        else:
+            groups.append([scenario])
+    return groups
 
 
 class _Rung:
@@ -165,8 +168,3 @@ class _Rung:
                 for figure in (metrics.METRICS[name].function(record),)
             }
         return found
-
-
-def finite(value: float, otherwise: float) -> float:
-    """``value``, or ``otherwise`` if it is none."""
-    return value if math.isfinite(value) else otherwise

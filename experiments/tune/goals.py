@@ -14,7 +14,17 @@ import numpy as np
 from ...envs import job_metrics, metrics, scenarios
 from ...envs.plant.quantity import InvalidInput, did_you_mean
 
-ZERO = ("collision", "held", "overshoot", "undershoot", "settling_20um", "settling_10um", "min_gap", "through", "covered")
+ZERO = (
+    "collision",
+    "held",
+    "overshoot",
+    "undershoot",
+    "settling_20um",
+    "settling_10um",
+    "min_gap",
+    "through",
+    "covered",
+)
 """Metrics that may be zero or infinite in good runs: their mean over scenarios is the arithmetic one."""
 
 FAILED = 1e6

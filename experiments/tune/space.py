@@ -23,7 +23,10 @@ READS = {
 
 assert set(READS) == set(KINDS)
 
-NARROW = {"filter.window": (1.0, 15.0), "filter.trim": (0.0, 7.0)}
+NARROW = {
+    "filter.window": (1.0, 15.0), "filter.trim": (0.0, 7.0), "filter.hold": (0.0, 10.0), "filter.tau": (0.0, 20.0),
+    "filter.jump": (0.005, 0.5),
+}  # fmt: skip
 """Ranges searched unless told otherwise, where the declared ones go far beyond what a height follower can use."""
 
 
@@ -109,7 +112,9 @@ class Space:
             if not axis.choices and not axis.whole and axis.name in out:
                 out[axis.name] = min(max(out[axis.name], axis.low), axis.high)
         for name in [n for n in out if n.endswith("filter.trim")]:
-            window = float(out.get(name.replace(".trim", ".window"), self.start.get(name.replace("trim", "window"), 64)))
+            window = float(
+                out.get(name.replace(".trim", ".window"), self.start.get(name.replace("trim", "window"), 64))
+            )
             out[name] = min(float(out[name]), float((int(window) - 1) // 2))
         return out
 
@@ -148,12 +153,14 @@ def space(controller: Stack | Team, words: Iterable[str]) -> Space:
 
 def start_of(axes: Space) -> dict[str, Any]:
     """The controller as it stands, as parameters of a trial."""
-    out: dict[str, Any] = {}
-    for axis in axes.axes:
-        value = axes.start[axis.name]
-        out[axis.name] = axis.choices[int(value)] if axis.choices else (int(value) if axis.whole else float(value))
-    kept = {axis.name for axis in axes.active({k: v for k, v in out.items() if isinstance(v, str)})}
-    return {name: value for name, value in out.items() if name in kept}
+    chosen = {a.name: a.choices[int(axes.start[a.name])] for a in axes.axes if a.choices}
+    return {**chosen, **numbers_of(axes, chosen)}
+
+
+def numbers_of(axes: Space, chosen: dict[str, str]) -> dict[str, float]:
+    """The numbers of the controller as it stands that count, given these choices."""
+    active = [a for a in axes.active(chosen) if not a.choices]
+    return {a.name: int(axes.start[a.name]) if a.whole else float(axes.start[a.name]) for a in active}
 
 
 def _axis(parameter: Parameter, limits: tuple[float, float] | None) -> Axis:
@@ -178,5 +185,3 @@ def _range(text: str, parameter: Parameter, word: str) -> tuple[float, float]:
 
 def _inside(axis: Axis, value: float) -> float:
     return value if axis.choices else min(max(value, axis.low), axis.high)
-
-

@@ -1,0 +1,251 @@
+"""Where a study is kept: a journal file in the run folder, or any database by its URL.
+
+Many processes and machines may share a study. A journal whose last line was cut off by a kill or a full disk is
+repaired before it is read on; a database is set up by one process while the others wait.
+"""
+
+import contextlib
+import fcntl
+import hashlib
+import json
+import os
+import re
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import optuna
+from optuna.storages import BaseStorage, JournalStorage, RDBStorage
+from optuna.storages.journal import JournalFileBackend
+from optuna.storages.journal._file import BaseJournalFileLock
+
+from ...envs.plant.quantity import InvalidInput
+
+JOURNAL = "study.journal"
+SPACE = "space"
+"""Attribute of a study: what it searches, in words; another search cannot go on with it."""
+
+_LOCK = 0x6B657266
+"""Key of PostgreSQL's advisory lock while a study is set up."""
+
+TRIES = 8
+
+
+class _Lock(BaseJournalFileLock):
+    """A lock that the system takes away when its holder dies."""
+
+    def __init__(self, file: Path) -> None:
+        self._file, self._handle = file, -1
+
+    def acquire(self) -> bool:
+        self._handle = os.open(self._file, os.O_CREAT | os.O_RDWR, 0o666)
+        fcntl.flock(self._handle, fcntl.LOCK_EX)
+        return True
+
+    def release(self) -> None:
+        os.close(self._handle)  # which unlocks it
+
+
+@contextlib.contextmanager
+def alone(folder: Path) -> Iterator[None]:
+    """Makes sure that no other command works in this run folder.
+
+    Raises:
+        InvalidInput: one does.
+    """
+    handle = os.open(folder / ".lock", os.O_CREAT | os.O_RDWR, 0o666)
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InvalidInput(f"another command is at work in '{folder}'") from None
+        yield
+    finally:
+        os.close(handle)
+
+
+def url_of(storage: str | None, folder: Path) -> str:
+    """The storage's URL; the folder's journal unless told otherwise."""
+    return storage or str(folder / JOURNAL)
+
+
+def is_file(url: str) -> bool:
+    """Whether the storage is a journal file."""
+    return "://" not in url
+
+
+def opened(url: str) -> BaseStorage:
+    """The storage behind a URL, or a journal file.
+
+    Raises:
+        InvalidInput: unreachable, or a driver is missing.
+    """
+    if is_file(url):
+        return JournalStorage(_journal(Path(url)))
+    # SQLAlchemy takes psycopg2 unless told otherwise; what is installed here is psycopg.
+    url = re.sub(r"^postgres(ql)?://", "postgresql+psycopg://", url)
+    with reachable(url):
+        if url.startswith("redis"):
+            from optuna.storages.journal import JournalRedisBackend
+
+            return JournalStorage(JournalRedisBackend(url))
+        if url.startswith("postgresql"):
+            return _postgresql(url)
+        return _again(lambda: RDBStorage(url))
+
+
+def hidden(url: str) -> str:
+    """The URL without its password."""
+    return re.sub(r"(://[^:/@]*):[^@]*@", r"\1:…@", url)
+
+
+@contextlib.contextmanager
+def reachable(url: str) -> Iterator[None]:
+    """Turns what a storage throws into words.
+
+    Raises:
+        InvalidInput: the storage cannot be reached, or refuses.
+    """
+    import sqlalchemy.exc
+
+    try:
+        yield
+    except (ModuleNotFoundError, ImportError) as error:
+        raise InvalidInput(f"storage '{hidden(url)}': a driver is missing: {error}") from None
+    except sqlalchemy.exc.ArgumentError:
+        raise InvalidInput(
+            f"storage '{hidden(url)}' is not a URL such as postgresql://user@host/database or sqlite:///file"
+        ) from None
+    except (sqlalchemy.exc.SQLAlchemyError, optuna.exceptions.StorageInternalError) as error:
+        cause = error.__cause__ or error.__context__ or error
+        line = str(getattr(cause, "orig", cause)).strip().splitlines()
+        raise InvalidInput(
+            f"storage '{hidden(url)}' cannot be used: {line[0] if line else type(cause).__name__}; "
+            "trials that it took are kept"
+        ) from None
+    except (ConnectionError, TimeoutError) as error:
+        raise InvalidInput(f"storage '{hidden(url)}' cannot be reached: {error}") from None
+    except OSError as error:
+        raise InvalidInput(
+            f"cannot write '{error.filename or url}': {error.strerror or error}; what is there is kept, "
+            "and the same command with --resume goes on"
+        ) from None
+
+
+def _journal(file: Path) -> JournalFileBackend:
+    file.parent.mkdir(parents=True, exist_ok=True)
+    lock = _Lock(file.with_name(f".{file.name}.lock"))
+    lock.acquire()
+    try:
+        repair(file)
+    finally:
+        lock.release()
+    return JournalFileBackend(str(file), lock_obj=lock)
+
+
+def repair(file: Path) -> None:
+    """Cuts off a last line that was not written to its end.
+
+    Raises:
+        InvalidInput: the file is damaged elsewhere too, or is no journal.
+    """
+    if not file.is_file():
+        return
+    whole = file.read_bytes()
+    kept = whole[: whole.rfind(b"\n") + 1]
+    for number, line in enumerate(kept.splitlines(), 1):
+        try:
+            entry = json.loads(line)
+        except ValueError:
+            entry = None
+        if not isinstance(entry, dict) or "op_code" not in entry:
+            raise InvalidInput(
+                f"'{file}', line {number}: not a journal of a study; move it away, or use another --name"
+            )
+    if len(kept) < len(whole):
+        with file.open("r+b") as handle:
+            handle.truncate(len(kept))
+
+
+def _postgresql(url: str) -> RDBStorage:
+    """One process at a time makes the tables."""
+    import sqlalchemy
+
+    engine = sqlalchemy.create_engine(url, connect_args={"connect_timeout": 10})
+    with engine.connect() as connection:
+        connection.execute(sqlalchemy.text(f"SELECT pg_advisory_lock({_LOCK})"))
+        storage = RDBStorage(url, engine_kwargs={"pool_pre_ping": True})
+    engine.dispose()
+    return storage
+
+
+def _again(make: Callable[[], Any]) -> Any:
+    """What several processes may start at once on a fresh database: some lose a race, and find it done."""
+    import sqlalchemy.exc
+
+    for attempt in range(TRIES):
+        try:
+            return make()
+        except (
+            sqlalchemy.exc.IntegrityError, sqlalchemy.exc.ProgrammingError, sqlalchemy.exc.OperationalError,
+            optuna.exceptions.StorageInternalError,
+        ):  # fmt: skip
+            if attempt == TRIES - 1:
+                raise
+            time.sleep(0.05 * 2**attempt)
+    raise AssertionError
+
+
+def study_of(url: str, name: str, directions: list[str], words: list[str], attributes: dict[str, Any]) -> Any:
+    """The study of this name, made if there is none.
+
+    Args:
+        url: of the storage.
+        name: of the study.
+        directions: ``minimize`` or ``maximize``, one for each metric.
+        words: what it searches, and how.
+        attributes: of a study that is made now.
+
+    Raises:
+        InvalidInput: the storage cannot be used, or its study of this name searches something else.
+    """
+    storage = opened(url)
+    optuna.logging.set_verbosity(optuna.logging.ERROR)
+
+    def make() -> Any:
+        try:
+            study = optuna.create_study(storage=storage, study_name=name, directions=directions)
+        except optuna.exceptions.DuplicatedStudyError:
+            return optuna.load_study(study_name=name, storage=storage)
+        for key, value in attributes.items():
+            study.set_user_attr(key, value)
+        study.set_user_attr(SPACE, words)  # last: with it the study is complete
+        return study
+
+    with reachable(url), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        study = _again(make)
+        for _ in range(40):  # another process may be making it at this moment
+            there = study.user_attrs.get(SPACE)
+            if there is not None:
+                break
+            time.sleep(0.1)
+        else:  # its maker died
+            for key, value in {**attributes, SPACE: words}.items():
+                study.set_user_attr(key, value)
+            there = words
+    if there != words:
+        differ = [f"{a} ≠ {b}" for a, b in zip(there, words, strict=False) if a != b]
+        more = set(there) ^ set(words)
+        raise InvalidInput(
+            f"the study '{name}' in '{hidden(url)}' is another one ({'; '.join(differ) or ', '.join(sorted(more))}); "
+            "use another --name"
+        )
+    return study
+
+
+def digest(words: list[str]) -> str:
+    """A study's hash: of all that its trials depend on."""
+    return hashlib.sha256(json.dumps(words, ensure_ascii=False).encode()).hexdigest()[:16]

@@ -1,0 +1,269 @@
+"""The study itself: which trials are left, one trial from candidate to value, and the work of one process."""
+
+import math
+import os
+import socket
+import time
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import optuna
+from optuna.trial import FrozenTrial, Trial, TrialState
+
+from ...envs import stack as stacks
+from ...envs.plant.quantity import InvalidInput
+from ...envs.stack import Stack, Team
+from . import goals, sampling, storage
+from .evaluate import Evaluator, with_jobs
+from .goals import Limits
+from .space import Space, space
+
+NEAR = 1.25
+"""Times the cap on Ms beyond which a candidate is not looked at any further."""
+
+PRUNE_AFTER, PRUNE_TRIALS = 3, 10
+"""Scenarios that a candidate goes through, and trials that are completed, before the median of those prunes."""
+
+STALE = 60.0
+"""s after which a running trial that nobody has signed counts as abandoned."""
+
+WORKER = "worker"
+
+
+@dataclass(frozen=True)
+class Task:
+    """Everything that a study depends on, as the user gave it."""
+
+    controller: str
+    what: tuple[str, ...]
+    suite: str = "following"
+    metrics: tuple[str, ...] = ("rms_true",)
+    limits: Limits = field(default_factory=Limits)
+    sampler: str = "tpe+cmaes"
+    trials: int = 300
+    seed: int = 0
+    seeds: int = 32
+    name: str = "study"
+    url: str = ""
+
+    @property
+    def base(self) -> Stack | Team:
+        """The controller as it stands.
+
+        Raises:
+            InvalidInput: unknown, or it does not fit the suite.
+        """
+        return controller(self.controller)
+
+    @property
+    def space(self) -> Space:
+        """What is searched."""
+        return space(self.base, self.what)
+
+    @property
+    def jobs(self) -> bool:
+        """Whether jobs are done."""
+        return with_jobs(self.suite)
+
+    @property
+    def directions(self) -> list[str]:
+        """For each metric."""
+        return ["maximize" if goals.metric(m, self.jobs).better == "higher" else "minimize" for m in self.metrics]
+
+    @property
+    def wanted(self) -> tuple[str, ...]:
+        """Metrics that are needed of every scenario."""
+        return tuple(dict.fromkeys((*self.metrics, *self.limits.metrics)))
+
+    @property
+    def pruned(self) -> bool:
+        """Whether hopeless candidates are left off half-way; with several metrics nobody can say which are."""
+        return len(self.metrics) == 1
+
+    @property
+    def words(self) -> list[str]:
+        """What the trials depend on; of two studies that differ in a word, one cannot go on as the other."""
+        values = {n: p.value for n, p in self.base.parameters().items()}
+        return [
+            f"controller {self.controller}", f"suite {self.suite}", f"metric {', '.join(self.metrics)}",
+            f"Ms ≤ {self.limits.ms:g}", *(f"{limit.name} ≤ {limit.most:g}" for limit in self.limits.limits),
+            f"sampler {self.sampler}", f"seed {self.seed}", f"tune seeds 0-{self.seeds - 1}",
+            *(axis.words for axis in self.space.axes),
+            f"fixed {storage.digest([f'{n}={v}' for n, v in values.items()] + self.base.program)}",
+        ]  # fmt: skip
+
+    def open(self) -> Any:
+        """The study, made if there is none; with its sampler.
+
+        Raises:
+            InvalidInput: the storage cannot be used, or holds another study of this name.
+        """
+        explore = sampling.explored(self.trials, self.space) if self.sampler == "tpe+cmaes" else 1
+        study = storage.study_of(self.url, self.name, self.directions, self.words, {"explore": explore})
+        if self.sampler == "tpe+cmaes":
+            explore = study.user_attrs["explore"]
+        positive = self.metrics[0] not in goals.ZERO
+        cost = sampling.costs(1.0, positive, self.directions[0] == "maximize")
+        study.sampler = sampling.Seeded(self.sampler, self.space, self.seed, explore, cost)
+        study.pruner = optuna.pruners.MedianPruner(n_startup_trials=PRUNE_TRIALS, n_warmup_steps=PRUNE_AFTER)
+        return study
+
+
+def controller(spec: str) -> Stack | Team:
+    """A stack or, if the words name several slots, a team."""
+    if stacks.is_team(spec):
+        return stacks.team(spec)
+    if spec.endswith(".toml") and "=" not in spec and stacks.is_team(stacks.tuned(spec)[0]):
+        return stacks.team(spec)
+    return stacks.resolve(spec)
+
+
+def done(study: Any) -> list[FrozenTrial]:
+    """The trials that are over, in order; failed ones do not count."""
+    return [t for t in study.get_trials(deepcopy=False) if t.state in (TrialState.COMPLETE, TrialState.PRUNED)]
+
+
+def me() -> str:
+    """This process, as a trial's signature."""
+    return f"{socket.gethostname()}/{os.getpid()}/{_born(os.getpid())}"
+
+
+def abandoned(study: Any, exclusive: bool) -> list[FrozenTrial]:
+    """Running trials whose process is gone; with an exclusive study, all of them."""
+    return [
+        t
+        for t in study.get_trials(deepcopy=False, states=(TrialState.RUNNING,))
+        if exclusive or _gone(t.user_attrs.get(WORKER), t)
+    ]
+
+
+def _gone(signature: str | None, trial: FrozenTrial) -> bool:
+    if signature is None:
+        return time.time() - trial.datetime_start.timestamp() > STALE if trial.datetime_start else True
+    host, pid, born = signature.split("/")
+    return host == socket.gethostname() and _born(int(pid)) != born
+
+
+def _born(pid: int) -> str:
+    """When a process started, since numbers of processes come again; empty if there is none."""
+    try:
+        with open(f"/proc/{pid}/stat", encoding="utf-8") as file:
+            return file.read().rsplit(")", 1)[1].split()[19]
+    except OSError:
+        pass
+    try:
+        os.kill(pid, 0)
+    except OSError:
+        return ""
+    return "alive"
+
+
+def claim(study: Any, trials: int) -> Trial | None:
+    """A new trial, or none if as many are over or under way as were asked for."""
+    alive = (TrialState.COMPLETE, TrialState.PRUNED, TrialState.RUNNING)
+    if len(study.get_trials(deepcopy=False, states=alive)) >= trials:
+        return None
+    trial = study.ask()
+    study._storage.set_trial_user_attr(trial._trial_id, WORKER, me())
+    ahead = [t for t in study.get_trials(deepcopy=False, states=alive) if t.number < trial.number]
+    if len(ahead) >= trials:  # another process was quicker
+        study.tell(trial, state=TrialState.FAIL)
+        return None
+    return trial
+
+
+@dataclass
+class _Known:
+    """What has been measured of a candidate; whole numbers and choices come again and again."""
+
+    peak: float | None = None
+    parts: list[goals.Figures] = field(default_factory=list)
+
+
+class Work:
+    """One process' part of a study."""
+
+    def __init__(self, task: Task, threads: int, study: Any = None) -> None:
+        self.task, self.study = task, study if study is not None else task.open()
+        self.base, self.space = task.base, task.space
+        self.evaluator = Evaluator(self.base, task.suite, range(task.seeds), threads)
+        self._known: dict[str, _Known] = {}
+
+    def run(self, resume: list[FrozenTrial], told: Callable[[], None] = lambda: None) -> None:
+        """Finishes abandoned trials, then makes new ones until enough are over."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            for stale in resume:
+                self.study._storage.set_trial_user_attr(stale._trial_id, WORKER, me())
+                self.one(Trial(self.study, stale._trial_id))
+                told()
+            while (trial := claim(self.study, self.task.trials)) is not None:
+                self.one(trial)
+                told()
+
+    def one(self, trial: Trial) -> None:
+        """One trial from candidate to value."""
+        ledger = self.evaluator.ledger
+        steps, seconds = ledger.steps, ledger.cpu_seconds
+        try:
+            values = self._values(trial)
+        except optuna.TrialPruned:
+            values = None
+        trial.set_user_attr("steps", ledger.steps - steps)
+        trial.set_user_attr("cpu_seconds", round(ledger.cpu_seconds - seconds, 4))
+        try:
+            if values is None:
+                self.study.tell(trial, state=TrialState.PRUNED)
+            else:
+                self.study.tell(trial, values)
+        except (ValueError, optuna.exceptions.UpdateFinishedTrialError):
+            state = self.study._storage.get_trial(trial._trial_id).state
+            if not state.is_finished():
+                raise  # otherwise another process that took it over was quicker, and found the same
+
+    def _values(self, trial: Trial) -> list[float]:
+        task, limits, first = self.task, self.task.limits, trial.number == 0
+        values = self.space.values(self.space.suggest(trial))
+        try:
+            candidate = self.base.varied(values)
+        except InvalidInput:  # what is in range alone may be impossible together
+            trial.set_constraint("possible", goals.FAR)
+            raise optuna.TrialPruned from None
+        known = self._known.setdefault(str(sorted(values.items())), _Known())
+        if math.isfinite(limits.ms):
+            if known.peak is None:
+                known.peak = self.evaluator.peak(candidate)
+            peak = known.peak
+            trial.set_user_attr("ms", told_number(peak))
+            broken = limits.peak(peak)
+            trial.set_constraint("ms", broken)
+            if task.pruned and not first and broken > math.log(NEAR):
+                raise optuna.TrialPruned
+        figures: goals.Figures = {}
+        core = self.evaluator.core
+        for i in range(self.evaluator.parts):
+            if i == len(known.parts):
+                known.parts.append(self.evaluator.part(i, candidate, task.wanted))
+            figures |= known.parts[i]
+            if not task.pruned:
+                continue
+            ran = [s for s in core if s in figures]
+            value = goals.score(task.metrics[0], figures, core)
+            trial.report(told_number(value), len(ran) - 1)
+            if not first and len(ran) < len(core) and trial.should_prune():
+                raise optuna.TrialPruned
+        for name, broken in limits.check(figures, core, task.jobs).items():
+            trial.set_constraint(name, broken)
+        found = [goals.score(name, figures, core) for name in task.metrics]
+        trial.set_constraint("finite", -1.0 if all(map(math.isfinite, found)) else goals.FAR)
+        higher = [d == "maximize" for d in task.directions]
+        return [
+            v if math.isfinite(v) else -goals.FAILED if h else goals.FAILED for v, h in zip(found, higher, strict=True)
+        ]
+
+
+def told_number(value: float) -> float:
+    """``value``, or the mark of failure if it is none; storages take no NaN."""
+    return value if math.isfinite(value) else goals.FAILED
