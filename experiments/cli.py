@@ -185,6 +185,65 @@ def reproduce(
         raise SystemExit(1)
 
 
+def tune(
+    what: Annotated[Positional[tuple[str, ...]], arg(metavar="WHAT")] = (),
+    controller: Annotated[str | None, arg(aliases=["-c"], metavar="NAME")] = None,
+    suite: str = "following",
+    trials: int = 300,
+    sampler: str | None = None,
+    metric: Annotated[UseAppendAction[list[str]], arg(aliases=["-m"], metavar="METRIC")] = [],  # noqa: B006
+    ms: float | None = None,
+    jitter: float | None = None,
+    overshoot: float | None = None,
+    limit: Annotated[UseAppendAction[list[str]], arg(metavar="METRIC=MOST")] = [],  # noqa: B006
+    seed: int = 0,
+    seeds: int | None = None,
+    workers: int = 1,
+    threads: int | None = None,
+    storage: Annotated[str | None, arg(metavar="URL")] = None,
+    name: str | None = None,
+    overwrite: bool = False,
+    resume: bool = False,
+) -> None:
+    """Search a controller's parameters on tune seeds; writes runs/<name>/tuned.toml, which every command takes with -c.
+
+    Args:
+        what: filter, law, guard, gate, table, plan, all, or parameters by name (law.kp filter.window=3..9); several may
+            be given. Default: law.
+        controller: as for benchmark. Default: xi2023-improved; for jobs wu-tuned or huang2024-adjusting.
+        suite: on whose core it is scored; also its scenarios with a guard must go without collision.
+        trials: candidates in all.
+        sampler: tpe+cmaes (TPE explores, CMA-ES finishes), tpe, cmaes, gp, random or nsga2. Default: tpe+cmaes, for
+            several metrics tpe.
+        metric: what is made best; several give a Pareto front. Default: rms_true, for jobs the suite's own.
+        ms: largest sensitivity peak; inf for any. Default: 2, for jobs any.
+        jitter: largest command jitter, mm/s per ms.
+        overshoot: largest overshoot of a descent, mm.
+        limit: another metric's largest value (smallest, if higher is better), such as time=12.5.
+        seed: of the sampler; the same command gives the same study.
+        seeds: tune seeds per scenario. Default: 32, for jobs 8.
+        workers: processes; the order in which several finish is not the same twice.
+        threads: of each process. Default: the cores shared out.
+        storage: database in which the study is kept, for many machines; postgresql://user@host/database. Default: a
+            journal in the run folder.
+        name: of the run folder and of the study. Default: tune- and date and time.
+        overwrite: replace an existing run folder.
+        resume: finish an interrupted run.
+    """
+    from .table import progress
+    from .tune import command
+    from .tune import tune as run
+
+    folder = Path("runs") / (name or f"tune-{datetime.datetime.now():%Y-%m-%d-%H%M%S}")
+    task = command.task(
+        what, controller, suite, trials, sampler, metric, ms, jitter, overshoot, limit, seed, seeds, storage, name
+    )
+    with progress("trials") as told:
+        result = run(task, folder, workers, threads, overwrite, resume, told)
+    command.show(result)
+    print(f"\n{folder / 'tuned.toml'}")
+
+
 def speed(
     rounds: int = 5,
     name: str | None = None,
@@ -223,7 +282,7 @@ def main(arguments: list[str] | None = None) -> None:
         print(f"kerfgym {__version__}")
         return
     commands: dict[str, Any] = {
-        "list": list_, "benchmark": benchmark, "reproduce": reproduce, "render": render, "speed": speed,
+        "list": list_, "benchmark": benchmark, "tune": tune, "reproduce": reproduce, "render": render, "speed": speed,
     }  # fmt: skip
     try:
         tyro.extras.subcommand_cli_from_dict(

@@ -18,6 +18,9 @@ import pandas as pd
 from .. import __version__
 from ..envs.plant.quantity import InvalidInput
 
+UNFINISHED = ("parts", "study.journal")
+"""What is found in the folder of a run that was interrupted."""
+
 PACKAGES = ("numpy", "numba", "scipy", "gymnasium", "pandas", "pyarrow")
 
 
@@ -104,7 +107,7 @@ def open_folder(path: Path, overwrite: bool = False, resume: bool = False) -> Pa
         hint = "--resume to finish it, " if unfinished else ""
         raise InvalidInput(f"run folder '{path}' exists; use {hint}--overwrite to replace it, or another --name")
     if overwrite and path.exists() and any(path.iterdir()):
-        if not (finished or (path / "parts").is_dir()):
+        if not (finished or any((path / mark).exists() for mark in UNFINISHED)):
             raise InvalidInput(f"'{path}' is not a run folder; it is not overwritten")
         for file in path.iterdir():
             if file.is_dir() and not file.is_symlink():

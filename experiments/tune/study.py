@@ -15,6 +15,7 @@ from optuna.trial import FrozenTrial, Trial, TrialState
 from ...envs import stack as stacks
 from ...envs.plant.quantity import InvalidInput
 from ...envs.stack import Stack, Team
+from ..ledger import Ledger
 from . import goals, sampling, storage
 from .evaluate import Evaluator, with_jobs
 from .goals import Limits
@@ -189,6 +190,7 @@ class Work:
         self.task, self.study = task, study if study is not None else task.open()
         self.base, self.space = task.base, task.space
         self.evaluator = Evaluator(self.base, task.suite, range(task.seeds), threads)
+        self.validation = Ledger()
         self._known: dict[str, _Known] = {}
 
     def run(self, resume: list[FrozenTrial], told: Callable[[], None] = lambda: None) -> None:

@@ -1,0 +1,79 @@
+"""What the words of ``kerfgym tune`` mean, and what it prints."""
+
+import math
+
+from ...envs import scenarios
+from ...envs.plant.quantity import InvalidInput
+from . import storage
+from .evaluate import with_jobs
+from .goals import Limit, Limits
+from .run import Result
+from .study import Task
+
+CAP = 2.0
+"""Largest Ms of followers unless told otherwise: that of the following suite's ranking."""
+
+
+def task(
+    what: tuple[str, ...], controller: str | None, suite: str, trials: int, sampler: str | None, metrics: list[str],
+    ms: float | None, jitter: float | None, overshoot: float | None, limits: list[str], seed: int, seeds: int | None,
+    url: str | None, name: str | None,
+) -> Task:  # fmt: skip
+    """The study that a user asks for; defaults depend on whether the suite's scenarios are jobs.
+
+    Raises:
+        InvalidInput: unknown suite, or a limit that is not of the form METRIC=NUMBER.
+    """
+    rules = scenarios.rules(suite) if suite in scenarios.suites() else dict(scenarios.suite(suite))
+    jobs = with_jobs(suite)
+    given = [Limit(n, v) for n, v in (("jitter", jitter), ("overshoot", overshoot)) if v is not None]
+    for word in limits:
+        key, equals, number = word.partition("=")
+        try:
+            given.append(Limit(key, float(number)))
+        except ValueError:
+            raise InvalidInput(f"--limit {word}: it is written METRIC=NUMBER, such as time=12.5") from None
+    chosen = tuple(metrics) or (rules.get("score", "rms_true"),)
+    return Task(
+        controller or ("wu-tuned" if suite == "contour" else "huang2024-adjusting" if jobs else "xi2023-improved"),
+        what or ("law",), suite, chosen, Limits(ms if ms is not None else (math.inf if jobs else CAP), tuple(given)),
+        sampler or ("tpe+cmaes" if len(chosen) == 1 else "tpe"), trials, seed,
+        seeds if seeds is not None else (8 if jobs else 32), name or "", url or "",
+    )  # fmt: skip
+
+
+def show(result: Result) -> None:
+    """Prints what was found and what it is worth."""
+    from rich.console import Console
+    from rich.table import Table
+
+    task, found = result.task, result.found
+    console = Console(width=max(Console().width, 100))
+    table = Table(title=f"{task.controller} · {result.meta['tuned']['trials']} trials · suite {task.suite}")
+    for title in ("", "before", "tuned"):
+        table.add_column(title, justify="right" if title else "left")
+    known = task.base.parameters()
+    for name, value in found.parameters.items():
+        p = known[name]
+        old = p.quantity.choices[int(p.value)] if p.quantity.choices else f"{p.value:.5g}"
+        table.add_row(name, old, value if isinstance(value, str) else f"{value:.5g}")
+    table.add_section()
+    for name, value in result.after.items():
+        if name != "runs":
+            table.add_row(f"{name}, test seeds", f"{result.before[name]:.4g}", f"{value:.4g}")
+    if math.isfinite(found.ms):
+        table.add_row("Ms", "", f"{found.ms:.3f}")
+    console.print(table)
+    near = result.near
+    if len(near):
+        worst = near.loc[near[task.metrics[0]].idxmax()]
+        print(
+            f"20 % off: {worst['parameter']} costs most, {task.metrics[0]} × {worst[task.metrics[0]]:.3f} at "
+            f"{worst['moved']:.5g}" + (f", Ms {near['ms'].max():.2f} at worst" if math.isfinite(found.ms) else "")
+        )
+    if len(result.front) > 1:
+        print(f"{len(result.front)} candidates on the Pareto front; tuned.toml holds the one in its middle")
+    cost = result.meta["ledger"]["tuning"]
+    print(f"{cost['simulated_steps']:,} simulated steps, {cost['cpu_seconds']:.0f} CPU-s; study {result.meta['study']}")
+    if not storage.is_file(task.url):
+        print(f"kept in {storage.hidden(task.url)} as '{task.name}'")

@@ -1,0 +1,268 @@
+"""``kerfgym tune`` from start to end: folder, workers, and what they found."""
+
+import contextlib
+import math
+import multiprocessing
+import os
+import time
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from ...envs import scenarios
+from ...envs.plant.quantity import InvalidInput, did_you_mean
+from .. import runs
+from ..ledger import Ledger
+from . import goals, outcome, pictures, sampling, storage
+from .evaluate import Evaluator
+from .study import Task, Work, abandoned, done
+
+POLL = 0.3
+"""s between two looks at what the workers have done."""
+
+WAIT = 600.0
+"""s that is waited for the last trials of other processes."""
+
+Told = Callable[[int, int, str], None]
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a command tells of its study."""
+
+    task: Task
+    found: outcome.Found
+    front: list[outcome.Found]
+    before: dict[str, Any]
+    after: dict[str, Any]
+    near: Any
+    meta: dict[str, Any]
+
+
+def check(task: Task, workers: int) -> None:
+    """Raises :class:`InvalidInput` for anything that the study could not be made of, before anything is written."""
+    if task.suite not in scenarios.suites():
+        raise InvalidInput(f"unknown suite '{task.suite}'; {did_you_mean(task.suite, scenarios.suites())}")
+    for what, value in (("--trials", task.trials), ("--workers", workers), ("--seeds", task.seeds)):
+        if value < 1:
+            raise InvalidInput(f"{what} {value} is out of range; at least 1")
+    if task.seeds > len(scenarios.SPLITS["tune"]):
+        raise InvalidInput(f"--seeds {task.seeds} is out of range; split 'tune' has {len(scenarios.SPLITS['tune'])}")
+    if task.seed < 0:
+        raise InvalidInput(f"--seed {task.seed} is out of range; 0 and up")
+    for name in (*task.metrics, *(limit.name for limit in task.limits.limits)):
+        goals.metric(name, task.jobs)
+    twice = [m for m in task.metrics if task.metrics.count(m) > 1]
+    if twice:
+        raise InvalidInput(f"metric '{twice[0]}' is given twice")
+    if not task.limits.ms > 1.0:
+        raise InvalidInput(f"--ms {task.limits.ms:g} is out of range; above 1, inf for no cap")
+    sampling.check(task.sampler, len(task.metrics))
+    Evaluator(task.base, task.suite, range(1))
+    _ = task.space
+
+
+def tune(
+    task: Task,
+    folder: Path,
+    workers: int = 1,
+    threads: int | None = None,
+    overwrite: bool = False,
+    resume: bool = False,
+    told: Told = lambda finished, total, best: None,
+    command: list[str] | None = None,
+) -> Result:
+    """Runs the study, or what is left of it, and writes the folder.
+
+    Args:
+        task: what is searched; without a URL its journal is kept in ``folder``.
+        folder: of the run.
+        workers: processes; with one, the same task gives the same trials.
+        threads: of each process; the cores shared out among the workers unless told otherwise.
+        overwrite, resume: as for :func:`runs.open_folder`.
+        told: is told how many trials are over, of how many, and the best value.
+        command: recorded in place of the process' own.
+
+    Raises:
+        InvalidInput: bad input, a storage or folder that cannot be used, or no candidate that keeps the limits.
+    """
+    check(task, workers)
+    shared = bool(task.url) and not storage.is_file(task.url)
+    threads = threads or max(1, (os.cpu_count() or 1) // workers)
+    with storage.reachable(str(folder)):
+        # A process that joins a study elsewhere may find the folder of the one that began it.
+        runs.open_folder(folder, overwrite, resume or (shared and not (folder / "run.json").is_file()))
+        task = _at(task, folder, overwrite and not shared)
+        with contextlib.nullcontext() if shared else storage.alone(folder), storage.reachable(task.url):
+            return _tune(task, folder, workers, threads, shared, told, command)
+
+
+def _at(task: Task, folder: Path, fresh: bool) -> Task:
+    url = storage.url_of(task.url, folder)
+    if fresh and storage.is_file(url):
+        Path(url).unlink(missing_ok=True)
+    return replace(task, url=url, name=task.name or folder.name)
+
+
+def _tune(
+    task: Task, folder: Path, workers: int, threads: int, shared: bool, told: Told, command: list[str] | None
+) -> Result:
+    started = time.time()
+    study = task.open()
+    stale = [t.number for t in abandoned(study, exclusive=not shared)]
+
+    def tell() -> None:
+        told(*_state(task, study))
+
+    tell()
+    work = Work(task, threads, study)
+    if workers == 1:
+        work.run(_numbered(study, stale), tell)
+    else:
+        _processes(task, workers, threads, stale, tell)
+    _wait(study, task, tell)
+    return _finish(work, folder, workers, started, command)
+
+
+def _numbered(study: Any, numbers: list[int]) -> list[Any]:
+    return [t for t in study.get_trials(deepcopy=False) if t.number in numbers]
+
+
+def _worker(task: Task, threads: int, stale: list[int]) -> None:
+    """What one process does."""
+    work = Work(task, threads)
+    work.run(_numbered(work.study, stale))
+
+
+def _processes(task: Task, workers: int, threads: int, stale: list[int], tell: Callable[[], None]) -> None:
+    """Runs the workers to their end.
+
+    Raises:
+        InvalidInput: one of them died.
+    """
+    context = multiprocessing.get_context("spawn")
+    group = [
+        context.Process(target=_worker, args=(task, threads, stale[i::workers]), daemon=True) for i in range(workers)
+    ]
+    for process in group:
+        process.start()
+    try:
+        while any(process.is_alive() for process in group):
+            time.sleep(POLL)
+            tell()
+    finally:
+        for process in group:
+            if process.is_alive():
+                process.terminate()
+            process.join()
+    failed = [process.exitcode for process in group if process.exitcode]
+    if failed:
+        raise InvalidInput(
+            f"{len(failed)} of {workers} workers ended with code {failed[0]}; finished trials are kept, and the same "
+            "command with --resume goes on"
+        )
+
+
+def _wait(study: Any, task: Task, tell: Callable[[], None]) -> None:
+    """Until other machines have finished their last trials, if they are still at work."""
+    import optuna
+
+    until = time.time() + WAIT
+    while time.time() < until:
+        running = study.get_trials(deepcopy=False, states=(optuna.trial.TrialState.RUNNING,))
+        gone = {t.number for t in abandoned(study, exclusive=False)}
+        if all(t.number in gone for t in running):
+            return
+        time.sleep(POLL)
+        tell()
+
+
+def _state(task: Task, study: Any) -> tuple[int, int, str]:
+    trials = done(study)
+    good = [t.values for t in trials if outcome.feasible(t)]
+    if not good:
+        return len(trials), task.trials, "no trial keeps the limits yet" if trials else ""
+    if len(task.metrics) > 1:
+        return len(trials), task.trials, f"{len(good)} keep the limits"
+    values = [v[0] for v in good]
+    best = max(values) if task.directions[0] == "maximize" else min(values)
+    return len(trials), task.trials, f"best {best:.4g} {goals.metric(task.metrics[0], task.jobs).unit}".rstrip(" 1")
+
+
+def _finish(work: Work, folder: Path, workers: int, started: float, command: list[str] | None) -> Result:
+    task, study = work.task, work.study
+    trials = done(study)
+    table = outcome.frame(trials, task)
+    runs.write_table(folder, "trials", table)
+    searched = Ledger(
+        sum(t.user_attrs.get("steps", 0) for t in trials), sum(t.user_attrs.get("cpu_seconds", 0.0) for t in trials)
+    )
+    searched.use(range(task.seeds))
+    searched.check("tune")
+    work.evaluator.ledger = Ledger()  # from here on: what choosing costs
+    if len(task.metrics) == 1:
+        found = outcome.best(work, trials)
+        front = [found]
+    else:
+        front = outcome.front(work, trials)
+        found = outcome.middle(front, task)
+    near = outcome.sensitivity(work, found)
+    before, _ = outcome.scored(work, work.base, work.evaluator.threads)
+    after, _ = outcome.scored(work, found.controller, work.evaluator.threads)
+    meta = runs.record(command)
+    meta["packages"] |= {name: metadata.version(name) for name in ("optuna", "cmaes")}
+    pruned = sum(t.state.name == "PRUNED" for t in trials)
+    provenance = _provenance(work, meta, len(trials), pruned, searched)
+
+    def full(candidate: outcome.Found) -> dict[str, Any]:
+        values = dict(zip(task.metrics, candidate.values, strict=True))
+        more = {"ms": round(candidate.ms, 4)} if math.isfinite(candidate.ms) else {}
+        return {**provenance, "trial": candidate.number, **more, "tune": values}
+
+    runs.write_table(folder, "sensitivity", near)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        plots = pictures.write(folder, study, table, near, task, front)
+    if len(front) > 1:
+        for i, candidate in enumerate(front, 1):
+            outcome.write(folder / "front" / f"{i:02d}.toml", task, candidate, full(candidate))
+    final = {**full(found), "test": after, "test_before": before}
+    outcome.write(folder / "tuned.toml", task, found, final)
+    meta |= {
+        "study": provenance["study"], "what": list(task.what), "space": [axis.words for axis in task.space.axes],
+        "workers": workers, "wall_seconds": round(time.time() - started, 1),
+        "tuned": {**final, "parameters": found.parameters}, "plots": plots, "front": len(front),
+        "ledger": {
+            "tuning": searched.entry(), "choosing": work.evaluator.ledger.entry(), "testing": work.validation.entry(),
+        },
+    }  # fmt: skip
+    runs.write_json(folder / "run.json", _plain(meta))
+    return Result(task, found, front, before, after, near, meta)
+
+
+def _provenance(work: Work, meta: dict[str, Any], trials: int, pruned: int, searched: Ledger) -> dict[str, Any]:
+    task = work.task
+    version = scenarios.rules(task.suite)["version"]
+    limits: dict[str, Any] = {limit.name: limit.most for limit in task.limits.limits} | {"collisions": 0}
+    if math.isfinite(task.limits.ms):
+        limits["ms"] = task.limits.ms
+    cost = searched.entry()
+    return {
+        "command": meta["command"], "kerfgym": meta["kerfgym"], "git": meta["git"].get("commit", "unknown"),
+        "python": meta["python"], "optuna": meta["packages"]["optuna"], "study": storage.digest(task.words),
+        "suite": f"{task.suite}-{version}", "metrics": list(task.metrics), "limits": limits, "sampler": task.sampler,
+        "sampler_seed": task.seed, "trials": trials, "pruned": pruned, "tune_seeds": cost["seeds"]["tune"],
+        "simulated_steps": cost["simulated_steps"], "cpu_seconds": cost["cpu_seconds"],
+    }  # fmt: skip
+
+
+def _plain(data: Any) -> Any:
+    """Without numbers that JSON does not know."""
+    if isinstance(data, dict):
+        return {k: _plain(v) for k, v in data.items()}
+    if isinstance(data, list | tuple):
+        return [_plain(v) for v in data]
+    return None if isinstance(data, float) and not math.isfinite(data) else data
