@@ -7,7 +7,7 @@ from ...envs.plant.quantity import InvalidInput
 from . import storage
 from .evaluate import with_jobs
 from .goals import Limit, Limits
-from .run import Result
+from .run import Result, check
 from .study import Task
 
 CAP = 2.0
@@ -22,24 +22,27 @@ def task(
     """The study that a user asks for; defaults depend on whether the suite's scenarios are jobs.
 
     Raises:
-        InvalidInput: unknown suite, or a limit that is not of the form METRIC=NUMBER.
+        InvalidInput: anything that no study can be made of.
     """
-    rules = scenarios.rules(suite) if suite in scenarios.suites() else dict(scenarios.suite(suite))
+    scenarios.suite(suite)  # an unknown one is an error here
+    rules = scenarios.rules(suite)
     jobs = with_jobs(suite)
     given = [Limit(n, v) for n, v in (("jitter", jitter), ("overshoot", overshoot)) if v is not None]
     for word in limits:
-        key, equals, number = word.partition("=")
+        key, _, number = word.partition("=")
         try:
             given.append(Limit(key, float(number)))
         except ValueError:
             raise InvalidInput(f"--limit {word}: it is written METRIC=NUMBER, such as time=12.5") from None
-    chosen = tuple(metrics) or (rules.get("score", "rms_true"),)
-    return Task(
+    chosen = tuple(metrics) or (str(rules.get("score", "rms_true")),)
+    asked = Task(
         controller or ("wu-tuned" if suite == "contour" else "huang2024-adjusting" if jobs else "xi2023-improved"),
         what or ("law",), suite, chosen, Limits(ms if ms is not None else (math.inf if jobs else CAP), tuple(given)),
         sampler or ("tpe+cmaes" if len(chosen) == 1 else "tpe"), trials, seed,
         seeds if seeds is not None else (8 if jobs else 32), name or "", url or "",
     )  # fmt: skip
+    check(asked)
+    return asked
 
 
 def show(result: Result) -> None:

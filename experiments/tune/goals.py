@@ -2,7 +2,7 @@
 
 Over seeds a metric is pooled as reports pool it (RMS of an RMS, the largest of a maximum, the mean of the rest); over
 the suite's core the geometric mean is taken, of what may be zero the arithmetic one. A limit that is kept gives a
-number below 0, one that is broken a number above, on a logarithmic scale, so that a tenth too much weighs alike for all.
+number below 0, one that is broken a number above, on a logarithmic scale, so that a tenth too much weighs the same.
 """
 
 import math

@@ -191,7 +191,8 @@ def write(path: Path, task: Task, found: Found, provenance: dict[str, Any]) -> N
     """Writes a candidate as a controller that every command takes."""
     import tomli_w
 
-    base, before = task.controller, {}
+    base: str = task.controller
+    before: dict[str, Any] = {}
     if base.endswith(".toml"):
         base, before, _ = stacks.tuned(base)
     body = {

@@ -42,7 +42,7 @@ class Result:
     meta: dict[str, Any]
 
 
-def check(task: Task, workers: int) -> None:
+def check(task: Task, workers: int = 1) -> None:
     """Raises :class:`InvalidInput` for anything that the study could not be made of, before anything is written."""
     if task.suite not in scenarios.suites():
         raise InvalidInput(f"unknown suite '{task.suite}'; {did_you_mean(task.suite, scenarios.suites())}")
@@ -92,6 +92,8 @@ def tune(
     check(task, workers)
     shared = bool(task.url) and not storage.is_file(task.url)
     threads = threads or max(1, (os.cpu_count() or 1) // workers)
+    if shared:  # before anything is written
+        replace(task, name=task.name or folder.name).open()
     with storage.reachable(str(folder)):
         # A process that joins a study elsewhere may find the folder of the one that began it.
         runs.open_folder(folder, overwrite, resume or (shared and not (folder / "run.json").is_file()))

@@ -9,7 +9,7 @@ import math
 import warnings
 import zlib
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import optuna
@@ -80,7 +80,7 @@ class Seeded(BaseSampler):
 
     def __init__(self, name: str, space: Space, seed: int, explore: int, cost: Callable[[FrozenTrial], float]) -> None:
         self.name, self.space, self.seed, self.explore, self.cost = name, space, seed, explore, cost
-        self._for, self._inner = -1, RandomSampler(seed=0)
+        self._for, self._inner = -1, cast(BaseSampler, RandomSampler(seed=0))
 
     def _sampler(self, trial: FrozenTrial) -> BaseSampler:
         """The sampler of this trial."""

@@ -145,7 +145,7 @@ def space(controller: Stack | Team, words: Iterable[str]) -> Space:
             )
     if not ranges:
         raise InvalidInput(f"nothing to tune; known: {', '.join([*groups, *known])}")
-    axes = tuple(_axis(known[name], limits) for name, limits in ranges.items())
+    axes = tuple(_axis(name, known[name], limits) for name, limits in ranges.items())
     start = {a.name: _inside(a, known[a.name].value) for a in axes}
     start |= {n: p.value for n, p in known.items() if n.endswith("filter.window") and n not in start}
     return Space(axes, start)
@@ -163,13 +163,13 @@ def numbers_of(axes: Space, chosen: dict[str, str]) -> dict[str, float]:
     return {a.name: int(axes.start[a.name]) if a.whole else float(axes.start[a.name]) for a in active}
 
 
-def _axis(parameter: Parameter, limits: tuple[float, float] | None) -> Axis:
+def _axis(name: str, parameter: Parameter, limits: tuple[float, float] | None) -> Axis:
     q: Quantity = parameter.quantity
     if q.choices:
-        return Axis(parameter.name, 0.0, len(q.choices) - 1.0, choices=q.choices)
-    narrow = next((r for end, r in NARROW.items() if parameter.name.endswith(end)), (q.low, q.high))
+        return Axis(name, 0.0, len(q.choices) - 1.0, choices=q.choices)
+    narrow = next((r for end, r in NARROW.items() if name.endswith(end)), (q.low, q.high))
     low, high = limits or (max(q.low, min(narrow[0], parameter.value)), min(q.high, max(narrow[1], parameter.value)))
-    return Axis(parameter.name, float(low), float(high), q.whole, q.log and low > 0)
+    return Axis(name, float(low), float(high), q.whole, q.log and low > 0)
 
 
 def _range(text: str, parameter: Parameter, word: str) -> tuple[float, float]:

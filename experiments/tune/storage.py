@@ -14,7 +14,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import optuna
 from optuna.storages import BaseStorage, JournalStorage, RDBStorage
@@ -216,7 +216,7 @@ def study_of(url: str, name: str, directions: list[str], words: list[str], attri
 
     def make() -> Any:
         try:
-            study = optuna.create_study(storage=storage, study_name=name, directions=directions)
+            study = optuna.create_study(storage=storage, study_name=name, directions=cast(Any, directions))
         except optuna.exceptions.DuplicatedStudyError:
             return optuna.load_study(study_name=name, storage=storage)
         for key, value in attributes.items():

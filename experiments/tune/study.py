@@ -247,7 +247,11 @@ class Work:
         core = self.evaluator.core
         for i in range(self.evaluator.parts):
             if i == len(known.parts):
-                known.parts.append(self.evaluator.part(i, candidate, task.wanted))
+                try:
+                    known.parts.append(self.evaluator.part(i, candidate, task.wanted))
+                except InvalidInput:  # a feed that the axes cannot do, a dither that the optics cannot
+                    trial.set_constraint("possible", goals.FAR)
+                    raise optuna.TrialPruned from None
             figures |= known.parts[i]
             if not task.pruned:
                 continue

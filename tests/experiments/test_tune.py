@@ -1,0 +1,474 @@
+"""Tuning: spaces, limits, samplers that can be repeated, studies that survive a kill, and what comes out of them."""
+
+import errno
+import json
+import math
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import optuna
+import pytest
+from PIL import Image
+
+from kerfgym.envs import metrics, scenarios
+from kerfgym.envs import stack as stacks
+from kerfgym.envs.plant.quantity import InvalidInput
+from kerfgym.experiments import rollout
+from kerfgym.experiments.cli import main
+from kerfgym.experiments.ledger import Ledger, ranges
+from kerfgym.experiments.tune import Limit, Limits, Task, goals, sampling, storage, tune
+from kerfgym.experiments.tune.evaluate import Evaluator
+from kerfgym.experiments.tune.space import READS, Space, space, start_of
+from kerfgym.experiments.tune.study import abandoned, done
+
+optuna.logging.set_verbosity(optuna.logging.ERROR)
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """A folder of its own."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def refused(capsys, *words):
+    """What the command says when it refuses."""
+    with pytest.raises(SystemExit) as error:
+        main(["tune", *words])
+    assert error.value.code == 2
+    return capsys.readouterr().err
+
+
+def told(trials):
+    """What two runs of the same study must agree in."""
+    return [(t.number, t.state.name, t.values, t.params, t.constraints, t.intermediate_values) for t in trials]
+
+
+# ------------------------------------------------------------------------------------------------------------- ledger
+
+
+def test_the_ledger_adds_up_and_keeps_splits_apart():
+    ledger = Ledger(100, 1.25)
+    ledger.use([0, 1, 2, 5, 1000])
+    both = ledger + Ledger(11, 0.5, {"tune": {3}})
+    assert both.entry() == {
+        "simulated_steps": 111, "cpu_seconds": 1.75, "seeds": {"tune": "0-3,5", "test": "1000"},
+    }  # fmt: skip
+    with pytest.raises(InvalidInput, match=r"seeds 1000 are of split 'test'; allowed: 'tune'"):
+        both.check("tune")
+    assert ranges([7, 3, 4]) == "3-4,7"
+
+
+# -------------------------------------------------------------------------------------------------------------- space
+
+
+def test_words_name_groups_parameters_and_ranges():
+    pid = stacks.get("pid")
+    law = {f"law.{name}" for name in pid.law.Params._fields}
+    assert {a.name for a in space(pid, ["law"]).axes} == law
+    narrow = space(pid, ["law.kp=20..120", "filter.window"])
+    assert [(a.name, a.low, a.high) for a in narrow.axes] == [("law.kp", 20, 120), ("filter.window", 1, 15)]
+    groups = {a.name.split(".")[0] for a in space(pid, ["all"]).axes}
+    assert groups == {"filter", "law", "guard"}
+    team = stacks.team("z=pid,xy=wu")
+    assert {a.name for a in space(team, ["xy.law.kp", "z.law.kd"]).axes} == {"xy.law.kp", "z.law.kd"}
+
+
+@pytest.mark.parametrize("name", ["law.kp", "law.ki", "filter.window", "filter.jump"])
+def test_the_scale_from_0_to_1_goes_both_ways(name):
+    (axis,) = space(stacks.get("pid"), [name]).axes
+    for x in np.linspace(0.001, 0.999, 7):
+        assert axis.low <= axis.decode(x) <= axis.high
+        assert axis.decode(axis.encode(axis.decode(x))) == pytest.approx(axis.decode(x))
+    if axis.whole:  # every value has an equal share
+        values = [axis.decode(x) for x in (np.arange(1500) + 0.5) / 1500]
+        assert set(np.unique(values, return_counts=True)[1]) == {100}
+
+
+def test_only_the_settings_that_a_filter_reads_are_searched():
+    s = space(stacks.get("xi2023-improved"), ["filter"])
+    for kind, settings in READS.items():
+        assert {a.name for a in s.active({"filter.kind": kind})} == {"filter.kind", *(f"filter.{x}" for x in settings)}
+    assert start_of(s) == {"filter.kind": "improved", "filter.window": 5, "filter.trim": 1}
+
+
+def test_a_trim_leaves_something_of_the_window():
+    s = space(stacks.get("xi2023-improved"), ["filter"])
+    for window in range(1, 16):
+        values = s.values({"filter.kind": "improved", "filter.window": window, "filter.trim": 7})
+        stacks.get("xi2023-improved").varied(values)  # raises if it does not
+        assert values["filter.trim"] == min(7, (window - 1) // 2)
+
+
+# -------------------------------------------------------------------------------------------------- goals and running
+
+
+def test_a_limit_weighs_a_tenth_too_much_alike_everywhere():
+    assert Limit("a", 2.0).broken(2.2) == pytest.approx(Limit("b", 300.0).broken(330.0)) == pytest.approx(math.log(1.1))
+    assert Limit("a", 2.0).broken(1.9) < 0 < Limit("a", 2.0).broken(1.9, higher=True)
+    assert Limits(2.0).peak(math.inf) == goals.FAR
+
+
+def test_the_score_is_that_of_plain_rollouts():
+    base, seeds = stacks.get("pid"), [0, 1, 2]
+    evaluator = Evaluator(base, "following", seeds)
+    figures = evaluator.whole(base, ("rms_true", "jitter", "collision"))
+    logs = []
+    for name in scenarios.core("following"):
+        record = rollout.roll(scenarios.load(name), base, seeds)
+        logs.append(0.5 * np.log(np.mean(metrics.METRICS["rms_true"].function(record) ** 2)))
+        assert figures[name]["jitter"] == pytest.approx(metrics.METRICS["jitter"].function(record), rel=1e-12)
+    assert goals.score("rms_true", figures, evaluator.core) == pytest.approx(np.exp(np.mean(logs)), rel=1e-12)
+    assert set(figures) - set(evaluator.core) == {"holes", "edge", "descent"}
+    assert evaluator.ledger.steps == sum(3 * s.steps for s in evaluator.scenarios)
+
+
+def test_a_fleet_that_is_used_again_remembers_nothing():
+    base = stacks.get("xi2023-improved")
+    evaluator = Evaluator(base, "following", [0, 1])
+    wide = base.varied({"filter.kind": "improved", "filter.window": 15, "filter.trim": 4})
+    first = evaluator.part(0, base, ("rms_true",)), evaluator.peak(base)
+    evaluator.part(0, wide, ("rms_true",)), evaluator.peak(wide)
+    again = evaluator.part(0, base, ("rms_true",)), evaluator.peak(base)
+    for name, figures in first[0].items():
+        assert (figures["rms_true"] == again[0][name]["rms_true"]).all()
+    assert first[1] == again[1]
+
+
+# ----------------------------------------------------------------------------------------------------------- samplers
+
+
+def bowl(s: Space, sampler: str, trials: int, seed: int = 0, first: int = 0, study=None):
+    """A study of a function whose smallest value is known: a narrow, tilted valley in kp and ki."""
+    study = study or optuna.create_study()
+    study.sampler = sampling.Seeded(sampler, s, seed, sampling.explored(trials, s) if "+" in sampler else 1,
+                                    sampling.costs(1.0, True, False))  # fmt: skip
+    for _ in range(first, trials):
+        trial = study.ask()
+        values = s.suggest(trial)
+        u, v = (axis.encode(values[axis.name]) for axis in s.axes)
+        study.tell(trial, 1e-6 + (u - 0.7) ** 2 + 30.0 * (u + v - 1.1) ** 2)
+    return study
+
+
+@pytest.mark.parametrize("sampler", [*sampling.SAMPLERS])
+def test_a_study_cut_in_two_is_the_study_in_one(sampler):
+    s, trials = space(stacks.get("pid"), ["law.kp", "law.ki"]), 34 if sampler != "gp" else 12
+    whole = bowl(s, sampler, trials)
+    assert whole.trials[0].params == start_of(s)
+    half = bowl(s, sampler, trials // 2) if "+" not in sampler else None
+    if half is None:  # explore depends on the trials asked for
+        half = optuna.create_study()
+        for trial in whole.trials[: trials // 2]:
+            half.add_trial(trial)
+    assert told(bowl(s, sampler, trials, first=trials // 2, study=half).trials) == told(whole.trials)
+    assert told(bowl(s, sampler, trials, seed=1).trials)[1:] != told(whole.trials)[1:]
+
+
+def test_cmaes_finds_the_bottom_of_a_narrow_valley_that_tpe_alone_misses():
+    s = space(stacks.get("pid"), ["law.kp", "law.ki"])
+    found = {name: bowl(s, name, 120).best_value for name in ("tpe+cmaes", "tpe", "random")}
+    assert found["tpe+cmaes"] < 0.02 * found["tpe"]
+    assert found["tpe"] < found["random"]
+
+
+def test_every_kind_of_filter_gets_its_turn():
+    s, study = space(stacks.get("xi2023-improved"), ["filter"]), optuna.create_study()
+    study.sampler = sampling.Seeded("tpe", s, 0, 1, sampling.costs(1.0, True, False))
+    kinds = []
+    for _ in range(1 + 2 * len(READS)):
+        trial = study.ask()
+        kinds.append(s.suggest(trial)["filter.kind"])
+        study.tell(trial, 1.0)
+    assert sorted(kinds[1:]) == sorted([*READS] * 2)
+
+
+# ------------------------------------------------------------------------------------------------------------ storage
+
+
+def test_a_torn_last_line_is_cut_off_and_damage_elsewhere_is_named(tmp_path):
+    file = tmp_path / "study.journal"
+    study = storage.study_of(str(file), "a", ["minimize"], ["x"], {})
+    study.tell(study.ask(), 1.0)
+    whole = file.read_bytes()
+    file.write_bytes(whole + b'{"op_code":4,"wor')
+    again = storage.study_of(str(file), "a", ["minimize"], ["x"], {})
+    assert file.read_bytes().startswith(whole)
+    assert again.best_value == 1.0
+    file.write_bytes(whole[:50] + b"\n" + whole[50:])
+    with pytest.raises(InvalidInput, match=r"study\.journal', line 1: not a journal of a study"):
+        storage.study_of(str(file), "a", ["minimize"], ["x"], {})
+
+
+def test_a_study_of_another_space_is_refused(tmp_path):
+    url = f"sqlite:///{tmp_path / 's.db'}"
+    storage.study_of(url, "a", ["minimize"], ["suite following", "law.kp=1..2"], {})
+    with pytest.raises(
+        InvalidInput, match=r"'a' in .* is another one \(law\.kp=1\.\.2 ≠ law\.kp=1\.\.3\); use another"
+    ):
+        storage.study_of(url, "a", ["minimize"], ["suite following", "law.kp=1..3"], {})
+    storage.study_of(url, "b", ["minimize"], ["suite following", "law.kp=1..3"], {})
+
+
+QUICK = ["law.kv", "filter.window", "-c", "xi2023-improved", "--seeds", "1", "--trials", "12"]
+TASK = Task("xi2023-improved", ("law.kv", "filter.window"), limits=Limits(2.0), seeds=1, trials=12)
+
+
+@pytest.fixture
+def few(monkeypatch):
+    """Four test seeds are enough here."""
+    monkeypatch.setattr("kerfgym.experiments.tune.outcome.TEST_SEEDS", 4)
+    monkeypatch.setattr("kerfgym.experiments.tune.outcome.TEST_SEEDS_JOBS", 1)
+
+
+def test_a_full_disk_loses_nothing_and_says_so(here, few, monkeypatch):
+    whole = tune(TASK, Path("runs/whole"), threads=1)
+    write, calls = storage.JournalFileBackend.append_logs, []
+
+    def full(backend, logs):
+        calls.append(1)
+        if len(calls) == 60:
+            with open(backend._file_path, "ab") as file:
+                file.write(json.dumps(logs[0]).encode()[:20])  # what still fitted
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), backend._file_path)
+        write(backend, logs)
+
+    monkeypatch.setattr(storage.JournalFileBackend, "append_logs", full)
+    with pytest.raises(
+        InvalidInput, match=r"cannot write 'runs/.*study\.journal': No space left on device; .*--resume"
+    ):
+        tune(TASK, Path("runs/full"), threads=1)
+    kept = done(TASK_AT("runs/full").open())
+    assert 2 <= len(kept) < 12
+    result = tune(TASK, Path("runs/full"), threads=1, resume=True)
+    assert told(done(TASK_AT("runs/full").open())) == told(done(TASK_AT("runs/whole").open()))
+    assert result.found.parameters == whole.found.parameters
+
+
+def TASK_AT(folder):
+    """The quick task with its journal in a folder."""
+    from dataclasses import replace
+
+    return replace(TASK, url=str(Path(folder) / storage.JOURNAL), name=Path(folder).name)
+
+
+# ------------------------------------------------------------------------------------------------------------ command
+
+
+def test_the_command_writes_a_controller_that_the_others_take(here, few, capsys):
+    main(["tune", *QUICK, "--name", "first"])
+    printed, folder = capsys.readouterr().out, here / "runs" / "first"
+    assert str(Path("runs/first/tuned.toml")) in printed
+    body = tomllib.loads((folder / "tuned.toml").read_text(encoding="utf-8"))
+    assert body["controller"] == "xi2023-improved"
+    assert set(body["parameters"]) == {"law.kv", "filter.window"}
+    found = stacks.resolve("runs/first/tuned.toml")
+    assert {k: found.parameters()[k].value for k in body["parameters"]} == body["parameters"]
+    assert stacks.resolve("runs/first/tuned.toml:law.kv=33").parameters()["law.kv"].value == 33
+    assert stacks.team("z=runs/first/tuned.toml,xy=wu").z.parameters()["law.kv"].value == body["parameters"]["law.kv"]
+
+    told_of = body["provenance"]
+    record = rollout.roll(scenarios.load("wavy"), found, range(1000, 1004))
+    assert told_of["test"]["runs"] == 4 * 10
+    assert told_of["ms"] <= 2.0
+    assert told_of["tune_seeds"] == "0"
+    assert not metrics.failed(record).any()
+    meta = json.loads((folder / "run.json").read_text(encoding="utf-8"))
+    assert meta["ledger"]["tuning"]["simulated_steps"] == told_of["simulated_steps"] > 0
+    assert meta["ledger"]["tuning"]["seeds"] == {"tune": "0"}
+    assert meta["ledger"]["testing"]["seeds"] == {"test": "1000-1003"}
+    for name in ("history", "slices", "sensitivity"):
+        with Image.open(folder / "plots" / f"{name}.png") as picture:
+            assert picture.size[0] > 600
+    assert "exists; use --overwrite" in refused(capsys, *QUICK, "--name", "first")
+    assert "is finished" in refused(capsys, *QUICK, "--name", "first", "--resume")
+    main(["tune", *QUICK, "--name", "first", "--overwrite"])
+    again = tomllib.loads((folder / "tuned.toml").read_text(encoding="utf-8"))
+    assert again["parameters"] == body["parameters"]
+    assert again["provenance"]["test"] == told_of["test"]
+    assert again["provenance"]["study"] == told_of["study"]
+
+
+def test_several_metrics_give_a_front(here, few):
+    task = Task("xi2023-improved", ("law.kv",), metrics=("rms_true", "jitter"), limits=Limits(2.0), sampler="nsga2",
+                seeds=1, trials=16)  # fmt: skip
+    result = tune(task, Path("runs/front"), threads=1)
+    assert len(result.front) > 2
+    points = np.array(sorted(f.values for f in result.front))
+    assert (np.diff(points[:, 0]) > 0).all()  # one grows …
+    assert (np.diff(points[:, 1]) < 0).all()  # … as the other shrinks
+    assert len(list((here / "runs/front/front").glob("*.toml"))) == len(result.front)
+    assert (here / "runs/front/plots/front.png").is_file()
+
+
+def test_jobs_are_tuned_as_teams_or_one_stack_of_them(here, few, monkeypatch):
+    monkeypatch.setattr("kerfgym.experiments.tune.evaluate.chosen", lambda suite: (
+        [scenarios.load("contour-circle").varied(name="contour-circle", job={"size": 8.0})], ("contour-circle",)
+    ))  # fmt: skip
+    task = Task("z=pid,xy=wu", ("xy.law.kp=0.1..1",), "contour", ("contour_rms",), seeds=1, trials=8, sampler="tpe")
+    result = tune(task, Path("runs/team"), threads=1)
+    assert result.found.values[0] < result.before["contour_rms"] * 1.5
+    team = stacks.team("runs/team/tuned.toml")
+    assert team.xy.parameters()["law.kp"].value == result.found.parameters["xy.law.kp"]
+    with pytest.raises(InvalidInput, match="is a team"):
+        stacks.resolve("runs/team/tuned.toml")
+
+
+def test_no_candidate_that_keeps_the_limits_is_said_and_the_trials_are_kept(here, few, capsys):
+    words = ["law.kv", "-c", "xi2023-improved", "--seeds", "1", "--trials", "4", "--jitter", "0.0001", "--name", "none"]
+    assert "no trial keeps all limits; the nearest, trial" in refused(capsys, *words)
+    assert len((here / "runs/none/trials.csv").read_text(encoding="utf-8").splitlines()) == 5
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["filtr"], "nothing called 'filtr' to tune; did you mean 'filter'?"),
+        (["law.kpp", "-c", "pid"], "did you mean 'law.kp'?"),
+        (["law.kp=20..900", "-c", "pid"], "law.kp = 900 is out of range; allowed: 1 to 400 1/s"),
+        (["law.kp=90..20", "-c", "pid"], "the range is empty"),
+        (["law", "--sampler", "tpr"], "unknown sampler 'tpr'; did you mean 'tpe'?"),
+        (["law", "-m", "rms_tru"], "unknown metric 'rms_tru'; did you mean 'rms_true'?"),
+        (["law", "-m", "rms_true", "-m", "jitter", "--sampler", "cmaes"], "takes one metric"),
+        (["law", "--suite", "folowing"], "did you mean 'following'?"),
+        (["law", "-c", "wu"], "drives slot 'xy'; suite 'following' needs one of slot 'z'"),
+        (["law", "--limit", "time"], "it is written METRIC=NUMBER"),
+        (["law", "--trials", "0"], "--trials 0 is out of range"),
+        (["law", "--storage", "postgresql://nobody@127.0.0.1:1/x"], "Connection refused"),
+        (["law", "--storage", "nonsense://x"], "is not a URL such as postgresql://"),
+        (["law", "-c", "nowhere.toml"], "cannot read 'nowhere.toml': No such file"),
+    ],
+)
+def test_bad_input_is_named_and_leaves_nothing_behind(here, capsys, words, message):
+    assert message in refused(capsys, *words)
+    assert not (here / "runs").exists()
+
+
+def test_a_folder_that_cannot_be_written_is_an_error_in_words(here, capsys):
+    (here / "runs").write_text("in the way", encoding="utf-8")
+    assert "cannot write" in refused(capsys, *QUICK, "--name", "x")
+
+
+# -------------------------------------------------------------------------------------- processes: kill, join, share
+
+
+def command(folder, *words, **more):
+    """The command in a process of its own."""
+    code = (
+        "import sys; from kerfgym.experiments.tune import outcome; outcome.TEST_SEEDS = 2;"
+        "from kerfgym.experiments.cli import main; main(sys.argv[1:])"
+    )
+    return subprocess.Popen(
+        [sys.executable, "-c", code, "tune", *QUICK, "--threads", "1", *words], cwd=folder, stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE, text=True, **more,
+    )  # fmt: skip
+
+
+def finished(process):
+    """Its output, after it ended well."""
+    out, err = process.communicate(timeout=200)
+    assert process.returncode == 0, err
+    return out
+
+
+def test_a_killed_study_goes_on_and_is_the_same_trial_by_trial(here, few):
+    whole = tune(TASK, Path("runs/whole"), threads=1)
+    journal = here / "runs" / "killed" / storage.JOURNAL
+    process = command(here, "--name", "killed")
+    until = time.time() + 120
+    while not (journal.is_file() and journal.read_text(errors="ignore").count('"op_code":6') >= 5):
+        assert time.time() < until
+        assert process.poll() is None
+        time.sleep(0.01)
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+    study = TASK_AT("runs/killed").open()
+    left = len(done(study))
+    assert 5 <= left < 12
+    assert len(abandoned(study, exclusive=True)) <= 1
+    finished(command(here, "--name", "killed", "--resume"))
+    assert told(TASK_AT("runs/killed").open().trials) == told(TASK_AT("runs/whole").open().trials)
+    body = tomllib.loads((here / "runs/killed/tuned.toml").read_text(encoding="utf-8"))
+    assert {k: float(v) for k, v in body["parameters"].items()} == whole.found.parameters
+
+
+@pytest.fixture(scope="module")
+def postgresql(tmp_path_factory):
+    """URL of a server of our own; skipped with the reason where none can be started."""
+    pytest.importorskip("psycopg")
+    places = [Path("/usr/local/bin"), *sorted(Path("/usr/lib/postgresql").glob("*/bin"), reverse=True)]
+    place = next((p for p in places if (p / "initdb").is_file()), None)
+    if place is None and shutil.which("initdb"):
+        place = Path(shutil.which("initdb")).parent
+    if place is None:
+        pytest.skip("PostgreSQL's initdb is not installed")
+    folder = tmp_path_factory.mktemp("postgresql")
+    become = {}
+    if os.geteuid() == 0:  # the server refuses to run as root
+        import pwd
+
+        user = next((u for u in ("postgres", "nobody") if any(p.pw_name == u for p in pwd.getpwall())), None)
+        if user is None:
+            pytest.skip("PostgreSQL does not run as root, and there is no other user")
+        for above in (folder, *folder.parents):
+            if above.stat().st_uid == 0 and above != Path("/tmp") and above.is_relative_to("/tmp"):
+                above.chmod(above.stat().st_mode | 0o011)
+        shutil.chown(folder, user)
+        become = {"user": user, "group": pwd.getpwnam(user).pw_gid, "extra_groups": []}
+    data = folder / "data"
+
+    def run(*words):
+        done = subprocess.run(
+            words,
+            capture_output=True,
+            text=True,
+            cwd=folder,
+            timeout=120,
+            env={**os.environ, "HOME": str(folder)},
+            **become,
+        )
+        return done.returncode, done.stdout + done.stderr
+
+    code, text = run(place / "initdb", "-D", data, "-A", "trust", "-U", "kerf", "--no-sync", "-E", "UTF8")
+    if code:
+        pytest.skip(f"initdb fails here: {text.strip().splitlines()[-1]}")
+    options = f"-k {folder} -c listen_addresses='' -c fsync=off"
+    code, text = run(place / "pg_ctl", "-D", data, "-o", options, "-w", "-l", folder / "log", "start")
+    if code:
+        pytest.skip(f"PostgreSQL does not start here: {text.strip().splitlines()[-1]}")
+    yield f"postgresql://kerf@/postgres?host={folder}"
+    run(place / "pg_ctl", "-D", data, "-m", "immediate", "stop")
+
+
+def test_two_processes_started_together_share_a_fresh_database(here, postgresql):
+    for name in ("a", "b"):
+        (here / name).mkdir()
+    together = [command(here / name, "--storage", postgresql, "--name", "shared") for name in ("a", "b")]
+    for process in together:
+        finished(process)
+    study = optuna.load_study(study_name="shared", storage=storage.opened(postgresql))
+    trials = [t for t in study.trials if t.state.name in ("COMPLETE", "PRUNED")]
+    assert len(trials) == 12
+    assert len({t.user_attrs["worker"] for t in trials}) == 2
+    results = [(here / name / "runs/shared/tuned.toml").read_text(encoding="utf-8") for name in ("a", "b")]
+    assert tomllib.loads(results[0])["parameters"] == tomllib.loads(results[1])["parameters"]
+    (here / "c").mkdir()
+    other = command(here / "c", "--storage", postgresql, "--name", "shared", "--seed", "5")
+    _, err = other.communicate(timeout=100)
+    assert other.returncode == 2
+    assert "is another one (seed 0 ≠ seed 5)" in err
+    assert not (here / "c" / "runs").exists()
+
+
+def test_several_workers_share_a_study(here):
+    finished(command(here, "--workers", "2", "--name", "two"))
+    trials = done(TASK_AT("runs/two").open())
+    assert len(trials) == 12
+    assert len({t.user_attrs["worker"] for t in trials}) == 2
