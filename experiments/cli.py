@@ -244,6 +244,39 @@ def tune(
     print(f"\n{folder / 'tuned.toml'}")
 
 
+def train(
+    algorithm: Annotated[Positional[str], arg(metavar="ALGORITHM")],
+    env: str = "kerfgym/HeightFollowing-v0",
+    steps: int | None = None,
+    seed: int = 0,
+    set_: Annotated[UseAppendAction[list[str]], arg(name="set", metavar="KEY=VALUE")] = [],  # noqa: B006
+    name: str | None = None,
+    device: str = "cpu",
+    threads: int = 1,
+    overwrite: bool = False,
+    resume: bool = False,
+) -> None:
+    """Train a policy; writes runs/<name>/ with curves, evaluations, the last checkpoint and the best policy.
+
+    Args:
+        algorithm: ppo, sac, td3, tqc or recurrent-ppo; the shipped preset of environment and algorithm counts.
+        env: id of the environment.
+        steps: simulated steps of training. Default: the preset's.
+        seed: of everything random.
+        set: a value of the preset, by dotted name (algorithm.gamma=0.97, environment.scenario=["wavy","step"],
+            environment.reward.rate=0.1); may be given several times.
+        name: of the run folder. Default: environment, algorithm and seed.
+        device: of torch: cpu, cuda, cuda:1.
+        threads: of torch; more than one seldom helps such small networks.
+        overwrite: replace an existing run folder.
+        resume: go on from the last checkpoint of an interrupted run.
+    """
+    from .training import train as run
+
+    folder = run(algorithm, env, steps, seed, set_, name, device, threads, overwrite, resume)
+    print(f"\n{folder}")
+
+
 def speed(
     rounds: int = 5,
     name: str | None = None,
@@ -282,7 +315,8 @@ def main(arguments: list[str] | None = None) -> None:
         print(f"kerfgym {__version__}")
         return
     commands: dict[str, Any] = {
-        "list": list_, "benchmark": benchmark, "tune": tune, "reproduce": reproduce, "render": render, "speed": speed,
+        "list": list_, "benchmark": benchmark, "tune": tune, "train": train, "reproduce": reproduce, "render": render,
+        "speed": speed,
     }  # fmt: skip
     try:
         tyro.extras.subcommand_cli_from_dict(

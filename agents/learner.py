@@ -1,0 +1,95 @@
+"""The learner of stable-baselines3 or sb3-contrib that settings ask for, and its first policy."""
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..envs.plant.quantity import InvalidInput
+from .settings import PRESETS, Settings, algorithm_class, environment_class
+
+NUM_ENVS = 64
+"""Environments unless the settings say otherwise."""
+
+
+def environment(settings: Settings, **changes: Any) -> Any:
+    """The native VecEnv of the settings, with some arguments changed.
+
+    Raises:
+        InvalidInput: an argument that the environment refuses.
+    """
+    arguments = {"num_envs": NUM_ENVS, **settings.environment, **changes}
+    if "scenario" in arguments:
+        arguments["scenario"] = _found(arguments["scenario"])
+    return environment_class(settings.env)(arguments.pop("num_envs"), **arguments)
+
+
+def _found(scenario: Any) -> Any:
+    """A scenario or several, files of the presets' own in place of their names."""
+    if isinstance(scenario, list):
+        return [_found(each) for each in scenario]
+    if not isinstance(scenario, str) or not scenario.endswith(".toml") or Path(scenario).is_file():
+        return scenario
+    mine = PRESETS / "scenarios" / scenario
+    return str(mine) if mine.is_file() else scenario
+
+
+def falling(first: float, last: float) -> Callable[[float], float]:
+    """Learning rate over the share of training that is left: geometric from ``first`` to ``last``."""
+
+    def rate(left: float) -> float:
+        return last * (first / last) ** left
+
+    return rate
+
+
+def learner(settings: Settings, env: Any, seed: int, device: str = "cpu") -> Any:
+    """An untrained model on ``env``.
+
+    Raises:
+        InvalidInput: an algorithm's or network's argument that the library refuses, or an unknown device.
+    """
+    import torch
+    from stable_baselines3.common.noise import NormalActionNoise
+    from torch import nn
+
+    options, network = dict(settings.algorithm), dict(settings.policy)
+    if "final_learning_rate" in options:
+        last = options.pop("final_learning_rate")
+        options["learning_rate"] = falling(options.get("learning_rate", 3e-4), last)
+    if "noise" in options:
+        width = env.action_space.shape[0]
+        options["action_noise"] = NormalActionNoise(np.zeros(width), np.full(width, options.pop("noise")))
+    spread, gain = network.pop("spread", None), network.pop("output_gain", 1.0)
+    network["activation_fn"] = {"tanh": nn.Tanh, "relu": nn.ReLU}[network.pop("activation", "tanh")]
+    if spread is not None and settings.name in ("ppo", "recurrent-ppo"):
+        network["log_std_init"] = math.log(spread)
+    policy = "MlpLstmPolicy" if settings.name == "recurrent-ppo" else "MlpPolicy"
+    try:
+        torch.device(device)
+        model = algorithm_class(settings.name)(policy, env, seed=seed, device=device, policy_kwargs=network, **options)
+    except (TypeError, ValueError, AssertionError, RuntimeError) as error:
+        reason = str(error).split("\n")[0] or type(error).__name__
+        raise InvalidInput(f"{settings.name} refuses its settings: {reason}") from error
+    with torch.no_grad():
+        _begin(model, gain, spread)
+    return model
+
+
+def _begin(model: Any, gain: float, spread: float | None) -> None:
+    """Scales the action's layer, and the spread of the first actions where a layer of its own gives it."""
+    policy = model.policy
+    if hasattr(policy, "action_net"):  # PPO
+        policy.action_net.weight.mul_(gain)
+        return
+    last = policy.actor.mu
+    last = last if hasattr(last, "weight") else [layer for layer in last if hasattr(layer, "weight")][-1]  # TD3
+    last.weight.mul_(gain)
+    last.bias.mul_(gain)
+    if spread is not None and hasattr(policy.actor, "log_std"):  # SAC, TQC
+        policy.actor.log_std.weight.mul_(gain)
+        policy.actor.log_std.bias.fill_(math.log(spread))
+    if hasattr(policy, "actor_target"):
+        policy.actor_target.load_state_dict(policy.actor.state_dict())

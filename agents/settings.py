@@ -1,0 +1,242 @@
+"""What a training is: algorithm, environment, and every number that differs from the libraries' defaults.
+
+A preset is a TOML file, ``presets/<environment>-<algorithm>.toml``, with the tables of :class:`Settings`. Single values
+are changed by dotted name: ``algorithm.gamma=0.97``, ``environment.reward.rate=0.1``.
+"""
+
+import importlib
+import inspect
+import math
+import tomllib
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+from ..envs.plant.quantity import InvalidInput, did_you_mean
+
+PRESETS = Path(__file__).parent / "presets"
+
+ALGORITHMS = {
+    "ppo": ("stable_baselines3", "PPO"),
+    "sac": ("stable_baselines3", "SAC"),
+    "td3": ("stable_baselines3", "TD3"),
+    "tqc": ("sb3_contrib", "TQC"),
+    "recurrent-ppo": ("sb3_contrib", "RecurrentPPO"),
+}
+"""Package and class of each algorithm."""
+
+ENVIRONMENTS = {
+    "kerfgym/HeightFollowing-v0": ("height-following", "HeightFollowingVecEnv"),
+    "kerfgym/ContourFollowing-v0": ("contour-following", "ContourFollowingVecEnv"),
+    "kerfgym/Cutting-v0": ("cutting", "CuttingVecEnv"),
+}
+"""Name in file names and native VecEnv of each environment."""
+
+ACTIVATIONS = ("tanh", "relu")
+"""Of the network's layers; what a policy artefact can hold."""
+
+_OURS = ("final_learning_rate", "noise")
+_OUTSIDE = (  # set by the run itself, or not a plain value
+    "self", "policy", "env", "policy_kwargs", "seed", "device", "verbose", "tensorboard_log", "_init_setup_model",
+    "action_noise", "replay_buffer_class", "replay_buffer_kwargs", "optimize_memory_usage", "rollout_buffer_class",
+    "rollout_buffer_kwargs", "stats_window_size", "use_sde", "sde_sample_freq", "use_sde_at_warmup",
+)  # fmt: skip
+_SHARES = ("gamma", "gae_lambda", "tau", "clip_range")
+_POLICY = ("net_arch", "activation", "spread", "output_gain")
+_RECURRENT = ("lstm_hidden_size", "n_lstm_layers", "shared_lstm", "enable_critic_lstm")
+_CRITICS = ("n_critics",)
+_QUANTILES = ("n_quantiles", "top_quantiles_to_drop_per_net")  # the second belongs to the algorithm
+
+
+@dataclass(frozen=True)
+class Settings:
+    """One training.
+
+    ``algorithm`` holds arguments of the algorithm's class, besides ``final_learning_rate`` (the rate falls to it
+    geometrically) and ``noise`` (standard deviation of TD3's exploration, share of the action's range of ±1).
+    ``policy`` describes the network: ``net_arch``, ``activation``, ``spread`` (standard deviation of the first
+    actions), ``output_gain`` (factor on the first weights of the action's layer: below 1, a residual begins near nothing).
+    """
+
+    name: str  # of the algorithm
+    env: str  # id of the environment
+    steps: int = 1_000_000  # simulated steps of training
+    environment: dict[str, Any] = field(default_factory=dict)  # its arguments, num_envs, num_threads
+    algorithm: dict[str, Any] = field(default_factory=dict)
+    policy: dict[str, Any] = field(default_factory=dict)
+    evaluation: dict[str, Any] = field(default_factory=dict)  # every, episodes, and arguments that differ
+    checkpoint: dict[str, Any] = field(default_factory=dict)  # every
+
+    def varied(self, changes: dict[str, Any]) -> "Settings":
+        """The settings with some values changed, by dotted name.
+
+        Raises:
+            InvalidInput: unknown name; the nearest is offered.
+        """
+        values = asdict(self)
+        for key, value in changes.items():
+            *tables, last = key.split(".")
+            place = values
+            for i, table in enumerate(tables):
+                here = known(self, ".".join(tables[:i]))
+                if table not in here:
+                    raise InvalidInput(f"unknown setting '{key}'; {did_you_mean(table, here)}")
+                place = place.setdefault(table, {})
+                if not isinstance(place, dict):
+                    raise InvalidInput(f"unknown setting '{key}'; '{table}' is not a table")
+            allowed = known(self, ".".join(tables))
+            if allowed and last not in allowed:
+                shown = [".".join([*tables, name]) for name in allowed]
+                raise InvalidInput(f"unknown setting '{key}'; {did_you_mean(key, shown)}")
+            place[last] = value
+        return checked(Settings(**values))
+
+    def flat(self) -> dict[str, Any]:
+        """Every value by dotted name."""
+        return dict(_flat(asdict(self), ""))
+
+
+def _flat(table: dict[str, Any], before: str) -> Any:
+    for key, value in table.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{before}{key}.")
+        else:
+            yield f"{before}{key}", value
+
+
+def algorithm_class(name: str) -> Any:
+    """The class of an algorithm; imports torch."""
+    package, attribute = ALGORITHMS[name]
+    return getattr(importlib.import_module(package), attribute)
+
+
+def environment_class(env: str) -> Any:
+    """The native VecEnv of an environment."""
+    from . import vec_env
+
+    return getattr(vec_env, ENVIRONMENTS[env][1])
+
+
+def _arguments(name: str) -> dict[str, inspect.Parameter]:
+    """Arguments of an algorithm's class that a user may set."""
+    found = inspect.signature(algorithm_class(name).__init__).parameters
+    return {key: parameter for key, parameter in found.items() if key not in _OUTSIDE}
+
+
+def _check_argument(key: str, value: Any, default: Any) -> None:
+    """A number where the default is one, not negative, and a share where it can only be one."""
+    if isinstance(default, bool) or not isinstance(default, int | float):
+        return
+    if key == "algorithm.gradient_steps" and value == -1:  # as many as samples
+        return
+    most = 1.0 if key.split(".")[1] in _SHARES else math.inf
+    whole = isinstance(default, int)
+    number = isinstance(value, int if whole else int | float) and not isinstance(value, bool)
+    if not number or not 0 <= value <= most or math.isinf(value):
+        kind = "a whole number" if whole else "a number"
+        raise InvalidInput(f"{key} = {value!r}; {kind} {'from 0 to 1' if most == 1.0 else 'from 0 on'}")
+
+
+def known(settings: Settings, table: str) -> list[str]:
+    """Names that a table may hold; empty: the environment checks them itself.
+
+    Args:
+        settings: whose algorithm and environment count.
+        table: dotted name, "" for the top.
+    """
+    if table == "":
+        return [f.name for f in fields(Settings) if f.name not in ("name", "env")]
+    if table in ("environment", "evaluation"):
+        arguments = inspect.signature(environment_class(settings.env).KIND.SINGLE.__init__).parameters
+        plain = [n for n in arguments if n not in ("self", "split", "render_mode", "colour")]
+        return [*plain, "num_envs", "num_threads"] if table == "environment" else ["every", "episodes", *plain]
+    if table == "algorithm":
+        return [*_arguments(settings.name), *(n for n in _OURS if n != "noise" or settings.name == "td3")]
+    if table == "policy":
+        more = {"recurrent-ppo": _RECURRENT, "ppo": (), "tqc": (*_CRITICS, _QUANTILES[0])}.get(settings.name, _CRITICS)
+        return [*_POLICY, *more]
+    if table == "checkpoint":
+        return ["every"]
+    return []
+
+
+def checked(settings: Settings) -> Settings:
+    """``settings`` if their names and plain numbers are good; what the environment alone knows, it checks itself.
+
+    Raises:
+        InvalidInput: what was wrong, what is allowed, the nearest valid name.
+    """
+    for table in ("environment", "algorithm", "policy", "evaluation", "checkpoint"):
+        content, allowed = getattr(settings, table), known(settings, table)
+        if not isinstance(content, dict):
+            raise InvalidInput(f"setting '{table}' is a table, not {content!r}")
+        for key in content:
+            if key not in allowed:
+                shown = [f"{table}.{name}" for name in allowed]
+                raise InvalidInput(f"unknown setting '{table}.{key}'; {did_you_mean(f'{table}.{key}', shown)}")
+    counts = {
+        "steps": settings.steps,
+        "environment.num_envs": settings.environment.get("num_envs", 1),
+        "evaluation.every": settings.evaluation.get("every", 1),
+        "evaluation.episodes": settings.evaluation.get("episodes", 1),
+        "checkpoint.every": settings.checkpoint.get("every", 1),
+    }
+    for key, value in counts.items():
+        if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+            raise InvalidInput(f"{key} = {value!r}; a whole number, at least 1")
+    arguments = _arguments(settings.name)
+    for key, value in settings.algorithm.items():
+        if key in arguments:
+            _check_argument(f"algorithm.{key}", value, arguments[key].default)
+    activation = settings.policy.get("activation", "tanh")
+    if activation not in ACTIVATIONS:
+        raise InvalidInput(f"policy.activation = {activation!r}; {did_you_mean(str(activation), ACTIVATIONS)}")
+    positive = {
+        **{f"algorithm.{k}": settings.algorithm[k] for k in _OURS if k in settings.algorithm},
+        **{f"policy.{k}": settings.policy[k] for k in ("spread", "output_gain") if k in settings.policy},
+    }
+    for key, value in positive.items():
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < math.inf:
+            raise InvalidInput(f"{key} = {value!r}; a number above 0")
+    return settings
+
+
+def preset_file(name: str, env: str) -> Path:
+    """The preset of an algorithm on an environment.
+
+    Raises:
+        InvalidInput: there is no such algorithm or environment; the nearest is offered.
+    """
+    if name not in ALGORITHMS:
+        raise InvalidInput(f"unknown algorithm '{name}'; {did_you_mean(name, ALGORITHMS)}")
+    if env not in ENVIRONMENTS:
+        raise InvalidInput(f"unknown environment '{env}'; {did_you_mean(env, ENVIRONMENTS)}")
+    return PRESETS / f"{ENVIRONMENTS[env][0]}-{name}.toml"
+
+
+def preset(name: str, env: str, changes: dict[str, Any] | None = None) -> Settings:
+    """The shipped settings of an algorithm on an environment, with changes by dotted name.
+
+    Raises:
+        InvalidInput: unknown algorithm, environment or setting.
+    """
+    values = tomllib.loads(preset_file(name, env).read_text(encoding="utf-8"))
+    return checked(Settings(name, env, **values)).varied(changes or {})
+
+
+def parsed(assignments: list[str]) -> dict[str, Any]:
+    """Changes from ``key=value`` as a user types them; values as in TOML, a bare word is text.
+
+    Raises:
+        InvalidInput: no equals sign.
+    """
+    changes = {}
+    for text in assignments:
+        key, equals, value = text.partition("=")
+        if not equals or not key.strip():
+            raise InvalidInput(f"--set {text}: not of the form key=value, as in algorithm.gamma=0.97")
+        try:
+            changes[key.strip()] = tomllib.loads(f"x = {value}")["x"]
+        except tomllib.TOMLDecodeError:
+            changes[key.strip()] = value.strip()
+    return changes

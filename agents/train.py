@@ -1,0 +1,198 @@
+"""Training of a policy: a run folder that can be killed at any time and goes on where its last checkpoint stands.
+
+::
+
+    runs/<name>/settings.toml         every value that differs from the libraries' defaults
+                parts/checkpoint.pt   the last checkpoint, see checkpoint.py
+                evaluations.csv       tune seeds, at intervals
+                tensorboard/          curves
+                policy/               the best policy, as an artefact
+"""
+
+import csv
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..envs import scenarios
+from ..envs.plant.quantity import InvalidInput
+from . import checkpoint
+from .evaluation import Evaluation, Evaluator
+from .learner import environment, learner
+from .settings import Settings
+
+CHECKPOINTS, EVALUATIONS = 50, 10
+"""How many of each a training has unless its settings say otherwise."""
+
+CHECKPOINT = Path("parts") / "checkpoint.pt"
+
+Told = Callable[[int, int, str], None]
+"""Is told the steps done, the steps in all, and a word about where training stands."""
+
+
+@dataclass
+class Trained:
+    """A training that is over; ``model`` holds the best policy."""
+
+    model: Any
+    score: float
+    best_at: int  # steps
+    evaluations: list[dict[str, Any]]
+    ledger: dict[str, Any]  # steps, cpu_seconds, seeds
+
+
+def train(
+    settings: Settings,
+    folder: Path,
+    seed: int = 0,
+    device: str = "cpu",
+    threads: int = 1,
+    resume: bool = False,
+    told: Told | None = None,
+) -> Trained:
+    """Trains a policy and keeps the best one by its score on tune seeds.
+
+    Args:
+        settings: what is trained, on what, for how long.
+        folder: of the run.
+        seed: of everything random.
+        device: of torch.
+        threads: of torch.
+        resume: go on from the folder's checkpoint, if there is one.
+        told: shown the progress.
+
+    Raises:
+        InvalidInput: settings that the environment or the algorithm refuses, or a checkpoint of another training.
+    """
+    import torch
+
+    if seed < 0:
+        raise InvalidInput(f"seed = {seed}; a whole number from 0 on")
+    if threads < 1:
+        raise InvalidInput(f"threads = {threads}; a whole number, at least 1")
+    torch.set_num_threads(threads)
+    env = environment(settings)
+    model = learner(settings, env, seed, device)
+    run = _Run(settings, folder, seed, model, Evaluator(settings), told or (lambda *_: None))
+    if resume and (folder / CHECKPOINT).is_file():
+        run.take_up(checkpoint.read(folder / CHECKPOINT, device))
+    return run.finish()
+
+
+class _Run:
+    """What a training knows besides its model: the best policy so far, and what has been spent."""
+
+    def __init__(
+        self, settings: Settings, folder: Path, seed: int, model: Any, evaluator: Evaluator, told: Told
+    ) -> None:
+        self.settings, self.folder, self.seed, self.model = settings, folder, seed, model
+        self.evaluator, self.told = evaluator, told
+        self.keep_every = settings.checkpoint.get("every", max(settings.steps // CHECKPOINTS, 1))
+        self.look_every = settings.evaluation.get("every", max(settings.steps // EVALUATIONS, 1))
+        self.rows: list[dict[str, Any]] = []
+        self.best: dict[str, Any] = {"score": float("inf"), "steps": 0, "policy": {}}
+        self.spent, self.began, self.looked, self.looking = 0.0, time.process_time(), 0, 0
+
+    def take_up(self, content: dict[str, Any]) -> None:
+        """Goes on from a checkpoint."""
+        mine, theirs = self.identity(), content["identity"]
+        for key in sorted({*mine, *theirs}):
+            if mine.get(key) != theirs.get(key):
+                raise InvalidInput(
+                    f"'{self.folder}' was trained with {key} = {theirs.get(key)}, not {mine.get(key)}; "
+                    "use the same command, or another --name"
+                )
+        checkpoint.put_state(self.model, content["model"])
+        self.best, self.rows, self.spent = content["best"], content["rows"], content["cpu_seconds"]
+        self.looked, self.looking = content["looked"], content["evaluation_steps"]
+
+    def identity(self) -> dict[str, Any]:
+        """What must not change between two parts of a training."""
+        return {"seed": self.seed, **{key: repr(value) for key, value in self.settings.flat().items()}}
+
+    def finish(self) -> Trained:
+        """Trains to the end."""
+        from stable_baselines3.common.logger import configure
+
+        model, steps = self.model, self.settings.steps
+        model.set_logger(configure(str(self.folder / "tensorboard"), ["tensorboard"]))
+        if model.num_timesteps < steps:
+            model.learn(steps - model.num_timesteps, callback=self._callback(), reset_num_timesteps=False)
+            self.look()
+            self.keep()
+        model.policy.load_state_dict(self.best["policy"])
+        self._table()
+        ledger = {
+            "steps": model.num_timesteps + self.looking, "training_steps": model.num_timesteps,
+            "evaluation_steps": self.looking, "cpu_seconds": round(self.cpu_seconds, 1),
+            "seeds": {"train": f"from {scenarios.SPLITS['train'].start}", "tune": f"0-{self.evaluator.episodes - 1}"},
+        }  # fmt: skip
+        return Trained(model, self.best["score"], self.best["steps"], self.rows, ledger)
+
+    @property
+    def cpu_seconds(self) -> float:
+        """CPU time so far, evaluations included."""
+        return self.spent + time.process_time() - self.began
+
+    def keep(self) -> None:
+        """Writes a checkpoint."""
+        checkpoint.write(self.folder / CHECKPOINT, {
+            "identity": self.identity(), "model": checkpoint.state_of(self.model), "best": self.best, "rows": self.rows,
+            "cpu_seconds": self.cpu_seconds, "looked": self.looked, "evaluation_steps": self.looking,
+        })  # fmt: skip
+
+    def look(self) -> Evaluation:
+        """Evaluates the policy; the best one is kept."""
+        seen, model = self.evaluator(self.model), self.model
+        self.looked, self.looking = model.num_timesteps, self.looking + seen.steps
+        self.rows.append({
+            "steps": model.num_timesteps, "cpu_seconds": round(self.cpu_seconds, 1), "score": seen.score,
+            "mean_return": seen.mean_return, "collisions": int(seen.collisions), **seen.scenarios,
+        })  # fmt: skip
+        for key, value in {"score": seen.score, "mean_return": seen.mean_return, **seen.scenarios}.items():
+            model.logger.record(f"tune/{key}", value)
+        model.logger.dump(model.num_timesteps)
+        if seen.score < self.best["score"]:
+            policy = {name: value.detach().clone() for name, value in model.policy.state_dict().items()}
+            self.best = {"score": seen.score, "steps": model.num_timesteps, "policy": policy}
+        self._table()
+        return seen
+
+    def show(self) -> None:
+        """Tells how far the training is."""
+        score = f"best {self.best['score']:.2f}" if self.rows else "not evaluated yet"
+        self.told(min(self.model.num_timesteps, self.settings.steps), self.settings.steps, score)
+
+    def _callback(self) -> Any:
+        from stable_baselines3.common.callbacks import BaseCallback
+
+        run, last = self, [-1]
+
+        class Between(BaseCallback):
+            """At the beginning of a roll-out networks and optimisers rest, so that is when checkpoints are made."""
+
+            def _on_rollout_start(self) -> None:
+                done = self.model.num_timesteps
+                run.show()
+                if last[0] >= 0 and done - last[0] < run.keep_every:
+                    return
+                if last[0] >= 0:
+                    if done - run.looked >= run.look_every:
+                        run.look()
+                    run.keep()
+                checkpoint.restart(self.model, run.seed)
+                last[0] = done
+
+            def _on_step(self) -> bool:
+                return True
+
+        return Between()
+
+    def _table(self) -> None:
+        names = list(dict.fromkeys(name for row in self.rows for name in row))
+        with checkpoint.replaced(self.folder / "evaluations.csv") as part, part.open("w", newline="") as file:
+            writer = csv.DictWriter(file, names)
+            writer.writeheader()
+            writer.writerows(self.rows)

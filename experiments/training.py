@@ -1,0 +1,51 @@
+"""``kerfgym train``: a run folder around a training, with its record and its policy."""
+
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from ..agents import settings as presets
+from ..agents.settings import Settings
+from . import runs
+from .table import progress
+
+
+def train(
+    algorithm: str, env: str, steps: int | None, seed: int, assignments: list[str], name: str | None, device: str,
+    threads: int, overwrite: bool, resume: bool,
+) -> Path:  # fmt: skip
+    """Trains a policy and writes its run folder; see ``cli.train``.
+
+    Raises:
+        InvalidInput: see :func:`agents.train.train` and :func:`runs.open_folder`.
+    """
+    changes = presets.parsed(assignments)
+    if steps is not None:
+        changes["steps"] = steps
+    settings = presets.preset(algorithm, env, changes)
+    short = presets.ENVIRONMENTS[env][0]
+    folder = runs.open_folder(Path("runs") / (name or f"{short}-{algorithm}-{seed}"), overwrite, resume)
+    with runs.atomic(folder / "settings.toml") as part:
+        part.write_text(tomli_w.dumps(_plain(settings)), encoding="utf-8")
+    return into(folder, settings, seed, device, threads, resume)
+
+
+def into(folder: Path, settings: Settings, seed: int, device: str, threads: int, resume: bool) -> Path:
+    """Trains into a folder that is open; ``run.json`` is written last."""
+    from ..agents.train import train as learn
+
+    with progress(f"{settings.name} on {settings.env}") as told:
+        trained = learn(settings, folder, seed, device, threads, resume, told)
+    last = trained.evaluations[-1]
+    runs.write_json(folder / "run.json", {
+        **runs.record(), "kind": "train", "env": settings.env, "algorithm": settings.name, "seed": seed,
+        "settings": settings.flat(), "ledger": trained.ledger,
+        "best": {"score_tune": trained.score, "steps": trained.best_at}, "last": last,
+    })  # fmt: skip
+    print(f"best score on tune seeds {trained.score:.3f}, after {trained.best_at} of {last['steps']} steps")
+    return folder
+
+
+def _plain(settings: Settings) -> dict[str, Any]:
+    return {key: getattr(settings, key) for key in ("name", "env", *presets.known(settings, ""))}
