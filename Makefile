@@ -3,13 +3,16 @@ PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/.ready
 
-.PHONY: benchmark test lint clean
+.PHONY: benchmark test lint train clean
 
 benchmark: $(READY)  ## the standard comparison: table here, report in runs/standard/report.html
 	$(BIN)/kerfgym benchmark --name standard --overwrite
 
 test: $(READY)  ## all tests
 	$(BIN)/python -m pytest
+
+train: $(READY)  ## the shipped policies anew, each in about ten CPU-minutes
+	$(BIN)/python -m kerfgym.experiments.ship
 
 lint: $(READY) build/types/kerfgym/envs  ## style and types
 	$(BIN)/ruff check .

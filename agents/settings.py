@@ -55,7 +55,7 @@ class Settings:
     ``algorithm`` holds arguments of the algorithm's class, besides ``final_learning_rate`` (the rate falls to it
     geometrically) and ``noise`` (standard deviation of TD3's exploration, share of the action's range of ±1).
     ``policy`` describes the network: ``net_arch``, ``activation``, ``spread`` (standard deviation of the first
-    actions), ``output_gain`` (factor on the first weights of the action's layer: below 1, a residual begins near nothing).
+    actions), ``output_gain`` (factor on the first weights of the action's layer: below 1, a residual begins small).
     """
 
     name: str  # of the algorithm

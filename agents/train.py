@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from ..envs import scenarios
+from ..envs.job_batch import PERIOD
 from ..envs.plant.quantity import InvalidInput
 from . import checkpoint
 from .evaluation import Evaluation, Evaluator
@@ -40,7 +41,8 @@ class Trained:
     score: float
     best_at: int  # steps
     evaluations: list[dict[str, Any]]
-    ledger: dict[str, Any]  # steps, cpu_seconds, seeds
+    ledger: dict[str, Any]
+    """``simulated_steps`` are of 1 ms; ``training_steps`` and ``evaluation_steps`` the environment's."""
 
 
 def train(
@@ -124,9 +126,11 @@ class _Run:
             self.keep()
         model.policy.load_state_dict(self.best["policy"])
         self._table()
+        periods = 1 if self.evaluator.height else PERIOD
         ledger = {
-            "steps": model.num_timesteps + self.looking, "training_steps": model.num_timesteps,
-            "evaluation_steps": self.looking, "cpu_seconds": round(self.cpu_seconds, 1),
+            "simulated_steps": periods * (model.num_timesteps + self.looking),
+            "training_steps": model.num_timesteps, "evaluation_steps": self.looking,
+            "cpu_seconds": round(self.cpu_seconds, 1),
             "seeds": {"train": f"from {scenarios.SPLITS['train'].start}", "tune": f"0-{self.evaluator.episodes - 1}"},
         }  # fmt: skip
         return Trained(model, self.best["score"], self.best["steps"], self.rows, ledger)

@@ -33,16 +33,23 @@ def train(
 
 def into(folder: Path, settings: Settings, seed: int, device: str, threads: int, resume: bool) -> Path:
     """Trains into a folder that is open; ``run.json`` is written last."""
+    from ..agents.export import export
     from ..agents.train import train as learn
 
     with progress(f"{settings.name} on {settings.env}") as told:
         trained = learn(settings, folder, seed, device, threads, resume, told)
-    last = trained.evaluations[-1]
+    last, record = trained.evaluations[-1], runs.record()
+    exported = export(trained.model, folder / "policy", {
+        "command": record["command"], "git": record["git"], "score_tune": trained.score, "steps_of_best": trained.best_at,
+        "ledger": trained.ledger,
+    })  # fmt: skip
     runs.write_json(folder / "run.json", {
-        **runs.record(), "kind": "train", "env": settings.env, "algorithm": settings.name, "seed": seed,
+        **record, "kind": "train", "env": settings.env, "algorithm": settings.name, "seed": seed,
         "settings": settings.flat(), "ledger": trained.ledger,
         "best": {"score_tune": trained.score, "steps": trained.best_at}, "last": last,
+        "policy": {"largest_difference": exported.difference, "actions": exported.compared},
     })  # fmt: skip
+    print(f"policy: {exported.folder}, at most {exported.difference:.1e} off the model in {exported.compared} actions")
     print(f"best score on tune seeds {trained.score:.3f}, after {trained.best_at} of {last['steps']} steps")
     return folder
 
