@@ -25,10 +25,20 @@ def train(
         changes["steps"] = steps
     settings = presets.preset(algorithm, env, changes)
     short = presets.ENVIRONMENTS[env][0]
-    folder = runs.open_folder(Path("runs") / (name or f"{short}-{algorithm}-{seed}"), overwrite, resume)
+    folder = open_run(Path("runs") / (name or f"{short}-{algorithm}-{seed}"), settings, overwrite, resume)
+    return into(folder, settings, seed, device, threads, resume)
+
+
+def open_run(folder: Path, settings: Settings, overwrite: bool = False, resume: bool = False) -> Path:
+    """The run folder with the settings in it.
+
+    Raises:
+        InvalidInput: see :func:`runs.open_folder`.
+    """
+    runs.open_folder(folder, overwrite, resume)
     with runs.atomic(folder / "settings.toml") as part:
         part.write_text(tomli_w.dumps(_plain(settings)), encoding="utf-8")
-    return into(folder, settings, seed, device, threads, resume)
+    return folder
 
 
 def into(folder: Path, settings: Settings, seed: int, device: str, threads: int, resume: bool) -> Path:
@@ -40,7 +50,7 @@ def into(folder: Path, settings: Settings, seed: int, device: str, threads: int,
         trained = learn(settings, folder, seed, device, threads, resume, told)
     last, record = trained.evaluations[-1], runs.record()
     exported = export(trained.model, folder / "policy", {
-        "command": record["command"], "git": record["git"], "score_tune": trained.score, "steps_of_best": trained.best_at,
+        "command": record["command"], "git": record["git"], "score_tune": trained.score,
         "ledger": trained.ledger,
     })  # fmt: skip
     runs.write_json(folder / "run.json", {
