@@ -6,9 +6,10 @@ __version__ = "0.1.0"
 def _register() -> None:
     import gymnasium
 
-    from .envs.sources import SOURCES
+    from .envs.sources import FOLDERS, SOURCES
 
     SOURCES.append("kerfgym.baselines")
+    FOLDERS.append("kerfgym.agents.policy:stack_of")
     gymnasium.register(
         id="kerfgym/HeightFollowing-v0",
         entry_point="kerfgym.envs.height_following:HeightFollowingEnv",

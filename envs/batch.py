@@ -55,12 +55,16 @@ class Batch(Episodes):
         check_choice(observation, OBSERVATIONS, "observation")
         check_choice(split, scenarios.SPLITS, "split")
         found = chosen(scenario, machine)
-        self.control, self.weights = control, weights_of(reward, Reward())
+        self.control, self.observation, self.weights = control, observation, weights_of(reward, Reward())
         self.base = stacks.resolve("idle" if control == "direct" else base)
         if self.base.python is not None:
             raise InvalidInput(f"base controller '{self.base.name}' is plain Python; a base must be a compiled law")
         if self.base.slot != "z":
             raise InvalidInput(f"base controller '{self.base.name}' drives slot '{self.base.slot}', not 'z'")
+        if self.base.pilot is not None:
+            raise InvalidInput(
+                f"base controller '{self.base.name}' is a policy; it moves the hand that the action moves"
+            )
         if max_steps is not None and max_steps < 1:
             raise InvalidInput(f"max_steps = {max_steps} is out of range; at least 1")
         space = gym.spaces.Box(-1.0, 1.0, (3 if control == "schedule" else 1,), np.float32)

@@ -62,12 +62,16 @@ class JobBatch(Episodes):
                 raise InvalidInput(f"scenario '{each.name}' has no job; this environment needs one with a table [job]")
         if max_steps is not None and max_steps < 1:
             raise InvalidInput(f"max_steps = {max_steps} is out of range; at least 1")
-        self.control, self.colour = control, colour
+        self.control, self.observation, self.colour = control, observation, colour
         self.weights = weights_of(reward, ContourReward() if contour else CuttingReward())
         self.base = stacks.team(base or ("wu" if contour else "recipe"))
         for stack in self.base.stacks:
             if stack.python is not None:
                 raise InvalidInput(f"base controller '{stack.name}' is plain Python; a base must be a compiled law")
+            if stack.pilot is not None and stack.slot != "z":
+                raise InvalidInput(
+                    f"base controller '{stack.name}' is a policy; it moves the hand that the action moves"
+                )
         self.jobs = [workshop.programme(s, self.base) for s in found]
         for note in dict.fromkeys(note for job in self.jobs for note in job.warnings):
             warnings.warn(note, stacklevel=4)
@@ -94,6 +98,11 @@ class JobBatch(Episodes):
     def prepare(self, index: int, machines: np.ndarray, seeds: np.ndarray, again: bool) -> None:
         """See :meth:`Episodes.prepare`."""
         workshop.prepare(self.fleet, self.scenarios[index], self.base, machines, seeds)
+
+    def prepared(self, machines: np.ndarray) -> None:
+        """A policy in the slot ``z`` may have changed the filter during the last episode."""
+        if self.base.z.pilot is not None:
+            self.fleet.put_filter(machines, self.base.z.part("filter"))
 
     def film(self, machine: int) -> KerfFilm:
         """What shows the episode of a machine that has just begun."""

@@ -4,3 +4,6 @@ The package's root fills this list, by string: environments take their base cont
 """
 
 SOURCES: list[str] = []
+
+FOLDERS: list[str] = []
+"""What makes a stack of a folder, ``"module:function"``: of a policy's, say. None if it is not a folder of its kind."""

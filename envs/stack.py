@@ -27,7 +27,7 @@ from .plant import calibration, filters, idle, planning, sensor, supervisor
 from .plant.controller import INFORMATION, SLOTS, Law, make_law, source_of
 from .plant.fleet import Fleet
 from .plant.quantity import InvalidInput, Quantity, checked, did_you_mean, quantities
-from .sources import SOURCES
+from .sources import FOLDERS, SOURCES
 
 GROUPS: dict[str, dict[str, Any]] = {
     "z": {
@@ -56,6 +56,17 @@ class PythonController(Protocol):
         """Head velocity in mm/s, up positive, for the signals of this period (:class:`Sensed`)."""
 
 
+class Pilot(Protocol):
+    """What moves a hand of the machines besides the stack's law: a policy."""
+
+    @property
+    def program(self) -> list[str]:
+        """Text that tells it from any other."""
+
+    def install(self, fleet: Fleet) -> None:
+        """Puts it into a fleet, for all its machines."""
+
+
 @dataclass(frozen=True)
 class Parameter:
     """One tunable number of a stack."""
@@ -80,6 +91,8 @@ class Stack:
     python: Callable[[], PythonController] | None = None
     provenance: dict[str, Any] = field(default_factory=dict)
     source: str = ""  # text of a plain-Python controller's file
+    pilot: Pilot | None = None
+    companions: "dict[str, Stack]" = field(default_factory=dict)  # what it is used with in the other slots, by slot
 
     def __post_init__(self) -> None:
         for group in {name.split(".")[0] for name in self.values}:
@@ -135,19 +148,21 @@ class Stack:
     @property
     def program(self) -> list[str]:
         """Text of the files that hold its law."""
-        return [self.law.source, self.source]
+        return [self.law.source, self.source, *(self.pilot.program if self.pilot else [])]
 
     def install(self, fleet: Fleet, machines: Any) -> None:
         """Writes the stack's parameters into the columns of ``machines``; the fleet must run the stack's law."""
         if self.slot != "z":
             assert fleet.gantries
             fleet.gantries.put_law(self.slot, machines, self.part("law"))
-            return
-        fleet.put("gate", machines, self.part("gate"))
-        fleet.put("table", machines, self.part("table"))
-        fleet.put("guard", machines, self.part("guard"))
-        fleet.put_filter(machines, self.part("filter"))
-        fleet.put_law(machines, self.part("law"))
+        else:
+            fleet.put("gate", machines, self.part("gate"))
+            fleet.put("table", machines, self.part("table"))
+            fleet.put("guard", machines, self.part("guard"))
+            fleet.put_filter(machines, self.part("filter"))
+            fleet.put_law(machines, self.part("law"))
+        if self.pilot:
+            self.pilot.install(fleet)
 
 
 def python_stack(make: Callable[[], PythonController], name: str, summary: str = "") -> Stack:
@@ -199,8 +214,8 @@ def get(name: str) -> Stack:
 def resolve(spec: "str | Stack") -> Stack:
     """A stack from what a user writes.
 
-    ``pid`` · ``pid:law.kp=80,filter.window=9`` · ``z=pid`` · ``runs/x/tuned.toml`` · ``package.module:attr`` ·
-    ``file.py:attr``, the last two also with overrides behind a second colon.
+    ``pid`` · ``pid:law.kp=80,filter.window=9`` · ``z=pid`` · ``runs/x/tuned.toml`` · ``runs/ppo/policy``, a policy's
+    folder · ``package.module:attr`` · ``file.py:attr``, the last two also with overrides behind a second colon.
 
     Raises:
         InvalidInput: unknown name, slot, module, attribute, parameter, or value out of range.
@@ -217,7 +232,7 @@ def resolve(spec: "str | Stack") -> Stack:
     elif pieces[0].endswith(".toml"):
         stack, overrides = _tuned_stack(pieces[0]), pieces[1:]
     else:
-        stack, overrides = get(pieces[0]), pieces[1:]
+        stack, overrides = _of_folder(pieces[0]) or get(pieces[0]), pieces[1:]
     if len(overrides) > 1:
         raise InvalidInput(f"'{spec}': overrides are separated by commas, as in pid:law.kp=80,filter.window=9")
     if slot is not None and stack.slot != slot:
@@ -313,7 +328,8 @@ def team(spec: "str | Stack | Team") -> Team:
         if stack.slot in found:
             raise InvalidInput(f"'{spec}': slot '{stack.slot}' is given twice")
         found[stack.slot] = stack
-    filled = {slot: found[slot] if slot in found else get(name) for slot, name in STANDARD.items()}
+    companions = {slot: mate for stack in found.values() for slot, mate in stack.companions.items()}
+    filled = {slot: found.get(slot) or companions.get(slot) or get(name) for slot, name in STANDARD.items()}
     return Team(spec if isinstance(spec, str) else spec.name, **filled)
 
 
@@ -361,6 +377,18 @@ def _overrides(text: str, spec: str) -> dict[str, Any]:
         except ValueError:
             changes[key.strip()] = value.strip()
     return changes
+
+
+def _of_folder(text: str) -> Stack | None:
+    """The stack that a folder holds; None if it is a controller's name."""
+    if not text or text in names() or not Path(text).is_dir():
+        return None
+    for loader in FOLDERS:
+        module, function = loader.split(":")
+        stack = getattr(importlib.import_module(module), function)(Path(text))
+        if stack is not None:
+            return stack
+    raise InvalidInput(f"folder '{text}' holds no policy: it has no policy.json")
 
 
 def _import(module: str, attribute: str) -> Stack:

@@ -48,6 +48,7 @@ class Fleet(Columns):
         self._point(machine.D_HEIGHTS, tables.heights)
         self._deck[machine.D_TABLES] = tables.frequencies.size
         self.drive_by(law)
+        self._pilots: dict[str, tuple[int, np.ndarray, Any]] = {}
         self.record: np.ndarray | None = None
         self.gantries: Gantries | None = None
         every = np.arange(size)
@@ -220,6 +221,22 @@ class Fleet(Columns):
         assert self.gantries is None
         self._deck[machine.D_FINISH] = stage
         self._point(machine.D_GANTRY, numbers)
+
+    def pilot(self, name: str, stage: int, io: np.ndarray, arrays: Any = None) -> None:
+        """A stage that moves a hand of the machines: it runs when an episode has begun and after each period.
+
+        Args:
+            name: a second pilot of this name takes the place of the first; others run one after the other.
+            stage: its address; it ends by calling the stage ``io[0]``, unless that is 0, with ``io[1]``.
+            io: what it knows, uint64.
+            arrays: whatever ``io`` points to; lives as long as the pilot.
+        """
+        self._pilots[name] = (stage, io, arrays)
+        following = (0, 0)
+        for address, words, _ in reversed(self._pilots.values()):
+            words[0], words[1] = following
+            following = (address, words.ctypes.data)
+        self._deck[machine.D_PILOT], self._deck[machine.D_PILOT_IO] = following
 
     def begin(self, machines: Any, keys: Any) -> None:
         """Starts an episode on ``machines`` (whose parameters are written), with one random stream each."""

@@ -146,8 +146,8 @@ the period counts as cutting; distance along the path, mm; whether the superviso
 (D_BLOCK, D_KEYS, D_MACHINES, D_TICK, D_WINDOW, D_WAVES, D_VIBRATIONS, D_FLAGS, D_FREQUENCIES, D_HEIGHTS, D_TABLES,
  D_CONTOUR_X, D_CONTOUR_Y, D_CONTOUR_ON, D_CONTOURS, D_PROFILE, D_PROFILES, D_LAW, D_LAW_TABLES, D_LAW_SIZE, D_ACT,
  D_OBSERVE, D_IO, D_RECORD, D_RECORD_TICK, D_NEXT, D_STEPS, D_START, D_READY, D_TRAVEL,
- D_FINISH, D_GANTRY, D_SIGNAL, D_SIGNALS) = range(34)  # fmt: skip
-DECK = 34
+ D_FINISH, D_GANTRY, D_SIGNAL, D_SIGNALS, D_PILOT, D_PILOT_IO) = range(36)  # fmt: skip
+DECK = 36
 _DECK = U(DECK)
 
 F_CONTOURS, F_FEATURES, F_PROFILES, F_BULGES, F_RANKS = (U(2**i) for i in range(5))
@@ -591,6 +591,8 @@ def live_all(deck, b):
             record_all(block, at, n, tick, record, place, machines)
         if deck[D_FINISH] > U0:
             call(deck[D_FINISH], deck[D_BLOCK], at, n, deck[D_GANTRY], tick)
+        if deck[D_PILOT] > U0:
+            call(deck[D_PILOT], deck[D_BLOCK], at, n, deck[D_PILOT_IO], b * UW)
         if deck[D_OBSERVE] > U0 and i + U1 == steps:
             call(deck[D_OBSERVE], deck[D_BLOCK], at, n, deck[D_IO], b * UW)
         tick += U1
@@ -684,6 +686,8 @@ def _begin(deck_address, machine, key):
     call(deck[D_LAW], deck[D_BLOCK], at, U1, deck[D_LAW_TABLES], deck[D_LAW_SIZE])
     if deck[D_READY] > U0:
         call(deck[D_READY], deck[D_BLOCK], at, U1, deck[D_GANTRY], tick)
+    if deck[D_PILOT] > U0:
+        call(deck[D_PILOT], deck[D_BLOCK], at, U1, deck[D_PILOT_IO], machine)
     if deck[D_OBSERVE] > U0:
         call(deck[D_OBSERVE], deck[D_BLOCK], at, U1, deck[D_IO], machine)
 

@@ -1,0 +1,293 @@
+"""A policy inside compiled roll-outs: the network as a stage of the machine's kernel.
+
+The stage runs once an episode has begun and after each decision's last period. It has the environment's own ``observe``
+write the observations, runs the network on them, and has the environment's own ``act`` put the actions into force. So
+the signals are built in one place, and a seed gives the same trajectory here and in the Gymnasium loop with
+:meth:`policy.Policy.act`; sums are taken in the same order (:mod:`agents.network`), so it is the same to the bit.
+"""
+
+import json
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..envs import interface, job_interface
+from ..envs.job_batch import PERIOD
+from ..envs.plant import machine
+from ..envs.plant.controller import Privileged, stage_address
+from ..envs.plant.fleet import Fleet
+from ..envs.plant.lanes import U0, U1, UW, U, as_bits, as_number, call, clip, doubles, part, singles, stage, words
+from .network import ACTIVATIONS, LN2_HIGH, LN2_LOW, LOG2E, OUTPUTS, SERIES, Network
+
+
+class Io(NamedTuple):
+    """Words that the stage shares with Python: addresses, and what they hold."""
+
+    next: int  # stage and words of the next pilot; 0: none
+    next_io: int
+    act: int  # the environment's stages and their words
+    observe: int
+    environment: int
+    observations: int  # float32, (machines, size)
+    actions: int  # float32, (machines, width)
+    size: int
+    width: int
+    period: int  # control periods from decision to decision
+    since: int  # float64, (machines,), periods since the last decision
+    work: int  # float32, (machines, stride): frames, normalised frames, then what each layer needs
+    stride: int
+    frames: int
+    normaliser: int  # 0: none, 1: of each observation, 2: of all frames
+    scales: int  # float64: limit, means, scales
+    weights: int  # float32, of all layers: transposed weight, bias
+    layers: int  # words, (count, 4)
+    count: int
+    output: int
+
+
+(
+    _NEXT, _NEXT_IO, _ACT, _OBSERVE, _ENVIRONMENT, _OBSERVATIONS, _ACTIONS, _SIZE, _WIDTH, _PERIOD, _SINCE, _WORK,
+    _STRIDE, _FRAMES, _NORMALISER, _SCALES, _WEIGHTS, _LAYERS, _COUNT, _OUTPUT,
+) = range(len(Io._fields))  # fmt: skip
+_IO, _ANY = U(len(Io._fields)), U(2**40)
+_FRESH = machine.SIGNALS + U(Privileged._fields.index("fresh")) * UW
+_U2, _U3, _U4 = U(2), U(3), U(4)
+_S52, _S1023, _SHIFT = U(52), U(1023), 6755399441055744.0
+_ZERO, _ONE = np.float32(0.0), np.float32(1.0)
+_C0, _C1, _C2, _C3, _C4, _C5, _C6, _C7, _C8, _C9, _C10, _C11, _C12 = SERIES
+_TANH, _RELU = U(ACTIVATIONS.index("tanh")), U(ACTIVATIONS.index("relu"))
+_SQUASHED = U(OUTPUTS.index("tanh"))
+
+
+@part
+def _exponential(x):
+    """e^x, |x| < 700, as :func:`network.exponential` has it."""
+    k = np.rint(x * LOG2E)
+    r = (x - k * LN2_HIGH) - k * LN2_LOW
+    p = ((((_C12 * r + _C11) * r + _C10) * r + _C9) * r + _C8) * r + _C7
+    p = ((((((p * r + _C6) * r + _C5) * r + _C4) * r + _C3) * r + _C2) * r + _C1) * r + _C0
+    # Adding 1.5·2^52 leaves the whole number k in the last bits.
+    return p * as_number((as_bits(k + _SHIFT) + _S1023) << _S52)
+
+
+@part
+def _tanh(x):
+    """Single precision in and out."""
+    y = clip(np.float64(x), -20.0, 20.0)
+    return np.float32(1.0 - 2.0 / (_exponential(2.0 * y) + 1.0))
+
+
+@part
+def _logistic(x):
+    """Single precision in and out."""
+    y = clip(np.float64(x), -80.0, 80.0)
+    return np.float32(1.0 / (1.0 + _exponential(-y)))
+
+
+@stage
+def _linear(work, x, y, weights, w, inputs, outputs):
+    """``work[y…] = weight·work[x…] + bias``, input by input; four inputs at a time, which saves stores."""
+    bias = w + inputs * outputs
+    for o in range(outputs):
+        work[y + o] = weights[bias + o]
+    fours = inputs // _U4
+    for k in range(fours):
+        i, v = x + k * _U4, w + k * _U4 * outputs
+        x0, x1, x2, x3 = work[i], work[i + U1], work[i + _U2], work[i + _U3]
+        v1, v2, v3 = v + outputs, v + _U2 * outputs, v + _U3 * outputs
+        for o in range(outputs):
+            total = work[y + o] + x0 * weights[v + o]
+            total = total + x1 * weights[v1 + o]
+            total = total + x2 * weights[v2 + o]
+            work[y + o] = total + x3 * weights[v3 + o]
+    for i in range(fours * _U4, inputs):
+        x0, v = work[x + i], w + i * outputs
+        for o in range(outputs):
+            work[y + o] = work[y + o] + x0 * weights[v + o]
+
+
+@stage
+def _activate(work, y, outputs, kind):
+    """The activation of a linear layer, in place."""
+    if kind == _TANH:
+        for o in range(outputs):
+            work[y + o] = _tanh(work[y + o])
+    elif kind == _RELU:
+        for o in range(outputs):
+            work[y + o] = max(work[y + o], _ZERO)
+
+
+@stage
+def _remember(work, gates, cell, hidden, outputs):
+    """The gates of an LSTM change its cells and give its outputs."""
+    for o in range(outputs):
+        enter, forget = _logistic(work[gates + o]), _logistic(work[gates + outputs + o])
+        candidate, out = _tanh(work[gates + _U2 * outputs + o]), _logistic(work[gates + _U3 * outputs + o])
+        kept = forget * work[cell + o] + enter * candidate
+        work[cell + o] = kept
+        work[hidden + o] = out * _tanh(kept)
+
+
+@stage
+def _normalise(work, x, y, size, scales, means, length):
+    """``work[y…]``: the ``size`` numbers of ``work[x…]`` scaled."""
+    limit = scales[U0]
+    for i in range(size):
+        scaled = (np.float64(work[x + i]) - scales[means + i]) / scales[means + length + i]
+        work[y + i] = np.float32(clip(scaled, -limit, limit))
+
+
+@stage
+def _run(io, machine_):
+    """The network of one machine: its action for its observation."""
+    work = singles(io[_WORK] + _U4 * machine_ * io[_STRIDE], io[_STRIDE])
+    observations, actions = singles(io[_OBSERVATIONS], _ANY), singles(io[_ACTIONS], _ANY)
+    weights, scales = singles(io[_WEIGHTS], _ANY), doubles(io[_SCALES], _ANY)
+    layers = words(io[_LAYERS], io[_COUNT] * _U4)
+    size, frames = io[_SIZE], io[_FRAMES]
+    all_frames = size * frames
+    newest = all_frames - size
+    for i in range(newest):
+        work[i] = work[i + size]
+    for i in range(size):
+        work[newest + i] = observations[machine_ * size + i]
+    x = U0
+    if io[_NORMALISER] == U1:
+        _normalise(work, newest, newest, size, scales, U1, size)
+    elif io[_NORMALISER] == _U2:
+        _normalise(work, U0, all_frames, all_frames, scales, U1, all_frames)
+        x = all_frames
+    y, w, inputs = _U2 * all_frames, U0, all_frames
+    for k in range(io[_COUNT]):
+        lstm, outputs, kind = layers[k * _U4], layers[k * _U4 + U1], layers[k * _U4 + _U2]
+        if lstm == U1:
+            # What it takes and its hidden state side by side, then its gates, then its cells.
+            hidden = y + inputs
+            gates = hidden + outputs
+            cell = gates + _U4 * outputs
+            for i in range(inputs):
+                work[y + i] = work[x + i]
+            _linear(work, y, gates, weights, w, inputs + outputs, _U4 * outputs)
+            _remember(work, gates, cell, hidden, outputs)
+            w += (inputs + outputs + U1) * _U4 * outputs
+            x, y = hidden, cell + outputs
+        else:
+            _linear(work, x, y, weights, w, inputs, outputs)
+            _activate(work, y, outputs, kind)
+            w += (inputs + U1) * outputs
+            x, y = y, y + outputs
+        inputs = outputs
+    for j in range(io[_WIDTH]):
+        u = work[x + j]
+        if io[_OUTPUT] == _SQUASHED:
+            actions[machine_ * io[_WIDTH] + j] = _tanh(u)
+        else:
+            actions[machine_ * io[_WIDTH] + j] = max(-_ONE, min(_ONE, u))
+
+
+@stage
+def _forget(io, machine_):
+    """An episode begins: no frames, no state."""
+    work = singles(io[_WORK] + _U4 * machine_ * io[_STRIDE], io[_STRIDE])
+    for i in range(io[_STRIDE]):
+        work[i] = _ZERO
+
+
+def fly(block_address, at, n, io_address, first):
+    """Stage after the beginning and after each period: decides for the machines whose turn it is."""
+    block, io = doubles(block_address, _ANY), words(io_address, _IO)
+    since, period = doubles(io[_SINCE], _ANY), np.float64(np.int64(io[_PERIOD]))
+    for lane in range(n):
+        i = first + lane
+        since[i] += 1.0
+        if block[at + lane + _FRESH] > 0.5:
+            _forget(io, i)
+            since[i] = period
+    if n == U1 or io[_PERIOD] > U1:
+        for lane in range(n):
+            i = first + lane
+            if since[i] >= period:
+                since[i] = 0.0
+                call(io[_OBSERVE], block_address, at + lane, U1, io[_ENVIRONMENT], i)
+                _run(io, i)
+                call(io[_ACT], block_address, at + lane, U1, io[_ENVIRONMENT], i)
+    else:
+        call(io[_OBSERVE], block_address, at, n, io[_ENVIRONMENT], first)
+        for lane in range(n):
+            _run(io, first + lane)
+        call(io[_ACT], block_address, at, n, io[_ENVIRONMENT], first)
+    if io[_NEXT] > U0:
+        call(io[_NEXT], block_address, at, n, io[_NEXT_IO], first)
+
+
+class Compiled:
+    """A policy as a pilot of fleets, see :class:`envs.stack.Pilot`."""
+
+    def __init__(self, policy: Any) -> None:
+        self.policy = policy
+
+    @property
+    def program(self) -> list[str]:
+        """What the policy does depends on its document, which knows the weights' digest."""
+        document = self.policy.document
+        return [json.dumps(document.model_dump(exclude={"provenance"}), sort_keys=True)]
+
+    def install(self, fleet: Fleet) -> None:
+        """Gives all machines of the fleet over to the policy."""
+        document, following = self.policy.document, self.policy.task == "following"
+        if following and document.control == "schedule":
+            fleet.widest_window(interface.LONGEST_WINDOW, interface.LARGEST_TRIM)
+        flight = _Flight(self.policy.network, fleet, document.control, document.observation["kind"], self.policy.task)
+        fleet.pilot("height" if following else "job", stage_address(fly), flight.io, flight)
+
+
+class _Flight:
+    """The arrays of a policy in one fleet."""
+
+    def __init__(self, network: Network, fleet: Fleet, control: str, kind: str, task: str) -> None:
+        count, size, width = fleet.size, network.size, network.actions
+        following = task == "following"
+        of = interface if following else job_interface
+        infos = len(interface.INFO if following else job_interface.INFO[task])
+        self.actions, self.observations = np.zeros((count, width), np.float32), np.zeros((count, size), np.float32)
+        self.numbers = np.zeros((infos + 3, count))  # infos, rewards, returns, left: written by `observe`, never read
+        self.ends, self.terms, self.since = np.zeros((2, count), bool), np.zeros(8), np.zeros(count)
+        self.weights, self.layers, stride = _laid_out(network)
+        self.work = np.zeros((count, stride), np.float32)
+        n = network.normaliser
+        self.scales = np.concatenate([[n.clip], n.mean, n.scale]) if n else np.zeros(1)
+        values = {
+            "actions": self.actions, "observations": self.observations, "rewards": self.numbers[infos],
+            "returns": self.numbers[infos + 1], "infos": self.numbers, "weights": self.terms,
+            "left": self.numbers[infos + 2], "terminated": self.ends[0], "truncated": self.ends[1],
+        }  # fmt: skip
+        more = {"raw": int(kind == "raw"), "size": size, "width": width, "machines": count}
+        addresses = {name: array.ctypes.data for name, array in values.items()}
+        if following:
+            io: Any = interface.Io(**addresses, **more, control=interface.CONTROLS.index(control))
+        else:
+            assert fleet.gantries
+            io = job_interface.Io(
+                **addresses, **more, task=job_interface.TASKS.index(task), direct=int(control == "direct"),
+                gantry=fleet.gantries.address,
+            )  # fmt: skip
+        self.environment = np.array(io, np.uint64)
+        self.io = np.array(Io(
+            0, 0, stage_address(of.act), stage_address(of.observe), self.environment.ctypes.data,
+            self.observations.ctypes.data, self.actions.ctypes.data, size, width, 1 if following else PERIOD,
+            self.since.ctypes.data, self.work.ctypes.data, stride, network.frames,
+            0 if n is None else (2 if network.normalises_frames else 1), self.scales.ctypes.data,
+            self.weights.ctypes.data, self.layers.ctypes.data, len(self.layers), OUTPUTS.index(network.output),
+        ), np.uint64)  # fmt: skip
+
+
+def _laid_out(network: Network) -> tuple[np.ndarray, np.ndarray, int]:
+    """Weights in a row (transposed, then the bias, of each layer), words about the layers, numbers that a machine
+    needs to work with."""
+    pieces, about, stride = [], [], 2 * network.size * network.frames
+    for layer in network.layers:
+        pieces += [layer.weight.T.ravel(), layer.bias]
+        lstm = layer.kind == "lstm"
+        about.append((int(lstm), layer.outputs, ACTIVATIONS.index(layer.activation), 0))
+        stride += layer.inputs + 6 * layer.outputs if lstm else layer.outputs
+    return np.concatenate(pieces, dtype=np.float32), np.array(about, np.uint64), stride

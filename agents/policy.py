@@ -1,0 +1,415 @@
+"""The policy artefact: a folder that anyone can run, check and deploy, without the library that trained it.
+
+``policy.json`` says for which environment the policy is (id, version, control, base controller with every parameter),
+what it observes and what its actions mean, its normaliser and the shape of its network, the SHA-256 of the weights, and
+where it comes from; ``weights.safetensors`` holds the numbers. Nothing is unpickled. ::
+
+    policy = Policy.load("runs/ppo/policy")
+    action = policy.act(observation, start=True)    # in NumPy; start: an episode begins
+
+``-c runs/ppo/policy`` names it as a controller (:func:`stack_of`): there the network runs compiled, with the
+environment's own observation and action, see :mod:`agents.compiled`.
+"""
+
+import functools
+import hashlib
+import json
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from ..envs import interface, job_interface
+from ..envs import stack as stacks
+from ..envs.plant.controller import SLOTS, Process
+from ..envs.plant.quantity import InvalidInput, did_you_mean
+from ..envs.stack import Stack
+from .network import Layer, Memory, Network, Normaliser, run
+
+FORMAT = 1
+"""Version of the folder's format."""
+
+LARGEST = 4096
+"""Numbers that a layer may take or give."""
+
+DOCUMENT, WEIGHTS = "policy.json", "weights.safetensors"
+
+TASKS = {
+    "kerfgym/HeightFollowing-v0": "following",
+    "kerfgym/ContourFollowing-v0": "contour",
+    "kerfgym/Cutting-v0": "cutting",
+}
+"""Environments that policies can be for."""
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+
+
+class LayerShape(_Table):
+    """One layer; a ``linear`` one has an activation."""
+
+    kind: Literal["linear", "lstm"]
+    inputs: int = Field(ge=1, le=LARGEST)
+    outputs: int = Field(ge=1, le=LARGEST)
+    activation: Literal["none", "tanh", "relu"] = "none"
+
+
+class NetworkShape(_Table):
+    """The network; the weights hold its numbers."""
+
+    frames: int = Field(ge=1, le=64)
+    normaliser: Literal["none", "observation", "frames"]
+    clip: float = Field(gt=0)  # of the normalised observation
+    layers: list[LayerShape] = Field(min_length=1, max_length=16)
+    output: Literal["clip", "tanh"]
+
+
+class Base(_Table):
+    """A controller that does what the actions leave open: a law's name and every parameter of its stack."""
+
+    name: str
+    law: str
+    parameters: dict[str, float]
+
+
+class Document(_Table):
+    """What ``policy.json`` holds."""
+
+    format: int
+    environment: str
+    version: int
+    control: str
+    base: dict[str, Base]  # by slot
+    observation: dict[str, Any]
+    action: dict[str, Any]
+    network: NetworkShape
+    weights: str  # SHA-256 of the file
+    provenance: dict[str, Any]
+
+
+class Policy:
+    """A policy that has been loaded or exported.
+
+    Args:
+        document: what its ``policy.json`` says.
+        network: its numbers.
+        name: what it is called in tables.
+
+    Attributes:
+        task: ``following``, ``contour`` or ``cutting``.
+        document, network, name: as given.
+    """
+
+    def __init__(self, document: Document, network: Network, name: str = "policy") -> None:
+        self.document, self.network, self.name = document, network, name
+        self.task = TASKS[document.environment]
+        self._memory: Memory | None = None
+
+    @property
+    def provenance(self) -> dict[str, Any]:
+        """Where it comes from."""
+        return self.document.provenance
+
+    def act(self, observation: Any, start: Any = False) -> np.ndarray:
+        """The action, float32 in −1 … 1, for an observation of shape (d,), or (n, d) of n environments.
+
+        Args:
+            observation: as the environment gives it.
+            start: whether an episode begins with it, one answer or n; the first observation always begins one.
+
+        Raises:
+            InvalidInput: wrong shape, not finite, or another number of environments within an episode.
+        """
+        x = np.asarray(observation)
+        rows = x[None] if x.ndim == 1 else x
+        if x.dtype.kind not in "fiu" or x.ndim not in (1, 2) or rows.shape[1] != self.network.size:
+            raise InvalidInput(
+                f"the observation has shape {x.shape} and type {x.dtype}; the policy reads ({self.network.size},) or "
+                f"(n, {self.network.size}), float32"
+            )
+        if not np.isfinite(rows).all():
+            raise InvalidInput("the observation is not finite")
+        begins = np.broadcast_to(np.asarray(start, bool), len(rows))
+        if self._memory is None or len(self._memory.frames) != len(rows):
+            if self._memory is not None and not begins.all():
+                raise InvalidInput(
+                    f"{len(rows)} observations after {len(self._memory.frames)} before; start=True begins episodes anew"
+                )
+            self._memory = Memory(self.network, len(rows))
+        self._memory.forget(begins)
+        actions = run(self.network, self._memory, rows)
+        return actions[0] if x.ndim == 1 else actions
+
+    # ------------------------------------------------------------------------------------------------ the folder
+
+    @staticmethod
+    def load(folder: str | Path) -> "Policy":
+        """The policy in a folder.
+
+        Raises:
+            InvalidInput: no such folder, something is missing, damaged, changed, or of another environment.
+        """
+        folder = Path(folder)
+        try:
+            text = (folder / DOCUMENT).read_text(encoding="utf-8")
+            weights = (folder / WEIGHTS).read_bytes()
+        except (OSError, UnicodeDecodeError) as error:
+            raise InvalidInput(f"policy '{folder}' cannot be read: {error}") from None
+        document = _document(text, folder)
+        found = hashlib.sha256(weights).hexdigest()
+        if found != document.weights:
+            raise InvalidInput(
+                f"policy '{folder}': {WEIGHTS} is damaged, or not this policy's: its SHA-256 is {found[:12]}…, "
+                f"{DOCUMENT} says {document.weights[:12]}…"
+            )
+        check(document, f"policy '{folder}'")
+        return Policy(document, _network(document, weights, folder), str(folder))
+
+    def save(self, folder: str | Path) -> None:
+        """Writes ``policy.json`` and ``weights.safetensors``, the document last, so that a folder with it is whole."""
+        from safetensors.numpy import save
+
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        weights = save(tensors_of(self.network))
+        self.document = self.document.model_copy(update={"weights": hashlib.sha256(weights).hexdigest()})
+        text = json.dumps(self.document.model_dump(), indent=1, ensure_ascii=False, allow_nan=False)
+        for name, data in ((WEIGHTS, weights), (DOCUMENT, (text + "\n").encode())):
+            part = folder / f".{name}.part"
+            part.write_bytes(data)
+            part.replace(folder / name)
+
+
+# --------------------------------------------------------------------------------------------- what it is about
+
+
+def describe(environment: str, control: str, kind: str) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Observation and action of an environment as this version of it has them.
+
+    Raises:
+        InvalidInput: unknown environment, control or kind of observation.
+    """
+    _one_of(environment, TASKS, "environment")
+    task = TASKS[environment]
+    _one_of(kind, interface.OBSERVATIONS, "observation")
+    if task == "following":
+        _one_of(control, interface.CONTROLS, "control")
+        names = interface.FEATURES if kind == "features" else interface.RAW
+        scaling: dict[str, Any] = {"unit_mm": interface.TOLERANCE, "compressed": 0.2, "limit": interface.LIMIT}
+        action: dict[str, Any] = {
+            "direct": {"names": ["velocity"], "at_one": [interface.DIRECT_SPEED], "units": ["mm/s"]},
+            "residual": {"names": ["velocity"], "at_one": [interface.RESIDUAL_SPEED], "units": ["mm/s"]},
+            "schedule": {
+                "names": ["window", "trim", "gain"], "units": ["samples", "samples", "1"],
+                "at_minus_one": [1.0, 0.0, interface.LEAST_GAIN],
+                "at_one": [float(interface.LONGEST_WINDOW), float(interface.LARGEST_TRIM), interface.LARGEST_GAIN],
+            },
+        }[control]  # fmt: skip
+    else:
+        _one_of(control, job_interface.CONTROLS[:1] if task == "contour" else job_interface.CONTROLS, "control")
+        names = job_interface.FEATURES[task]
+        scaling = {
+            "unit_mm": job_interface.TOLERANCE, "limit": job_interface.LIMIT, "ahead_ms": list(job_interface.AHEAD)
+        }  # fmt: skip
+        if task == "contour":
+            action = {
+                "names": ["override", "correction_left", "correction_along"], "units": ["1", "mm", "mm"],
+                "at_one": [job_interface.OVERRIDE, job_interface.CORRECTION, job_interface.CORRECTION],
+            }  # fmt: skip
+        else:
+            action = {"names": list(Process._fields), "units": ["1", "1", "Hz", "mm", "mm", "mm", "mm", "mm"]}
+            if control == "residual":
+                action["at_one"] = [float(x) for x in job_interface.RESIDUAL]
+    observation = {"kind": kind, "shape": [len(names)], "names": list(names)}
+    if kind == "features":
+        observation["scaling"] = scaling
+    return observation, {"shape": [len(action["names"])], "low": -1.0, "high": 1.0, **action}
+
+
+def check(document: Document, where: str) -> None:
+    """Raises :class:`InvalidInput` unless the policy is for an environment as this version has it."""
+    if document.format != FORMAT:
+        raise InvalidInput(f"{where} is of format {document.format}; this version of kerfgym reads format {FORMAT}")
+    stem, version = document.environment.rpartition("-v")[::2]
+    if document.environment not in TASKS:
+        have = [name for name in TASKS if stem and name.rpartition("-v")[0] == stem]
+        here = f"this version of kerfgym has {have[0]}" if have else did_you_mean(document.environment, TASKS)
+        raise InvalidInput(f"{where} is for environment '{document.environment}'; {here}")
+    if str(document.version) != version:
+        raise InvalidInput(
+            f"{where} is for version {document.version} of environment '{document.environment}'; here it is {version}"
+        )
+    for what, saved, here in zip(
+        ("observation", "action"), (document.observation, document.action),
+        describe(document.environment, document.control, str(document.observation.get("kind"))), strict=True,
+    ):  # fmt: skip
+        for key in dict.fromkeys((*here, *saved)):
+            if saved.get(key) != here.get(key):
+                raise InvalidInput(
+                    f"{where}: {what}.{key} is {_short(saved.get(key))}, in this {document.environment} it is "
+                    f"{_short(here.get(key))}; it was made for another version or shape"
+                )
+    slots = set(document.base)
+    wanted = {"z"} if TASKS[document.environment] == "following" else set(SLOTS)
+    if slots != wanted:
+        raise InvalidInput(f"{where}: base controllers for slots {sorted(slots)}; needed: {sorted(wanted)}")
+    shape, last = document.network, document.observation["shape"][0] * document.network.frames
+    for i, layer in enumerate(shape.layers):
+        if layer.inputs != last:
+            raise InvalidInput(f"{where}: network.layers.{i} takes {layer.inputs} numbers, but gets {last}")
+        last = layer.outputs
+    if last != document.action["shape"][0]:
+        raise InvalidInput(f"{where}: the network gives {last} numbers; an action has {document.action['shape'][0]}")
+
+
+def describe_base(stack: Stack) -> Base:
+    """A base controller as the artefact keeps it.
+
+    Raises:
+        InvalidInput: its law is not one of kerfgym's, so nobody else could run it.
+    """
+    if not any(stacks.get(name).law.name == stack.law.name for name in stacks.names()):
+        raise InvalidInput(
+            f"base controller '{stack.name}' is not one of kerfgym's; a policy on top of it would not run elsewhere"
+        )
+    values = {name: float(p.value) for name, p in stack.parameters().items()}
+    return Base(name=stack.name, law=stack.law.name, parameters=values)
+
+
+def bases(document: Document, where: str) -> dict[str, Stack]:
+    """The base controllers by slot.
+
+    Raises:
+        InvalidInput: unknown law or parameter, wrong slot, or a value out of range.
+    """
+    laws = {stacks.get(name).law.name: stacks.get(name) for name in stacks.names()}
+    found = {}
+    for slot, base in document.base.items():
+        if base.law not in laws or laws[base.law].slot != slot:
+            of_slot = [name for name, stack in laws.items() if stack.slot == slot]
+            raise InvalidInput(f"{where}: unknown law '{base.law}' in slot '{slot}'; {did_you_mean(base.law, of_slot)}")
+        try:
+            found[slot] = laws[base.law].varied(base.parameters, base.name)
+        except InvalidInput as error:
+            raise InvalidInput(f"{where}: {error}") from None
+    return found
+
+
+@functools.lru_cache(maxsize=32)
+def _stack(folder: Path, stamp: tuple[int, ...]) -> Stack:
+    from .compiled import Compiled
+
+    policy = Policy.load(folder)
+    found = bases(policy.document, f"policy '{folder}'")
+    main = found.pop("z" if policy.task == "following" else "process")
+    provenance = {"policy": policy.provenance}
+    return Stack(
+        str(folder), f"policy for {policy.document.environment}, {policy.document.control}, on {main.name}", main.law,
+        main.values, None, provenance, "", Compiled(policy), found,
+    )  # fmt: skip
+
+
+def stack_of(folder: Path) -> Stack | None:
+    """The policy in a folder as a controller: in the slot ``z``, or in the slot ``process`` with its other bases beside
+    it; None if the folder holds no policy.
+
+    Raises:
+        InvalidInput: as :meth:`Policy.load`.
+    """
+    if not (folder / DOCUMENT).is_file():
+        return None
+    files = [folder / DOCUMENT, folder / WEIGHTS]
+    return _stack(folder, tuple(f.stat().st_mtime_ns if f.is_file() else 0 for f in files))
+
+
+# ------------------------------------------------------------------------------------------------------ weights
+
+
+def tensors_of(network: Network) -> dict[str, np.ndarray]:
+    """Its numbers by name."""
+    found = {}
+    for i, layer in enumerate(network.layers):
+        found[f"layers.{i}.weight"], found[f"layers.{i}.bias"] = layer.weight, layer.bias
+    if network.normaliser:
+        found["normaliser.mean"], found["normaliser.scale"] = network.normaliser.mean, network.normaliser.scale
+    return {name: np.ascontiguousarray(array) for name, array in found.items()}
+
+
+def shape_of(network: Network) -> NetworkShape:
+    """Its shape, as the document keeps it."""
+    n = network.normaliser
+    place: Literal["none", "observation", "frames"]
+    place = "none" if n is None else ("frames" if network.normalises_frames else "observation")
+    layers = [
+        LayerShape.model_validate(
+            {"kind": x.kind, "inputs": x.inputs, "outputs": x.outputs, "activation": x.activation}
+        )
+        for x in network.layers
+    ]
+    output: Any = network.output
+    return NetworkShape(
+        frames=network.frames, normaliser=place, clip=n.clip if n else 1.0, layers=layers, output=output
+    )
+
+
+def _network(document: Document, data: bytes, folder: Path) -> Network:
+    """The network out of the weights, each of which must have the shape and type that the document asks for."""
+    from safetensors import SafetensorError
+    from safetensors.numpy import load
+
+    shape, size = document.network, int(document.observation["shape"][0])
+    wanted: dict[str, tuple[tuple[int, ...], Any]] = {}
+    for i, layer in enumerate(shape.layers):
+        lstm = layer.kind == "lstm"
+        gates = 4 * layer.outputs if lstm else layer.outputs
+        wanted[f"layers.{i}.weight"] = (gates, layer.inputs + (layer.outputs if lstm else 0)), np.float32
+        wanted[f"layers.{i}.bias"] = (gates,), np.float32
+    if shape.normaliser != "none":
+        length = size * (shape.frames if shape.normaliser == "frames" else 1)
+        wanted["normaliser.mean"] = wanted["normaliser.scale"] = (length,), np.float64
+    try:
+        tensors = load(data)
+    except (SafetensorError, KeyError, ValueError, TypeError) as error:
+        raise InvalidInput(f"policy '{folder}': {WEIGHTS} is no safetensors file: {error}") from None
+    if set(tensors) != set(wanted):
+        odd = sorted(set(tensors) ^ set(wanted))
+        raise InvalidInput(f"policy '{folder}': {WEIGHTS} and the network's shape do not fit: {', '.join(odd)}")
+    for name, (dimensions, dtype) in wanted.items():
+        array = tensors[name]
+        if array.shape != dimensions or array.dtype != dtype:
+            raise InvalidInput(
+                f"policy '{folder}': {name} has shape {array.shape} and type {array.dtype}; the network needs "
+                f"{dimensions} and {np.dtype(dtype)}"
+            )
+        if not np.isfinite(array).all() or (name.endswith("scale") and not (array > 0).all()):
+            raise InvalidInput(f"policy '{folder}': {name} holds numbers that are not finite, or a scale not above 0")
+    normaliser = None
+    if shape.normaliser != "none":
+        normaliser = Normaliser(tensors["normaliser.mean"], tensors["normaliser.scale"], shape.clip)
+    layers = tuple(
+        Layer(layer.kind, tensors[f"layers.{i}.weight"], tensors[f"layers.{i}.bias"], layer.activation)
+        for i, layer in enumerate(shape.layers)
+    )
+    return Network(size, shape.frames, normaliser, layers, shape.output)
+
+
+def _document(text: str, folder: Path) -> Document:
+    try:
+        return Document.model_validate_json(text)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(x) for x in first["loc"])
+        what = f"{place}: {first['msg']}" if place else first["msg"]
+        raise InvalidInput(f"policy '{folder}': {DOCUMENT} is not valid; {what}") from None
+
+
+def _one_of(value: str, allowed: Any, what: str) -> None:
+    if value not in allowed:
+        raise InvalidInput(f"unknown {what} '{value}'; {did_you_mean(str(value), allowed)}")
+
+
+def _short(value: Any) -> str:
+    text = json.dumps(value, ensure_ascii=False)
+    return text if len(text) <= 60 else f"{text[:57]}…"
