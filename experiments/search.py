@@ -1,7 +1,8 @@
 """Search for a stack's parameters: geometric mean of the RMS true error over a suite's core, under a cap on Ms.
 
 TPE explores, CMA-ES finishes (TPE alone misses optima by up to 1.8 times, PHYSICS §6). Every stack gets the same number
-of trials. Only *tune* seeds are used. The shipped presets come from here::
+of trials. Only *tune* seeds are used. The shipped presets come from here; what is not shipped is tuned with
+``kerfgym tune``, which has the same roll-outs and more to choose from::
 
     python -m kerfgym.experiments.search xi2023-tuned pid observer preview-5ms
 """
@@ -11,19 +12,14 @@ import platform
 import subprocess
 import sys
 import time
-from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from .. import __version__, baselines
-from ..envs import scenarios
 from ..envs import stack as stacks
-from ..envs.plant import heads
-from ..envs.plant.fleet import Fleet
 from ..envs.plant.quantity import InvalidInput
 from ..envs.stack import Stack
-from . import rollout, stability
+from . import stability
+from .tune import evaluate, goals
 
 TRIALS, EXPLORE = 400, 120
 """Trials of each search, and how many of them TPE makes before CMA-ES takes over."""
@@ -89,53 +85,28 @@ SPACES: dict[str, tuple[str, ...]] = {
 """What is searched for each shipped preset; ranges are the declared ones, windows up to 15."""
 
 
-@dataclass
 class Evaluator:
-    """Scores stacks of one law on the tune seeds of a suite's core; the fleet is built once."""
+    """Scores stacks of one law on the tune seeds of a suite's core, on the fleets of :mod:`experiments.tune`."""
 
-    stack: Stack
-    suite: str = "following"
-    seeds: int = SEEDS
-    threads: int = 2
+    def __init__(self, stack: Stack, suite: str = "following", seeds: int = SEEDS, threads: int = 2) -> None:
+        self.suite, self.seeds = suite, seeds
+        self._runs = evaluate.Evaluator(stack, suite, range(seeds), threads)
 
-    def __post_init__(self) -> None:
-        cases = scenarios.suite(self.suite)
-        self.core = len(scenarios.core(self.suite))
-        # Those that are ranked by, and those in which nobody may collide.
-        guarded = [name for name, case in cases.items() if case.guard and not case.exempt]
-        self.scenarios = [cases[name] for name in (*scenarios.core(self.suite), *guarded)]
-        self.which = np.repeat(np.arange(len(self.scenarios)), self.seeds)
-        self.used = np.tile(np.arange(self.seeds), len(self.scenarios))
-        assert self.used.max() in scenarios.SPLITS["tune"]
-        self.fleet = Fleet(len(self.used), self.stack.law, heads.POOL, self.threads)
-        for i, scenario in enumerate(self.scenarios):
-            mine = np.flatnonzero(self.which == i)
-            scenarios.prepare(self.fleet, scenario, mine, self.used[mine])
-        self.injection = stability.Injection(
-            self.stack, np.geomspace(5.0, 200.0, 20), settle=0.4, window=0.8, threads=self.threads
-        )
-        self.steps = 0
+    @property
+    def steps(self) -> int:
+        """Simulated so far."""
+        return self._runs.ledger.steps
 
     def score(self, stack: Stack) -> tuple[float, int]:
         """Geometric mean over the core scenarios of the RMS true error, µm (infinite if a run fails), collisions."""
-        every = np.arange(self.fleet.size)
-        self.fleet.forget_filters()
-        stack.install(self.fleet, every)
-        self.fleet.begin(every, scenarios.noise_keys(self.used))
-        record = rollout.run(self.fleet, self.scenarios[0], stack, self.used)
-        self.steps += self.fleet.size * self.scenarios[0].steps
-        square = np.where(record.scored, record.error.astype(np.float64), 0.0) ** 2
-        logs = [
-            0.5 * math.log(square[:, self.which == i].sum() / record.scored[:, self.which == i].sum())
-            for i in range(self.core)
-        ]
-        score = 1e3 * math.exp(np.mean(logs))
-        return (score if math.isfinite(score) else math.inf), int(record.collided.sum())
+        figures = self._runs.whole(stack, ("rms_true", "collision"))
+        score = goals.score("rms_true", figures, self._runs.core)
+        collisions = sum(int(each["collision"].sum()) for each in figures.values())
+        return (score if math.isfinite(score) else math.inf), collisions
 
     def peak(self, stack: Stack) -> float:
         """Ms on a coarser set of frequencies than the suite's, quick enough for a search."""
-        self.steps += self.injection.fleet.size * self.injection.scenario.steps
-        return self.injection.measure(stack).peak
+        return self._runs.peak(stack)
 
 
 def search(name: str, trials: int = TRIALS, cap: float = CAP, seed: int = 0) -> tuple[Stack, dict]:

@@ -103,7 +103,7 @@ def slices(trials: pd.DataFrame, task: Task, name: str) -> Figure:
     shown = [axis for axis in task.space.axes if axis.name in trials]
     rows = max(1, math.ceil(len(shown) / WIDEST))
     figure = _figure(f"{task.controller}: slices, later trials darker", 11.0, 0.6 + 2.3 * rows)
-    grid = figure.subplots(rows, min(WIDEST, max(1, len(shown))), squeeze=False, sharey=True)
+    grid = figure.subplots(rows, min(WIDEST, max(1, len(shown))), squeeze=False)
     whole = trials[(trials["state"] == "complete")]
     for axes in grid.flat[len(shown) :]:
         axes.set_visible(False)
@@ -122,7 +122,7 @@ def slices(trials: pd.DataFrame, task: Task, name: str) -> Figure:
         quantity = task.base.parameters()[axis.name].quantity
         unit = f" ({quantity.unit})" if quantity.unit not in ("", "1") else ""
         _plain(axes, axis.name + unit, "")
-        _window(axes, whole[name], axes.set_ylim)
+        _window(axes, mine[name], axes.set_ylim)
     for row in grid:
         row[0].set_ylabel(label(name, task))
     return figure

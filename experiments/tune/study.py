@@ -46,7 +46,7 @@ class Task:
     trials: int = 300
     seed: int = 0
     seeds: int = 32
-    name: str = "study"
+    name: str = ""
     url: str = ""
 
     @property
