@@ -40,14 +40,14 @@ class Io(NamedTuple):
     normaliser: int  # 0: none, 1: of each observation, 2: of all frames
     scales: int  # float64: limit, means, scales
     weights: int  # float32, of all layers: transposed weight, bias
-    layers: int  # words, (count, 4)
-    count: int
+    layers: int  # words, (depth, 4)
+    depth: int
     output: int
 
 
 (
     _NEXT, _NEXT_IO, _ACT, _OBSERVE, _ENVIRONMENT, _OBSERVATIONS, _ACTIONS, _SIZE, _WIDTH, _PERIOD, _SINCE, _WORK,
-    _STRIDE, _FRAMES, _NORMALISER, _SCALES, _WEIGHTS, _LAYERS, _COUNT, _OUTPUT,
+    _STRIDE, _FRAMES, _NORMALISER, _SCALES, _WEIGHTS, _LAYERS, _DEPTH, _OUTPUT,
 ) = range(len(Io._fields))  # fmt: skip
 _IO, _ANY = U(len(Io._fields)), U(2**40)
 _FRESH = machine.SIGNALS + U(Privileged._fields.index("fresh")) * UW
@@ -143,7 +143,7 @@ def _run(io, machine_):
     work = singles(io[_WORK] + _U4 * machine_ * io[_STRIDE], io[_STRIDE])
     observations, actions = singles(io[_OBSERVATIONS], _ANY), singles(io[_ACTIONS], _ANY)
     weights, scales = singles(io[_WEIGHTS], _ANY), doubles(io[_SCALES], _ANY)
-    layers = words(io[_LAYERS], io[_COUNT] * _U4)
+    layers = words(io[_LAYERS], io[_DEPTH] * _U4)
     size, frames = io[_SIZE], io[_FRAMES]
     all_frames = size * frames
     newest = all_frames - size
@@ -158,7 +158,7 @@ def _run(io, machine_):
         _normalise(work, U0, all_frames, all_frames, scales, U1, all_frames)
         x = all_frames
     y, w, inputs = _U2 * all_frames, U0, all_frames
-    for k in range(io[_COUNT]):
+    for k in range(io[_DEPTH]):
         lstm, outputs, kind = layers[k * _U4], layers[k * _U4 + U1], layers[k * _U4 + _U2]
         if lstm == U1:
             # What it takes and its hidden state side by side, then its gates, then its cells.

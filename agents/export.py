@@ -228,15 +228,16 @@ def _environment(env: Any) -> tuple[Any, Normaliser | None, int]:
     while isinstance(env, VecEnvWrapper):
         if isinstance(env, VecNormalize):
             if env.norm_obs:
-                if normaliser is not None or not hasattr(env.obs_rms, "mean"):
+                statistics: Any = env.obs_rms
+                if normaliser is not None or not hasattr(statistics, "mean"):
                     raise _refused("two normalisers, or one for a dictionary")
-                mean = np.asarray(env.obs_rms.mean, np.float64)
-                scale = np.sqrt(np.asarray(env.obs_rms.var, np.float64) + env.epsilon)
+                mean = np.asarray(statistics.mean, np.float64)
+                scale = np.sqrt(np.asarray(statistics.var, np.float64) + env.epsilon)
                 normaliser = Normaliser(mean, scale, float(env.clip_obs))
         elif isinstance(env, VecFrameStack):
             if frames > 1:
                 raise _refused("two frame stacks")
-            frames = int(env.n_stack)
+            frames = env.observation_space.shape[0] // env.venv.observation_space.shape[0]  # type: ignore[index]
         elif not isinstance(env, VecMonitor | VecCheckNan):
             raise _refused(f"the wrapper {type(env).__name__}")
         env = env.venv

@@ -222,7 +222,7 @@ def describe(environment: str, control: str, kind: str) -> tuple[dict[str, Any],
             action = {"names": list(Process._fields), "units": ["1", "1", "Hz", "mm", "mm", "mm", "mm", "mm"]}
             if control == "residual":
                 action["at_one"] = [float(x) for x in job_interface.RESIDUAL]
-    observation = {"kind": kind, "shape": [len(names)], "names": list(names)}
+    observation: dict[str, Any] = {"kind": kind, "shape": [len(names)], "names": list(names)}
     if kind == "features":
         observation["scaling"] = scaling
     return observation, {"shape": [len(action["names"])], "low": -1.0, "high": 1.0, **action}
@@ -241,15 +241,15 @@ def check(document: Document, where: str) -> None:
         raise InvalidInput(
             f"{where} is for version {document.version} of environment '{document.environment}'; here it is {version}"
         )
-    for what, saved, here in zip(
+    for what, saved, present in zip(
         ("observation", "action"), (document.observation, document.action),
         describe(document.environment, document.control, str(document.observation.get("kind"))), strict=True,
     ):  # fmt: skip
-        for key in dict.fromkeys((*here, *saved)):
-            if saved.get(key) != here.get(key):
+        for key in dict.fromkeys((*present, *saved)):
+            if saved.get(key) != present.get(key):
                 raise InvalidInput(
                     f"{where}: {what}.{key} is {_short(saved.get(key))}, in this {document.environment} it is "
-                    f"{_short(here.get(key))}; it was made for another version or shape"
+                    f"{_short(present.get(key))}; it was made for another version or shape"
                 )
     slots = set(document.base)
     wanted = {"z"} if TASKS[document.environment] == "following" else set(SLOTS)

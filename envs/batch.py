@@ -62,9 +62,7 @@ class Batch(Episodes):
         if self.base.slot != "z":
             raise InvalidInput(f"base controller '{self.base.name}' drives slot '{self.base.slot}', not 'z'")
         if self.base.pilot is not None:
-            raise InvalidInput(
-                f"base controller '{self.base.name}' is a policy; it moves the hand that the action moves"
-            )
+            raise InvalidInput(f"base controller '{self.base.name}' is a policy; it moves what the action moves")
         if max_steps is not None and max_steps < 1:
             raise InvalidInput(f"max_steps = {max_steps} is out of range; at least 1")
         space = gym.spaces.Box(-1.0, 1.0, (3 if control == "schedule" else 1,), np.float32)

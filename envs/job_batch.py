@@ -69,9 +69,7 @@ class JobBatch(Episodes):
             if stack.python is not None:
                 raise InvalidInput(f"base controller '{stack.name}' is plain Python; a base must be a compiled law")
             if stack.pilot is not None and stack.slot != "z":
-                raise InvalidInput(
-                    f"base controller '{stack.name}' is a policy; it moves the hand that the action moves"
-                )
+                raise InvalidInput(f"base controller '{stack.name}' is a policy; it moves what the action moves")
         self.jobs = [workshop.programme(s, self.base) for s in found]
         for note in dict.fromkeys(note for job in self.jobs for note in job.warnings):
             warnings.warn(note, stacklevel=4)
