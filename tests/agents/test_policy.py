@@ -26,6 +26,7 @@ from kerfgym.envs.plant import gantry
 from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.experiments import rollout, stability
 
+torch.set_num_threads(1)
 SEED = 3
 SHORT = scenarios.load("wavy").varied(duration=0.4, settle=0.1)
 SETTINGS = {
@@ -112,20 +113,22 @@ def test_a_seed_gives_the_same_trajectory_in_the_gymnasium_loop_and_compiled(kin
 )
 def test_a_policy_for_jobs_decides_compiled_as_it_does_in_the_gymnasium_loop(name, vec, scenario, control, tmp_path):
     export(model(PPO, vec(2, control=control)), tmp_path, onnx=False)
-    env = gym.make(f"kerfgym/{name}-v0", scenario=scenario, control=control, split="tune")
+    moving = scenarios.load(scenario).varied(job={"pierce": False})
+    env = gym.make(f"kerfgym/{name}-v0", scenario=moving, control=control, split="tune")
     policy, seen = Policy.load(tmp_path), []
     observation, _ = env.reset(options={"scenario_seed": SEED})
     for step in range(60):
         observation, _, over, _, info = env.step(policy.act(observation, start=step == 0))
         assert not over
-        seen.append([info["x"], info["y"], info["contour_error"]])
+        seen.append([info["x"], info["y"], info["contour_error"], info["gap_error"], info.get("frequency", 0.0)])
     team = stack.team(str(tmp_path))
-    fleet = workshop.fleet_for(scenarios.load(scenario), team, [7, SEED])
+    fleet = workshop.fleet_for(moving, team, [7, SEED])
     record = fleet.gantries.start_recording(480, fleet.tick)
     for periods in (100, 3, 377):  # decisions do not depend on how the periods are grouped
         fleet.advance(periods)
-    channels = [gantry.CHANNELS.index(channel) for channel in ("x", "y", "error")]
+    channels = [gantry.CHANNELS.index(channel) for channel in ("x", "y", "error", "gap_error", "command_frequency")]
     np.testing.assert_array_equal(record[7::8, channels, 1], np.float32(seen))
+    assert (np.ptp(record[:, channels[:3], 1], axis=0) > 1e-3).all()
 
 
 def test_threads_change_nothing(folder):
@@ -273,11 +276,11 @@ def test_it_can_follow_the_sheet_in_a_job_but_not_be_the_base_of_its_own_kind(fo
 # ---------------------------------------------------------------------------------------------- what is refused
 
 
-def copy_of(folder, place, weights=None, **changes):
+def copy_of(folder, place, numbers=None, **changes):
     """A copy with other words in its document (dotted names, ``None`` takes one away), or other weights."""
     place.mkdir()
     document = json.loads((folder / "policy.json").read_text())
-    data = weights if weights is not None else (folder / "weights.safetensors").read_bytes()
+    data = numbers if numbers is not None else (folder / "weights.safetensors").read_bytes()
     for name, value in changes.items():
         *path, last = name.split("__")
         inner = document
