@@ -253,6 +253,7 @@ def train(
     name: str | None = None,
     device: str = "cpu",
     threads: int = 1,
+    ms: bool = True,
     overwrite: bool = False,
     resume: bool = False,
 ) -> None:
@@ -268,12 +269,13 @@ def train(
         name: of the run folder. Default: environment, algorithm and seed.
         device: of torch: cpu, cuda, cuda:1.
         threads: of torch; more than one seldom helps such small networks.
+        ms: measure the height follower's sensitivity peak Ms by injection.
         overwrite: replace an existing run folder.
         resume: go on from the last checkpoint of an interrupted run.
     """
     from .training import train as run
 
-    folder = run(algorithm, env, steps, seed, set_, name, device, threads, overwrite, resume)
+    folder = run(algorithm, env, steps, seed, set_, name, device, threads, ms, overwrite, resume)
     print(f"\n{folder}")
 
 

@@ -31,7 +31,7 @@ def ship(name: str, folder: Path = TRAINED) -> Path:
     if not (run / "run.json").is_file():
         resume = run.exists()
         given = presets.preset(algorithm, env)
-        into(open_run(run, given, resume=resume), given, seed, "cpu", 1, resume)
+        into(open_run(run, given, resume=resume), given, seed, "cpu", 1, True, resume)
     files = [*(run / "policy").iterdir(), run / "run.json"]
     size = sum(file.stat().st_size for file in files)
     if size > LARGEST:

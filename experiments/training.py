@@ -7,13 +7,14 @@ import tomli_w
 
 from ..agents import settings as presets
 from ..agents.settings import Settings
-from . import runs
+from ..envs import stack as stacks
+from . import runs, stability
 from .table import progress
 
 
 def train(
     algorithm: str, env: str, steps: int | None, seed: int, assignments: list[str], name: str | None, device: str,
-    threads: int, overwrite: bool, resume: bool,
+    threads: int, ms: bool, overwrite: bool, resume: bool,
 ) -> Path:  # fmt: skip
     """Trains a policy and writes its run folder; see ``cli.train``.
 
@@ -26,7 +27,7 @@ def train(
     settings = presets.preset(algorithm, env, changes)
     short = presets.ENVIRONMENTS[env][0]
     folder = open_run(Path("runs") / (name or f"{short}-{algorithm}-{seed}"), settings, overwrite, resume)
-    return into(folder, settings, seed, device, threads, resume)
+    return into(folder, settings, seed, device, threads, ms, resume)
 
 
 def open_run(folder: Path, settings: Settings, overwrite: bool = False, resume: bool = False) -> Path:
@@ -41,7 +42,7 @@ def open_run(folder: Path, settings: Settings, overwrite: bool = False, resume: 
     return folder
 
 
-def into(folder: Path, settings: Settings, seed: int, device: str, threads: int, resume: bool) -> Path:
+def into(folder: Path, settings: Settings, seed: int, device: str, threads: int, ms: bool, resume: bool) -> Path:
     """Trains into a folder that is open; ``run.json`` is written last."""
     from ..agents.export import export
     from ..agents.train import train as learn
@@ -53,10 +54,14 @@ def into(folder: Path, settings: Settings, seed: int, device: str, threads: int,
         "command": record["command"], "git": record["git"], "score_tune": trained.score,
         "ledger": trained.ledger,
     })  # fmt: skip
+    peak = None
+    if ms and presets.ENVIRONMENTS[settings.env][0] == "height-following":
+        peak = round(stability.sensitivity(stacks.resolve(str(exported.folder))).peak, 4)
+        print(f"worst |S| over 16 corner plants: Ms {peak:.2f}")
     runs.write_json(folder / "run.json", {
         **record, "kind": "train", "env": settings.env, "algorithm": settings.name, "seed": seed,
         "settings": settings.flat(), "ledger": trained.ledger,
-        "best": {"score_tune": trained.score, "steps": trained.best_at}, "last": last,
+        "best": {"score_tune": trained.score, "steps": trained.best_at}, "last": last, "ms": peak,
         "policy": {"largest_difference": exported.difference, "actions": exported.compared},
     })  # fmt: skip
     print(f"policy: {exported.folder}, at most {exported.difference:.1e} off the model in {exported.compared} actions")
