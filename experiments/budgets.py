@@ -69,6 +69,7 @@ def in_words(row: Any) -> str:
     if not math.isnan(row["trials"]):
         parts.append(f"{row['trials']:.0f}")
     if not math.isnan(row["tuning_steps"]):
-        parts.append(f"{1e-6 * row['tuning_steps']:.3g} M")
+        million = 1e-6 * row["tuning_steps"]
+        parts.append(f"{million:.0f} M" if million >= 100 else f"{million:.3g} M")
     mark = row["budget"]
     return " · ".join(parts) + (f" {mark}" if parts and mark else mark)

@@ -111,6 +111,23 @@ def test_the_sensitivity_peak_is_measured_when_asked_for(tmp_path):
     assert len(table) == 40
     assert results.summary()["ms"].tolist() == [pytest.approx(table["magnitude"].max())]
     assert 1.0 < table["magnitude"].max() < 3.0
+    row, margins = results.summary().iloc[0], pd.read_csv(tmp_path / "run" / "margins.csv").iloc[0]
+    assert (row["gain_margin"], row["delay_margin"]) == pytest.approx((margins["gain"], margins["delay_ms"]))
+    assert 3.0 < row["gain_margin"] < 4.0  # python-control's for the linear loop: 3.35 and 21.2 ms
+    assert 18.0 < row["delay_margin"] < 23.0
+
+
+def test_the_cost_of_a_decision_is_in_the_record_and_not_among_the_figures(tmp_path, monkeypatch):
+    monkeypatch.setattr(benchmark.decisions, "measure", lambda stack: benchmark.decisions.Decision(0.25, 1.5, 1.5e-3))
+    results = go(tmp_path / "run", ["pid", "xi2023-ma"], with_cost=True, report=True)
+    record = json.loads((tmp_path / "run" / "run.json").read_text(encoding="utf-8"))
+    assert record["decisions"]["pid"] == {"median_us": 0.25, "p99_us": 1.5, "ratio": 0.0015}
+    assert results.decisions().loc["xi2023-ma"].tolist() == [0.25, 1.5, 0.0015]
+    assert not {"median_us", "p99_us"} & set(results.summary().columns)
+    without = go(tmp_path / "without", ["pid"])
+    assert np.isnan(without.decisions().loc["pid"].to_numpy(float)).all()
+    assert without.summary().at["pid", "trials"] == 400
+    assert results.summary()["budget"].to_dict() == {"pid": "", "xi2023-ma": "none"}
 
 
 def figures(folder):

@@ -61,6 +61,9 @@ def ideal(bench):
     return bench
 
 
+pytestmark = pytest.mark.filterwarnings("ignore:Badly conditioned")  # python-control, on the way to a transfer function
+
+
 @pytest.mark.parametrize(
     ("spec", "kv", "window"),
     [(f"{NO_FILTER},law.kv=50", 50.0, 1), (f"{NO_FILTER},law.kv=150", 150.0, 1), ("xi2023-ma:law.kv=80", 80.0, 5)],

@@ -384,3 +384,21 @@ def test_numbers_have_three_digits(value, text):
 def test_pictures_have_distinct_names():
     taken = set()
     assert [page._stem(name, taken) for name in ("o-a/b", "o-a b", "o-A-B")] == ["o-a-b", "o-a-b-2", "o-A-B-3"]
+
+
+def test_margins_cost_and_budget_have_a_table_that_marks_what_is_unequal(tmp_path):
+    results = some()
+    names = results.controllers
+    results.margins = pd.DataFrame({"controller": names, "gain": [2.0, 3.456, np.inf], "delay_ms": [5.0, 0.0, np.inf]})
+    results.meta["decisions"] = {names[0]: {"median_us": 0.25, "p99_us": 1.5, "ratio": 0.0015}}
+    results.meta["tuning"] = {
+        "xi2023-tuned": {"trials": 400, "simulated_steps": 6e8}, "pid": {"trials": 4000, "simulated_steps": 6e9},
+    }  # fmt: skip
+    text = Reader(write_report(tmp_path, results).read_text(encoding="utf-8")).text
+    for words in ("3.46", "> 16", "> 64", "none", "0.15 %", "4000 · 6000 M", "larger", "Ratios not at equal budgets"):
+        assert words in text, words
+    equal = some()
+    equal.meta["tuning"] = {name: {"trials": 400, "simulated_steps": 6e8} for name in equal.controllers}
+    text = Reader(write_report(tmp_path, equal).read_text(encoding="utf-8")).text
+    assert "All ratios are at equal budgets" in text
+    assert "of the period" not in text
