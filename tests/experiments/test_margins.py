@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from kerfgym.envs.plant import machine
 from kerfgym.envs.plant.controller import PERIOD
 from kerfgym.envs.stack import get, python_stack, resolve
 from kerfgym.experiments import margins as module
@@ -117,6 +118,19 @@ def recorded(bench, monkeypatch):
 
     monkeypatch.setattr(module.rollout, "run", keep)
     return seen
+
+
+def test_a_fault_of_nothing_changes_nothing(monkeypatch):
+    some(1, monkeypatch)
+    stack, heads = get("pid"), []
+    for faulty in (True, False):
+        bench = Bench(stack)
+        seen = recorded(bench, monkeypatch)
+        if not faulty:
+            bench.fleet._deck[machine.D_FINISH] = 0
+        bench.settles(stack, np.ones(1), np.zeros(1))
+        heads.append(seen[0]["head"])
+    assert np.array_equal(*heads)
 
 
 @pytest.mark.parametrize("delay", [3.0, 4.6])
