@@ -216,7 +216,8 @@ def run(
     if with_cost:  # one after another, when the cores are idle
         meta["decisions"] = {
             name: {key: float(f"{value:.4g}") for key, value in decisions.measure(stack)._asdict().items()}
-            for name, stack in known.items() if isinstance(stack, stacks.Stack)
+            for name, stack in known.items()
+            if isinstance(stack, stacks.Stack)
         }
     empty = pd.DataFrame({"controller": [], "frequency": [], "magnitude": []})
     results = Results(

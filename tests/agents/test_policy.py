@@ -1,4 +1,4 @@
-"""Policy artefacts: what is exported acts as the model does, alike in NumPy and compiled, and nothing else is loaded."""
+"""Policy artefacts: what is exported acts as the model does, in NumPy and compiled alike; nothing else is loaded."""
 
 import json
 import subprocess
@@ -346,9 +346,9 @@ def test_damaged_weights_are_refused(folder, tmp_path):
     ]):  # fmt: skip
         with pytest.raises(InvalidInput, match=message):
             Policy.load(forged(i, bad))
+    place = copy_of(folder, tmp_path / "without")
+    (place / "weights.safetensors").unlink()
     with pytest.raises(InvalidInput, match="cannot be read"):
-        place = copy_of(folder, tmp_path / "without")
-        (place / "weights.safetensors").unlink()
         Policy.load(place)
     with pytest.raises(InvalidInput, match=r"no policy\.json"):
         stack.resolve(str(tmp_path))
