@@ -30,7 +30,7 @@ MIX = [*(load(n) for n in ("wavy", "rough", "step", "holes", "impulses", "flutte
 COLUMNS = (
     "signals.gap", "signals.height", "signals.raw_height", "signals.frequency", "signals.surface_0",
     "signals.surface_5", "signals.head_position", "signals.command", "signals.mode", "motion.position",
-    "motion.velocity", "motion.acceleration", "supervisor.refuge", "tally.lowest", "journey.distance",
+    "motion.velocity", "motion.acceleration", "supervisor.anchor", "tally.lowest", "journey.distance",
 )  # fmt: skip
 PERIODS = 400
 
