@@ -354,11 +354,14 @@ def join(p, s, job, x, u):
     passes = (mode == FOLLOW or mode == PROTECT) and u == x.wish
     difference = s.command - u if s.apart == UNJOINED else s.apart
     left = difference - clip(difference, -p.slew, p.slew)
-    command = u + left if passes else clip(u, s.command - p.slew, s.command + p.slew)
-    override = not passes or left != 0.0
+    own = clip(u, s.command - p.slew, s.command + p.slew)
+    most = max(abs(u), abs(own))  # a law that jumps about must not be led beyond what it, or the supervisor, asks for
+    joined = clip(u + left, -most, most)
+    command = joined if passes else own
+    override = not passes or joined != u
     return State(
         mode, phase, s.ticks, s.captured, override, alarm, zero, s.anchor, s.offset, command, s.goal,
-        left if passes else UNJOINED,
+        joined - u if passes else UNJOINED,
     ), command  # fmt: skip
 
 

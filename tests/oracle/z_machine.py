@@ -285,7 +285,10 @@ class ZMachine:
         differs = np.where(self.foreign, self.command - u, self.apart)
         self.apart = np.sign(differs) * np.maximum(np.abs(differs) - g.slew, 0.0)
         joined = clip(u, self.command - g.slew, self.command + g.slew)
-        command = np.where(passes, u + self.apart, joined)
+        largest = np.maximum(np.abs(u), np.abs(joined))
+        faded = clip(u + self.apart, -largest, largest)
+        self.apart = faded - u
+        command = np.where(passes, faded, joined)
         self.foreign = ~passes
         self.override = ~passes | (self.apart != 0.0)
         self.command = command

@@ -334,8 +334,10 @@ def test_a_handover_never_changes_the_command_by_more_than_the_slew_and_what_the
         before, last = command, asked
         asked = wish.copy()
         command, override = fleet.column("supervisor.command"), fleet.column("supervisor.override") > 0.5
-        change = np.minimum(np.abs(command - before), np.abs(command - before - asked + last))
-        assert np.all(change <= slew + 1e-9)
+        change, own = command - before, asked - last  # no more than the slew beyond what the law itself does
+        assert np.all(change <= np.maximum(own, 0.0) + slew + 1e-9)
+        assert np.all(change >= np.minimum(own, 0.0) - slew - 1e-9)
+        assert np.all(np.abs(command) <= 150.0 + 1e-9)  # of moves; the law asks for less
         assert np.array_equal(command[~override], wish[~override])
         modes |= set(fleet.column("supervisor.mode"))
     assert modes == {STOP, MOVE, CALIBRATE, FOLLOW, ALARM}
