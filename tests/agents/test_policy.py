@@ -128,7 +128,7 @@ def test_a_policy_for_jobs_decides_compiled_as_it_does_in_the_gymnasium_loop(nam
         fleet.advance(periods)
     channels = [gantry.CHANNELS.index(channel) for channel in ("x", "y", "error", "gap_error", "command_frequency")]
     np.testing.assert_array_equal(record[7::8, channels, 1], np.float32(seen))
-    assert (np.ptp(record[:, channels[:3], 1], axis=0) > 1e-3).all()
+    assert np.ptp(record[:, channels[:2], 1]) > 0.5  # mm: the axes move
 
 
 def test_threads_change_nothing(folder):
