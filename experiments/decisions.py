@@ -50,8 +50,9 @@ class Decision(NamedTuple):
 
 
 def _decide(deck_address):
-    """Some decisions on recorded signals; the deck: block, law, its tables and their size, signals, decisions."""
-    deck = words(deck_address, U(6))
+    """Some decisions on recorded signals; the deck: block, law, its tables and their size, signals, decisions, and the
+    policy on top of the law with its words, or 0."""
+    deck = words(deck_address, U(8))
     block, signals = doubles(deck[0], U(2**40)), doubles(deck[4], U(2**40))
     at = U0
     for _ in range(deck[5]):
@@ -59,6 +60,8 @@ def _decide(deck_address):
             block[machine.SIGNALS + row * U(W)] = signals[at]
             at += U1
         call(deck[1], deck[0], U0, U1, deck[2], deck[3])
+        if deck[6] > U0:
+            call(deck[6], deck[0], U0, U1, deck[7], U0)
 
 
 _decide_kernel = Kernel(_decide, Path(__file__).read_text(encoding="utf-8"))
@@ -79,9 +82,10 @@ def _times(stack: Stack, signals: np.ndarray, chunk: int) -> np.ndarray:
     """Nanoseconds of each chunk."""
     fleet = Fleet(1, stack.law, heads.POOL)
     stack.install(fleet, [0])
-    deck = np.zeros(6, np.uint64)
+    deck = np.zeros(8, np.uint64)
     deck[0], deck[2] = fleet._block.ctypes.data, fleet._owned[machine.D_LAW_TABLES].ctypes.data
     deck[1], deck[3], deck[5] = stage_of(stack.law, machine.LAW_PLACES), stack.law.tables.size, chunk
+    deck[6:8] = fleet._deck[[machine.D_PILOT, machine.D_PILOT_IO]]
     run = _decide_kernel.bound(deck.ctypes.data)
     found = []
     for first in range(0, len(signals) - chunk + 1, chunk):

@@ -24,7 +24,7 @@ from kerfgym.envs.batch import Batch
 from kerfgym.envs.job_batch import ContourBatch, CuttingBatch
 from kerfgym.envs.plant import gantry
 from kerfgym.envs.plant.quantity import InvalidInput
-from kerfgym.experiments import rollout, stability
+from kerfgym.experiments import decisions, rollout, stability
 
 torch.set_num_threads(1)
 SEED = 3
@@ -236,6 +236,11 @@ def test_a_policy_has_a_sensitivity_like_any_controller(tmp_path):
     active = model(PPO, HeightFollowingVecEnv(1, base="pid"))
     export(active, tmp_path / "active", onnx=False)
     assert np.abs(measured(str(tmp_path / "active")) - measured("pid")).max() > 1e-3
+
+
+def test_its_decisions_cost_more_than_its_bases(folder):
+    alone = decisions.measure("xi2023-improved", 2000)
+    assert decisions.measure(str(folder), 2000).median_us > alone.median_us + 0.1
 
 
 def test_its_base_can_be_varied_and_it_drives_the_slot_of_its_environment(folder):
