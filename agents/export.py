@@ -20,6 +20,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from ..envs.job_batch import PERIOD
 from ..envs.plant.quantity import InvalidInput
 from .network import Layer, Memory, Network, Normaliser, run
 from .policy import FORMAT, TASKS, Document, Policy, describe, describe_base, shape_of
@@ -59,8 +60,8 @@ def export(
     Args:
         model: of stable-baselines3 or sb3-contrib, see :data:`SUPPORTED`.
         folder: is made if need be.
-        provenance: what is known of its making: command, CPU-seconds, seeds. Algorithm, seed, simulated steps and
-            versions are added.
+        provenance: what is known of its making: command, CPU-seconds, seeds, a ``ledger`` if more was simulated than
+            the model's own steps. Algorithm, seed, decisions, simulated steps (of 1 ms) and versions are added.
         env: environment of the model (a ``VecEnv``, or a Gymnasium environment), if not ``model.get_env()``.
         onnx: whether to write ``policy.onnx`` beside, if the package is there.
 
@@ -76,7 +77,8 @@ def export(
     observation, action = describe(environment, batch.control, batch.observation)
     stacks = batch.base.stacks if hasattr(batch.base, "stacks") else (batch.base,)
     about = {
-        "algorithm": type(model).__name__, "seed": model.seed, "simulated_steps": int(model.num_timesteps),
+        "algorithm": type(model).__name__, "seed": model.seed, "training_steps": int(model.num_timesteps),
+        "simulated_steps": int(model.num_timesteps) * (PERIOD if hasattr(batch, "TASK") else 1),
         "versions": _versions(),
     }  # fmt: skip
     document = Document(

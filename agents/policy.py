@@ -14,6 +14,7 @@ environment's own observation and action, see :mod:`agents.compiled`.
 import functools
 import hashlib
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -72,6 +73,7 @@ class Base(_Table):
     name: str
     law: str
     parameters: dict[str, float]
+    provenance: dict[str, Any] = Field(default_factory=dict)  # how it was tuned
 
 
 class Document(_Table):
@@ -275,7 +277,7 @@ def describe_base(stack: Stack) -> Base:
             f"base controller '{stack.name}' is not one of kerfgym's; a policy on top of it would not run elsewhere"
         )
     values = {name: float(p.value) for name, p in stack.parameters().items()}
-    return Base(name=stack.name, law=stack.law.name, parameters=values)
+    return Base(name=stack.name, law=stack.law.name, parameters=values, provenance=stack.provenance)
 
 
 def bases(document: Document, where: str) -> dict[str, Stack]:
@@ -291,7 +293,8 @@ def bases(document: Document, where: str) -> dict[str, Stack]:
             of_slot = [name for name, stack in laws.items() if stack.slot == slot]
             raise InvalidInput(f"{where}: unknown law '{base.law}' in slot '{slot}'; {did_you_mean(base.law, of_slot)}")
         try:
-            found[slot] = laws[base.law].varied(base.parameters, base.name)
+            varied = laws[base.law].varied(base.parameters, base.name)
+            found[slot] = replace(varied, provenance=base.provenance)
         except InvalidInput as error:
             raise InvalidInput(f"{where}: {error}") from None
     return found
@@ -304,7 +307,10 @@ def _stack(folder: Path, stamp: tuple[int, ...]) -> Stack:
     policy = Policy.load(folder)
     found = bases(policy.document, f"policy '{folder}'")
     main = found.pop("z" if policy.task == "following" else "process")
-    provenance = {"policy": policy.provenance}
+    # What was spent on the policy comes on top of what its base was tuned with.
+    made, tuned = policy.provenance, dict(main.provenance)
+    steps = made.get("ledger", made).get("simulated_steps", 0) + tuned.get("simulated_steps", tuned.get("steps", 0))
+    provenance = {**tuned, "simulated_steps": steps, "policy": made}
     return Stack(
         str(folder), f"policy for {policy.document.environment}, {policy.document.control}, on {main.name}", main.law,
         main.values, None, provenance, "", Compiled(policy), found,

@@ -207,12 +207,17 @@ print("ran", record["gap"][49, 0])
     assert done.stdout.startswith("ran"), done.stderr
 
 
-def test_provenance_tells_where_a_policy_comes_from(folder):
+def test_provenance_tells_where_a_policy_comes_from_and_what_was_spent(folder, tmp_path):
     found = Policy.load(folder).provenance
     assert found["algorithm"] == "PPO"
     assert (found["seed"], found["simulated_steps"]) == (1, 16)
     assert (found["command"], found["cpu_seconds"]) == ("kerfgym train", 1.5)
     assert found["versions"]["torch"] == torch.__version__.split("+")[0] or found["versions"]["torch"]
+    tuned = stack.resolve("pid").provenance
+    export(model(PPO, HeightFollowingVecEnv(1, base="pid"), 16), tmp_path, {"ledger": {"simulated_steps": 900}})
+    spent = stack.resolve(str(tmp_path)).provenance
+    assert spent["simulated_steps"] == 900 + tuned.get("simulated_steps", tuned.get("steps"))
+    assert spent["trials"] == tuned["trials"]
     assert found["equivalence"]["largest_difference"] <= found["equivalence"]["bound"] == BOUND
 
 
