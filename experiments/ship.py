@@ -8,6 +8,7 @@ An interrupted training goes on where its last checkpoint stands.
 import shutil
 import sys
 from pathlib import Path
+from typing import Any
 
 from ..agents import settings as presets
 from . import runs
@@ -15,10 +16,12 @@ from .training import into, open_run
 
 TRAINED = Path(__file__).parents[1] / "agents" / "trained"
 
-SHIPPED: dict[str, tuple[str, str, int]] = {
-    "height-following-ppo": ("ppo", "kerfgym/HeightFollowing-v0", 0),
-}
-"""Algorithm, environment and seed of each."""
+SHIPPED: dict[str, tuple[str, str, int, dict[str, Any]]] = {
+    "height-following-ppo": (
+        "ppo", "kerfgym/HeightFollowing-v0", 0, {"steps": 1_500_000, "evaluation.every": 300_000},
+    ),
+}  # fmt: skip
+"""Algorithm, environment and seed of each, and what differs from the preset."""
 
 LARGEST = 1_000_000
 """Bytes of a shipped policy."""
@@ -26,11 +29,11 @@ LARGEST = 1_000_000
 
 def ship(name: str, folder: Path = TRAINED) -> Path:
     """Trains a policy and puts artefact and record where they are shipped from."""
-    algorithm, env, seed = SHIPPED[name]
+    algorithm, env, seed, changes = SHIPPED[name]
     run, resume = Path("runs") / f"shipped-{name}", False
     if not (run / "run.json").is_file():
         resume = run.exists()
-        given = presets.preset(algorithm, env)
+        given = presets.preset(algorithm, env, changes)
         into(open_run(run, given, resume=resume), given, seed, "cpu", 1, True, resume)
     files = [*(run / "policy").iterdir(), run / "run.json"]
     size = sum(file.stat().st_size for file in files)
