@@ -34,7 +34,9 @@ def ship(name: str, folder: Path = TRAINED) -> Path:
     if not (run / "run.json").is_file():
         resume = run.exists()
         given = presets.preset(algorithm, env, changes)
-        into(open_run(run, given, resume=resume), given, seed, "cpu", 1, True, resume)
+        words = ["kerfgym", "train", algorithm, "--env", env, "--seed", str(seed)]
+        words += [word for key, value in changes.items() for word in ("--set", f"{key}={value}")]
+        into(open_run(run, given, resume=resume), given, seed, "cpu", 1, True, resume, words)
     files = [*(run / "policy").iterdir(), run / "run.json"]
     size = sum(file.stat().st_size for file in files)
     if size > LARGEST:

@@ -42,14 +42,23 @@ def open_run(folder: Path, settings: Settings, overwrite: bool = False, resume: 
     return folder
 
 
-def into(folder: Path, settings: Settings, seed: int, device: str, threads: int, ms: bool, resume: bool) -> Path:
-    """Trains into a folder that is open; ``run.json`` is written last."""
+def into(
+    folder: Path,
+    settings: Settings,
+    seed: int,
+    device: str,
+    threads: int,
+    ms: bool,
+    resume: bool,
+    command: list[str] | None = None,
+) -> Path:
+    """Trains into a folder that is open; ``run.json`` is written last, with ``command`` or the one that was typed."""
     from ..agents.export import export
     from ..agents.train import train as learn
 
     with progress(f"{settings.name} on {settings.env}") as told:
         trained = learn(settings, folder, seed, device, threads, resume, told)
-    last, record = trained.evaluations[-1], runs.record()
+    last, record = trained.evaluations[-1], runs.record(command)
     exported = export(trained.model, folder / "policy", {
         "command": record["command"], "git": record["git"], "score_tune": trained.score,
         "ledger": trained.ledger,
