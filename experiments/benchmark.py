@@ -217,7 +217,7 @@ def run(
         meta["decisions"] = {
             name: {key: float(f"{value:.4g}") for key, value in decisions.measure(stack)._asdict().items()}
             for name, stack in known.items()
-            if isinstance(stack, stacks.Stack) and not stack.pilot  # the law's time is not the network's
+            if isinstance(stack, stacks.Stack)
         }
     empty = pd.DataFrame({"controller": [], "frequency": [], "magnitude": []})
     results = Results(
