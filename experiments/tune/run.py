@@ -134,9 +134,15 @@ def _numbered(study: Any, numbers: list[int]) -> list[Any]:
 
 
 def _worker(task: Task, threads: int, stale: list[int]) -> None:
-    """What one process does."""
+    """What one process does, for as long as the one that started it lives."""
+    parent = os.getppid()
+
+    def orphaned() -> None:
+        if os.getppid() != parent:
+            raise SystemExit(1)
+
     work = Work(task, threads)
-    work.run(_numbered(work.study, stale))
+    work.run(_numbered(work.study, stale), orphaned)
 
 
 def _processes(task: Task, workers: int, threads: int, stale: list[int], tell: Callable[[], None]) -> None:

@@ -213,9 +213,9 @@ class Work:
             values = self._values(trial)
         except optuna.TrialPruned:
             values = None
-        trial.set_user_attr("steps", ledger.steps - steps)
-        trial.set_user_attr("cpu_seconds", round(ledger.cpu_seconds - seconds, 4))
         try:
+            trial.set_user_attr("steps", ledger.steps - steps)
+            trial.set_user_attr("cpu_seconds", round(ledger.cpu_seconds - seconds, 4))
             if values is None:
                 self.study.tell(trial, state=TrialState.PRUNED)
             else:
