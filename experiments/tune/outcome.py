@@ -45,7 +45,7 @@ def frame(trials: list[FrozenTrial], task: Task) -> pd.DataFrame:
     for trial in trials:
         row: dict[str, Any] = {"trial": trial.number, "state": trial.state.name.lower()}
         finished = trial.values if trial.state == TrialState.COMPLETE else [math.nan] * len(task.metrics)
-        row |= dict(zip(task.metrics, finished, strict=True))
+        row |= {m: v if abs(v) < goals.FAILED else math.nan for m, v in zip(task.metrics, finished, strict=True)}
         row |= {
             "ms": trial.user_attrs.get("ms"), "feasible": feasible(trial),
             "steps": trial.user_attrs.get("steps"), "cpu_seconds": trial.user_attrs.get("cpu_seconds"),
