@@ -41,8 +41,13 @@ _CATALOGUE: dict[str, tuple[str, str, dict, bool]] = {
         {"filter.kind": "anti-impulse", "filter.hold": 4, "guard.rise": 0.05}, True,
     ),
     "mpc": (
-        "mpc", "model-predictive: the LQG under bounds on command and acceleration, planned anew each period, tuned",
-        {"filter.kind": "anti-impulse", "filter.hold": 4, "guard.rise": 0.05}, True,
+        "mpc", "model-predictive: the tuned LQG under bounds on command and acceleration, planned anew each period",
+        {
+            "filter.kind": "anti-impulse", "filter.hold": 4, "guard.rise": 0.05, "filter.jump": 0.37733,
+            "law.drift": 392.88, "law.shift": 1.4767e-05, "law.bend": 6891.4, "law.memory": 0.70536,
+            "law.gate": 3.0024, "law.effort": 143.77, "law.damping": 10.057, "law.bandwidth": 206.56,
+            "law.dead_time": 2.243,
+        }, False,
     ),
     "preview-5ms": ("preview", "knows the sheet 5 ms ahead, tuned: score 1", {}, True),
     "patent2022": (

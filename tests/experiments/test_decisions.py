@@ -20,7 +20,7 @@ def test_what_is_timed_decides_as_the_machine_did(spec):
     fleet.advance(200)
     alone = Fleet(1, stack.law, heads.POOL)
     stack.install(alone, [0])
-    deck = np.zeros(6, np.uint64)
+    deck = np.zeros(8, np.uint64)
     deck[0], deck[2] = alone._block.ctypes.data, alone._owned[machine.D_LAW_TABLES].ctypes.data
     deck[1], deck[3] = stage_of(stack.law, machine.LAW_PLACES), stack.law.tables.size
     deck[4], deck[5] = signals.ctypes.data, len(signals)
