@@ -3,6 +3,7 @@
 import hashlib
 import json
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from ..envs.plant.controller import PERIOD
 from ..envs.plant.path import SPACING
 from ..envs.plant.quantity import InvalidInput, did_you_mean
 from ..envs.scenarios import Scenario
-from . import decisions, jobs, margins, rollout, runs, stability
+from . import archive, decisions, jobs, margins, rollout, runs, stability
 from .ledger import Ledger
 from .results import Results
 
@@ -136,6 +137,46 @@ def cases(controllers: list[str], chosen: list[Scenario], seeds: range | tuple[i
     return out
 
 
+@dataclass(frozen=True)
+class Grid:
+    """What fills one table of a benchmark: controllers × scenarios × seeds.
+
+    The suite gives its name, the metric of its score and its reference; ``core`` are the scenarios that make the score.
+    """
+
+    suite: str
+    controllers: tuple[str, ...]
+    scenarios: tuple[Scenario, ...]
+    seeds: range | tuple[int, ...]
+    core: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for what, given in (("controller", self.controllers), ("scenario", tuple(s.name for s in self.scenarios))):
+            twice = [name for name in given if given.count(name) > 1]
+            if twice:
+                raise InvalidInput(f"{what} '{twice[0]}' is given twice")
+        if not self.with_jobs and any(s.job for s in self.scenarios):
+            raise InvalidInput("scenarios with a job and scenarios without one cannot share a table")
+
+    @property
+    def with_jobs(self) -> bool:
+        """Whether its scenarios are jobs, which take teams."""
+        return all(s.job is not None for s in self.scenarios)
+
+    def resolved(self) -> dict[str, stacks.Stack | stacks.Team]:
+        """Its controllers by the words that name them.
+
+        Raises:
+            InvalidInput: unknown, of another slot, or unable to do one of the jobs.
+        """
+        known = {name: _resolved(name, self.with_jobs) for name in self.controllers}
+        for stack in known.values():
+            if isinstance(stack, stacks.Team):
+                for scenario in self.scenarios:
+                    workshop.programme(scenario, stack)
+        return known
+
+
 def run(
     controllers: list[str],
     chosen: list[Scenario],
@@ -144,6 +185,17 @@ def run(
     *,
     core: tuple[str, ...] = (),
     suite: str = "following",
+    **options: Any,
+) -> Results | jobs.JobResults:
+    """Runs one grid, see :func:`run_grids`; returns its results."""
+    grid = Grid(suite, tuple(controllers), tuple(chosen), seeds, core)
+    return run_grids([grid], folder, **options)[suite]
+
+
+def run_grids(
+    grids: list[Grid],
+    folder: Path,
+    *,
     with_ms: bool = True,
     with_cost: bool = False,
     workers: int = 2,
@@ -151,68 +203,91 @@ def run(
     overwrite: bool = False,
     resume: bool = False,
     quiet: bool = False,
-) -> Results | jobs.JobResults:
-    """Runs the grid, writes the folder, returns the results.
+) -> dict[str, Results | jobs.JobResults]:
+    """Runs the grids, writes the folder, returns the results by suite.
 
     Raises:
         InvalidInput: unknown controller or scenario, the folder exists, or a controller's file was edited meanwhile.
     """
+    from .report.page import write_report
+
     if workers < 1:
         raise InvalidInput(f"--jobs {workers} is out of range; at least 1")
-    for what, given in (("controller", controllers), ("scenario", [s.name for s in chosen])):
-        twice = [name for name in given if given.count(name) > 1]
-        if twice:
-            raise InvalidInput(f"{what} '{twice[0]}' is given twice")
-    with_jobs = {s.job is not None for s in chosen} == {True}
-    if not with_jobs and any(s.job for s in chosen):
-        raise InvalidInput("scenarios with a job and scenarios without one cannot share a table")
-    known = {name: _resolved(name, with_jobs) for name in controllers}  # errors before anything is written
-    for stack in known.values():
-        if isinstance(stack, stacks.Team):
-            for scenario in chosen:
-                workshop.programme(scenario, stack)
+    known = {grid.suite: grid.resolved() for grid in grids}  # errors before anything is written
     runs.open_folder(folder, overwrite, resume)
     started = time.time()
     parts = folder / "parts"
-    with_ms = with_ms and not with_jobs
-    todo = {case.key(known[case.controller]): case for case in cases(controllers, chosen, seeds, with_ms)}
+    todo = {
+        grid.suite: {
+            case.key(known[grid.suite][case.controller]): case
+            for case in cases(list(grid.controllers), list(grid.scenarios), grid.seeds, with_ms and not grid.with_jobs)
+        }
+        for grid in grids
+    }
 
-    def missing() -> list[Case]:
-        return [case for key, case in todo.items() if not (parts / f"{key}.json").is_file()]
+    def missing() -> dict[str, tuple[Case, stacks.Stack | stacks.Team]]:
+        return {
+            key: (case, known[suite][case.controller])
+            for suite, tasks in todo.items()
+            for key, case in tasks.items()
+            if not (parts / f"{key}.json").is_file()
+        }
 
-    _warm(known, missing())
-    _run_all(missing(), parts, workers, with_jobs, quiet)
+    _warm({(case.controller, type(stack)): stack for case, stack in missing().values()}.values())
+    _run_all([case for case, _ in missing().values()], parts, workers, quiet)
     if left := missing():
-        edited = ", ".join(sorted({f"'{case.controller}'" for case in left}))
+        edited = ", ".join(sorted({f"'{case.controller}'" for case, _ in left.values()}))
         raise InvalidInput(f"{edited} was edited during the run; --resume computes what the edit has changed")
 
+    meta = runs.record(command) | {"wall_seconds": round(time.time() - started, 1)}
+    found = {
+        grid.suite: _results(grid, known[grid.suite], _gathered(list(todo[grid.suite]), parts), meta, with_cost)
+        for grid in grids
+    }
+    record = archive.save_tables(folder, found, meta, {grid.suite: grid.scenarios for grid in grids})
+    write_report(folder, found, meta)
+    runs.write_json(folder / "run.json", record)
+    _clear(parts)
+    return found
+
+
+def _gathered(keys: list[str], parts: Path) -> dict[str, pd.DataFrame]:
+    """The tasks' tables, joined by name."""
     tables: dict[str, list[pd.DataFrame]] = {}
-    for key in todo:
+    for key in keys:
         for name in json.loads((parts / f"{key}.json").read_text(encoding="utf-8")):
             tables.setdefault(name, []).append(pd.read_parquet(parts / f"{key}.{name}.parquet"))
-    joined = {name: pd.concat(frames, ignore_index=True) for name, frames in tables.items()}
-    order = {name: i for i, name in enumerate(controllers)}
-    frame = joined["runs"]
-    frame = frame.sort_values(
-        ["controller", "scenario", "seed"], key=lambda c: c.map(order) if c.name == "controller" else c
-    )
-    names = [s.name for s in chosen]
-    frame = frame.sort_values("scenario", key=lambda c: c.map(names.index), kind="stable").sort_values(
-        "controller", key=lambda c: c.map(order), kind="stable"
-    )
-    meta = runs.record(command)
-    ledger = joined.pop("ledger").groupby("controller", sort=False).sum()
-    meta |= {
-        "seeds": f"{min(seeds)}-{max(seeds)}", "seed_count": len(seeds), "scenarios": names, "controllers": controllers,
-        "core": list(core), "wall_seconds": round(time.time() - started, 1),
+    return {name: pd.concat(frames, ignore_index=True) for name, frames in tables.items()}
+
+
+def _results(
+    grid: Grid, known: dict[str, stacks.Stack | stacks.Team], joined: dict[str, pd.DataFrame], meta: dict[str, Any],
+    with_cost: bool,
+) -> Results | jobs.JobResults:  # fmt: skip
+    names = [s.name for s in grid.scenarios]
+    frame = joined["runs"].sort_values("seed", kind="stable")
+    for column, order in (("scenario", names), ("controller", grid.controllers)):
+        frame = frame.sort_values(column, key=lambda c, order=order: c.map(order.index), kind="stable")
+    frame = frame.reset_index(drop=True)
+    ledger = joined["ledger"].groupby("controller", sort=False).sum()
+    meta = meta | {
+        "seeds": f"{min(grid.seeds)}-{max(grid.seeds)}", "seed_count": len(grid.seeds), "scenarios": names,
+        "controllers": list(grid.controllers), "core": list(grid.core),
         "ledger": {
             name: Ledger(int(row["steps"]), float(row["cpu_seconds"])).entry() for name, row in ledger.iterrows()
         },
         "tuning": {name: stack.provenance for name, stack in known.items() if stack.provenance},
         "parameters": {name: {k: p.value for k, p in stack.parameters().items()} for name, stack in known.items()},
     }  # fmt: skip
-    if with_jobs:
-        return _finish_jobs(folder, frame.reset_index(drop=True), joined, meta, chosen, core, suite)
+    core, summaries = tuple(c for c in grid.core if c in names), {s.name: s.summary for s in grid.scenarios}
+    traces = joined.get("traces", pd.DataFrame())
+    if grid.with_jobs:
+        rules, materials = scenarios.rules(grid.suite), [workshop.material_of(s) for s in grid.scenarios]
+        return jobs.JobResults(
+            frame, traces, meta, rules.get("score", "contour_rms"), rules.get("reference", "wu-tuned"), core,
+            tuple(dict.fromkeys(m.label for m in materials)),
+            tuple(dict.fromkeys((m.name, m.thickness) for m in materials)), summaries,
+        )  # fmt: skip
     if with_cost:  # one after another, when the cores are idle
         meta["decisions"] = {
             name: {key: float(f"{value:.4g}") for key, value in decisions.measure(stack)._asdict().items()}
@@ -220,14 +295,10 @@ def run(
             if isinstance(stack, stacks.Stack)
         }
     empty = pd.DataFrame({"controller": [], "frequency": [], "magnitude": []})
-    results = Results(
-        frame.reset_index(drop=True), joined.get("traces", pd.DataFrame()), joined.get("sensitivity", empty), meta,
-        tuple(c for c in core if c in names), tuple(s.name for s in chosen if s.exempt),
-        {s.name: s.summary for s in chosen}, joined.get("margins", pd.DataFrame()),
+    return Results(
+        frame, traces, joined.get("sensitivity", empty), meta, core,
+        tuple(s.name for s in grid.scenarios if s.exempt), summaries, joined.get("margins", pd.DataFrame()),
     )  # fmt: skip
-    _write(folder, results, chosen)
-    _clear(parts)
-    return results
 
 
 def _clear(parts: Path) -> None:
@@ -248,54 +319,26 @@ def _resolved(name: str, with_jobs: bool) -> stacks.Stack | stacks.Team:
     return stack
 
 
-def _finish_jobs(
-    folder: Path, frame: pd.DataFrame, joined: dict[str, pd.DataFrame], meta: dict[str, Any], chosen: list[Scenario],
-    core: tuple[str, ...], suite: str,
-) -> jobs.JobResults:  # fmt: skip
-    from .report.jobs_page import write_report
-
-    rules = scenarios.rules(suite)
-    labels = tuple(dict.fromkeys(workshop.material_of(s).label for s in chosen))
-    results = jobs.JobResults(
-        frame, joined.get("traces", pd.DataFrame()), meta, rules.get("score", "contour_rms"),
-        rules.get("reference", "wu-tuned"), tuple(c for c in core if c in meta["scenarios"]), labels,
-        tuple(dict.fromkeys((m.name, m.thickness) for m in map(workshop.material_of, chosen))),
-        {s.name: s.summary for s in chosen},
-    )  # fmt: skip
-    runs.write_table(folder, "runs", results.runs)
-    runs.write_table(folder, "summary", results.summary().reset_index())
-    if len(results.traces):
-        runs.write_table(folder, "traces", results.traces, csv=False)
-    for scenario in chosen:
-        with runs.atomic(folder / "scenarios" / f"{scenario.name}.toml") as part:
-            part.write_text(scenario.to_toml(), encoding="utf-8")
-    write_report(folder, results)
-    runs.write_json(folder / "run.json", results.meta)
-    _clear(folder / "parts")
-    return results
-
-
-def _warm(known: dict[str, stacks.Stack | stacks.Team], missing: list[Case]) -> None:
+def _warm(needed: Iterable[stacks.Stack | stacks.Team]) -> None:
     """Compiles what is not in the cache yet, here and once, before the workers need it."""
     flat = Scenario(name="warm", duration=0.05, settle=0.0)
     job = scenarios.Scenario(name="warm", job=scenarios.Job(part="circle", size=5.0))
-    for name in {case.controller for case in missing}:
-        stack = known[name]
+    for stack in needed:
         if isinstance(stack, stacks.Team):
             workshop.fleet_for(job, stack, [0]).advance(1)
         else:
             rollout.roll(flat, stack, [0])
 
 
-def _work(case: Case, parts: Path, with_jobs: bool) -> None:
-    stack = _resolved(case.controller, with_jobs)
+def _work(case: Case, parts: Path) -> None:
+    stack = _resolved(case.controller, case.scenario is not None and case.scenario.job is not None)
     key, tables = case.key(stack), compute(case, stack)
     for name, frame in tables.items():
         runs.write_table(parts, f"{key}.{name}", frame, csv=False)
     runs.write_json(parts / f"{key}.json", list(tables))
 
 
-def _run_all(missing: list[Case], parts: Path, workers: int, with_jobs: bool, quiet: bool) -> None:
+def _run_all(missing: list[Case], parts: Path, workers: int, quiet: bool) -> None:
     from joblib import Parallel, delayed
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -304,27 +347,9 @@ def _run_all(missing: list[Case], parts: Path, workers: int, with_jobs: bool, qu
         bar = progress.add_task("simulating", total=len(missing))
         if workers == 1 or len(missing) <= 2:
             for case in missing:
-                _work(case, parts, with_jobs)
+                _work(case, parts)
                 progress.advance(bar)
         elif missing:
             pool = Parallel(n_jobs=workers, return_as="generator_unordered", inner_max_num_threads=1)
-            for _ in pool(delayed(_work)(case, parts, with_jobs) for case in missing):
+            for _ in pool(delayed(_work)(case, parts) for case in missing):
                 progress.advance(bar)
-
-
-def _write(folder: Path, results: Results, chosen: list[Scenario]) -> None:
-    from .report.page import write_report
-
-    runs.write_table(folder, "runs", results.runs)
-    runs.write_table(folder, "summary", results.summary().reset_index())
-    if len(results.traces):
-        runs.write_table(folder, "traces", results.traces, csv=False)
-    if len(results.sensitivity):
-        runs.write_table(folder, "sensitivity", results.sensitivity)
-    if len(results.margins):
-        runs.write_table(folder, "margins", results.margins)
-    for scenario in chosen:
-        with runs.atomic(folder / "scenarios" / f"{scenario.name}.toml") as part:
-            part.write_text(scenario.to_toml(), encoding="utf-8")
-    write_report(folder, results)
-    runs.write_json(folder / "run.json", results.meta)

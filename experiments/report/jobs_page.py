@@ -27,7 +27,7 @@ PICTURES = 2
 """Scenarios whose kerfs are drawn."""
 
 
-def write_report(folder: Path, results: JobResults) -> Path:
+def write_jobs(folder: Path, results: JobResults) -> Path:
     """Writes ``report.html`` and ``plots/*.png`` into ``folder``; returns the page's path."""
     loader = jinja2.FileSystemLoader(Path(__file__).parent)
     environment = jinja2.Environment(

@@ -16,11 +16,13 @@ from matplotlib.figure import Figure
 from ...envs.metrics import METRICS
 from ...envs.scenarios import SPLITS
 from ..budgets import MARKS, in_words
+from ..jobs import JobResults
 from ..margins import DELAYS, GAINS, STEP
 from ..margins import in_words as margin
 from ..results import CEILING, REFERENCE, Results
 from ..runs import atomic
 from . import plots, quality_plot
+from .jobs_page import write_jobs
 from .pictures import png
 from .plots import LIMIT_MS, number
 
@@ -292,8 +294,34 @@ def _stem(name: str, taken: set[str]) -> str:
 # -------------------------------------------------------------------------------------------------------------- page
 
 
-def write_report(folder: Path, results: Results) -> Path:
-    """Writes ``report.html`` and ``plots/*.png`` into ``folder``; returns the page's path."""
+def write_report(folder: Path, grids: dict[str, Results | JobResults], meta: dict[str, Any]) -> Path:
+    """Writes ``report.html`` and its pictures into ``folder``; returns the page's path.
+
+    Args:
+        folder: of the run.
+        grids: results by suite, as :class:`..archive.Archive` has them.
+        meta: what holds for all of them: command, versions, machine; ``notes``, if there, are sentences that a reader
+            must know.
+    """
+    folder = Path(folder)
+    if len(grids) == 1:
+        return _write_grid(folder, next(iter(grids.values())))
+    for name, results in grids.items():
+        _write_grid(folder / name, results)
+    template = '<!DOCTYPE html><meta charset="utf-8"><title>Benchmark report</title>{% for name in names %}'
+    template += '<p><a href="{{ name }}/report.html">{{ name }}</a></p>{% endfor %}<pre>{{ command }}</pre>'
+    page = jinja2.Environment(autoescape=True).from_string(template)
+    with atomic(folder / "report.html") as part:
+        part.write_text(page.render(names=list(grids), command=meta.get("command", "")), encoding="utf-8")
+    return folder / "report.html"
+
+
+def _write_grid(folder: Path, results: Results | JobResults) -> Path:
+    return write_jobs(folder, results) if isinstance(results, JobResults) else write_following(folder, results)
+
+
+def write_following(folder: Path, results: Results) -> Path:
+    """Writes the page of height followers and ``plots/*.png`` into ``folder``; returns the page's path."""
     folder = Path(folder)
     summary = results.summary()
     sections: dict[str, list[dict[str, Any]]] = {}

@@ -83,14 +83,15 @@ def test_the_record_tells_seeds_versions_parameters_and_cost(tmp_path, own):
     go(tmp_path / "run", ["pid:law.kp=33", own], command=["kerfgym", "benchmark"])
     record = json.loads((tmp_path / "run" / "run.json").read_text(encoding="utf-8"))
     assert record["command"] == "kerfgym benchmark"
-    assert (record["seeds"], record["seed_count"]) == ("1000-1003", 4)
-    assert record["scenarios"] == ["wavy", "impulses"]
-    assert record["controllers"] == ["pid:law.kp=33", own]
-    assert record["parameters"]["pid:law.kp=33"]["law.kp"] == 33.0
-    assert record["parameters"]["pid:law.kp=33"]["filter.kind"] == 6.0
-    assert {"kerfgym", "python", "packages", "machine", "git"} <= set(record)
-    for name in record["controllers"]:
-        cost = record["ledger"][name]
+    assert {"format", "kerfgym", "python", "packages", "machine", "git"} <= set(record)
+    grid = record["grids"]["following"]
+    assert (grid["seeds"], grid["seed_count"]) == ("1000-1003", 4)
+    assert grid["scenarios"] == ["wavy", "impulses"]
+    assert grid["controllers"] == ["pid:law.kp=33", own]
+    assert grid["parameters"]["pid:law.kp=33"]["law.kp"] == 33.0
+    assert grid["parameters"]["pid:law.kp=33"]["filter.kind"] == 6.0
+    for name in grid["controllers"]:
+        cost = grid["ledger"][name]
         assert cost["simulated_steps"] == 2 * 4 * 500
         assert cost["cpu_seconds"] > 0
 
@@ -121,7 +122,7 @@ def test_the_cost_of_a_decision_is_in_the_record_and_not_among_the_figures(tmp_p
     monkeypatch.setattr(benchmark.decisions, "measure", lambda stack: benchmark.decisions.Decision(0.25, 1.5, 1.5e-3))
     results = go(tmp_path / "run", ["pid", "xi2023-ma"], with_cost=True, report=True)
     record = json.loads((tmp_path / "run" / "run.json").read_text(encoding="utf-8"))
-    assert record["decisions"]["pid"] == {"median_us": 0.25, "p99_us": 1.5, "ratio": 0.0015}
+    assert record["grids"]["following"]["decisions"]["pid"] == {"median_us": 0.25, "p99_us": 1.5, "ratio": 0.0015}
     assert results.decisions().loc["xi2023-ma"].tolist() == [0.25, 1.5, 0.0015]
     assert not {"median_us", "p99_us"} & set(results.summary().columns)
     without = go(tmp_path / "without", ["pid"])

@@ -130,8 +130,9 @@ def test_a_benchmark_from_end_to_end_and_again_with_the_same_figures(here, capsy
     assert record["command"].endswith(" ".join(words))
     assert record["kerfgym"] == kerfgym.__version__
     assert record["packages"]["numba"]
-    assert record["seeds"] == "1000-1003"
-    assert record["ledger"]["mine.py:Mine"]["simulated_steps"] == 4 * (500 + 3000)
+    grid = record["grids"]["following"]
+    assert grid["seeds"] == "1000-1003"
+    assert grid["ledger"]["mine.py:Mine"]["simulated_steps"] == 4 * (500 + 3000)
 
     taken = "run folder 'runs/first' exists; use --overwrite to replace it, or another --name"
     assert taken in refused(capsys, *words)

@@ -13,7 +13,7 @@ from PIL import Image
 import kerfgym.envs.scenarios
 from kerfgym.envs.plant import supervisor
 from kerfgym.experiments.report import page, plots
-from kerfgym.experiments.report.page import headline, pictures, remarks, times, warnings, write_report
+from kerfgym.experiments.report.page import headline, pictures, remarks, times, warnings, write_following
 from kerfgym.experiments.results import Results
 
 SUITE = tomllib.loads(
@@ -143,7 +143,7 @@ def _coarse(monkeypatch):
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     """The report of a whole benchmark: path and page."""
-    path = write_report(tmp_path_factory.mktemp("run"), fake(seconds=0.5))
+    path = write_following(tmp_path_factory.mktemp("run"), fake(seconds=0.5))
     return path, read(path)
 
 
@@ -190,7 +190,7 @@ def test_the_table_counts_collisions_where_they_should_not_be(whole):
 
 def test_the_same_results_give_the_same_page(tmp_path):
     results = some(scenarios=["wavy"])
-    first, second = (write_report(tmp_path / name, results).read_bytes() for name in "ab")
+    first, second = (write_following(tmp_path / name, results).read_bytes() for name in "ab")
     assert first == second
 
 
@@ -252,7 +252,7 @@ def test_failed_runs_are_shown_and_take_the_score(tmp_path):
     results.runs.loc[bad, "failed"] = True
     trace = (results.traces["controller"] == "pid") & (results.traces["time"] > 0.2)
     results.traces.loc[trace, ["gap", "height", "command"]] = np.nan
-    reader = read(write_report(tmp_path, results))
+    reader = read(write_following(tmp_path, results))
     assert "Without a score, because runs failed: pid." in reader.text
     assert "xi2023-tuned follows with an RMS error of 23.9 µm" in reader.text
     assert "failed" in reader.text
@@ -264,12 +264,12 @@ def test_all_runs_may_have_failed(tmp_path):
     results.runs["failed"] = True
     results.traces[["gap", "height", "command", "surface"]] = np.nan
     results.sensitivity["magnitude"] = np.inf
-    assert "nothing to compare" in read(write_report(tmp_path, results)).text
+    assert "nothing to compare" in read(write_following(tmp_path, results)).text
 
 
 def test_one_controller_in_one_scenario(tmp_path):
     results = some(controllers={"mine": ("sensor", 9.1, 1.9)}, scenarios=["flat"], core=())
-    text = read(write_report(tmp_path, results)).text
+    text = read(write_following(tmp_path, results)).text
     assert "mine follows with an RMS error of 9.10 µm." in text
     assert "RMS while cutting, in the scenario 'flat'." in text
     assert "No run touched the sheet." in text
@@ -279,7 +279,7 @@ def test_without_sensitivity_and_traces_and_record(tmp_path):
     results = some()
     results.sensitivity = pd.DataFrame({"controller": [], "frequency": [], "magnitude": []})
     results.traces, results.meta = pd.DataFrame(), {}
-    text = read(write_report(tmp_path, results)).text
+    text = read(write_following(tmp_path, results)).text
     assert "The sensitivity was not measured" in text
     assert "Its sensitivity peak Ms was not measured." in text
     assert "The run left no record." in text
@@ -290,7 +290,7 @@ def test_names_are_text_and_not_markup(tmp_path):
     controllers = {evil: ("sensor", 9.1, 1.9), other: ("sensor", 12.0, 1.9), "xi2023-tuned": ("sensor", 24.0, 1.9)}
     results = some(controllers=controllers, scenarios=["<b>wavy</b>/../$a$", "b?wavy--b"], core=())
     results.meta = {"command": 'kerfgym -c "<i>"', "<u>": {"</table>": ["<p>", 1, None, True]}}
-    path = write_report(tmp_path, results)
+    path = write_following(tmp_path, results)
     reader = read(path)
     assert f"{evil} follows 2.6 times closer" in reader.text
     assert not {"b", "i", "u"} & set(reader.tags)
@@ -304,7 +304,7 @@ def test_many_controllers_of_all_classes(tmp_path):
     styles = list(plots.looks(results).values())
     assert len({(look.colour, str(look.line)) for look in styles}) == len(controllers)
     assert list(plots.ranked(results)) == ["sensor", "preview", "privileged"]
-    read(write_report(tmp_path, results))
+    read(write_following(tmp_path, results))
 
 
 def test_colours_follow_the_order_of_appearance():
@@ -319,7 +319,7 @@ def test_colours_follow_the_order_of_appearance():
 def test_a_drawing_is_shown_as_a_contour(tmp_path):
     results = fake(scenarios=["drawing"], core=("drawing",), drawing=True)
     assert plots.contour_controllers(results) == ["pid", "xi2023-tuned", "observer", "xi2023-improved"]
-    text = read(write_report(tmp_path, results)).text
+    text = read(write_following(tmp_path, results)).text
     assert (tmp_path / "plots" / "contour.png").is_file()
     assert "Along the drawing" in text
 
@@ -394,11 +394,11 @@ def test_margins_cost_and_budget_have_a_table_that_marks_what_is_unequal(tmp_pat
     results.meta["tuning"] = {
         "xi2023-tuned": {"trials": 400, "simulated_steps": 6e8}, "pid": {"trials": 4000, "simulated_steps": 6e9},
     }  # fmt: skip
-    text = Reader(write_report(tmp_path, results).read_text(encoding="utf-8")).text
+    text = Reader(write_following(tmp_path, results).read_text(encoding="utf-8")).text
     for words in ("3.46", "> 16", "> 64", "none", "0.15 %", "4000 · 6000 M", "larger", "Ratios not at equal budgets"):
         assert words in text, words
     equal = some()
     equal.meta["tuning"] = {name: {"trials": 400, "simulated_steps": 6e8} for name in equal.controllers}
-    text = Reader(write_report(tmp_path, equal).read_text(encoding="utf-8")).text
+    text = Reader(write_following(tmp_path, equal).read_text(encoding="utf-8")).text
     assert "All ratios are at equal budgets" in text
     assert "of the period" not in text

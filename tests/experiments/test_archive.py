@@ -1,0 +1,59 @@
+"""Run folders of benchmarks: what is written is read back, one grid or several."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from kerfgym.envs.scenarios import load as scenario
+from kerfgym.experiments.archive import load
+from kerfgym.experiments.benchmark import Grid, run_grids
+from kerfgym.experiments.jobs import JobResults
+from kerfgym.experiments.results import Results
+
+SHORT = (scenario("wavy").varied(duration=0.5), scenario("tip-up").varied(duration=0.5))
+CIRCLE = (scenario("contour-circle").varied(job={"size": 6.0, "pierce": False}),)
+GRIDS = [
+    Grid("following", ("pid", "xi2023-tuned"), SHORT, range(1000, 1003), ("wavy", "rough")),
+    Grid("contour", ("wu", "wu-tuned"), CIRCLE, range(1000, 1002), ("contour-circle",)),
+]
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory):
+    """A run of two grids: its folder and the results as they were before they were stored."""
+    folder = tmp_path_factory.mktemp("runs") / "two"
+    return folder, run_grids(GRIDS, folder, with_ms=True, workers=1, quiet=True, command=["kerfgym", "benchmark"])
+
+
+def equal(read, made):
+    """Whether two results hold the same."""
+    assert type(read) is type(made)
+    for name, value in vars(made).items():
+        if isinstance(value, pd.DataFrame):
+            pd.testing.assert_frame_equal(getattr(read, name), value, check_dtype=len(value) > 0)
+        else:
+            assert getattr(read, name) == value, name
+
+
+def test_a_run_of_several_grids_is_read_back_as_it_was(stored):
+    folder, made = stored
+    found = load(folder)
+    assert list(found.grids) == ["following", "contour"]
+    assert isinstance(found.grids["following"], Results)
+    assert isinstance(found.grids["contour"], JobResults)
+    for name, results in made.items():
+        equal(found.grids[name], results)
+        pd.testing.assert_frame_equal(found.grids[name].summary(), results.summary())
+    assert found.grids["following"].core == ("wavy",)
+    assert found.grids["following"].exempt == ("tip-up",)
+    assert np.isfinite(found.grids["following"].summary()["ms"]).all()
+
+
+def test_grids_lie_apart_and_the_record_is_common(stored):
+    folder, _ = stored
+    for name in ("following", "contour"):
+        files = {p.name for p in (folder / name).iterdir()}
+        assert {"runs.parquet", "runs.csv", "summary.csv", "traces.parquet"} <= files
+    assert (folder / "contour" / "scenarios" / "contour-circle.toml").is_file()
+    assert {p.name for p in folder.iterdir()} == {"run.json", "report.html", "following", "contour"}
+    assert load(folder).meta["command"] == "kerfgym benchmark"
