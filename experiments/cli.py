@@ -123,6 +123,47 @@ def benchmark(
     print(f"\n{folder / 'report.html'}")
 
 
+def blame(
+    controller: Annotated[UseAppendAction[list[str]], arg(aliases=["-c"], metavar="NAME")] = [],  # noqa: B006
+    scenario: Annotated[UseAppendAction[list[str]], arg(aliases=["-s"], metavar="NAME|FILE")] = [],  # noqa: B006
+    stage: Annotated[UseAppendAction[list[str]], arg(metavar="STAGE")] = [],  # noqa: B006
+    seeds: int = 24,
+    split: str = "test",
+    name: str | None = None,
+    threads: int = 2,
+    overwrite: bool = False,
+    resume: bool = False,
+) -> None:
+    """What each stage of the machine costs a controller, and what a better controller could gain; writes runs/<name>/.
+
+    Args:
+        controller: as for benchmark; may be given several times. Default: xi2023-tuned and observer.
+        scenario: of height following, name or TOML file; may be given several times. Default: the core of the suite
+            following.
+        stage: sensor, table, filter, servo or "dead time"; may be given several times. Default: all.
+        seeds: how many seeds of the split.
+        split: test, tune or reserve.
+        name: of the run folder. Default: blame- and date and time.
+        threads: worker threads.
+        overwrite: replace an existing run folder.
+        resume: finish an interrupted run.
+    """
+    from ..envs import scenarios
+    from .benchmark import split_seeds
+    from .blame import blame as run
+    from .table import print_blame, progress
+
+    chosen = [scenarios.load(s) for s in scenario or scenarios.core("following")]
+    folder = Path("runs") / (name or f"blame-{datetime.datetime.now():%Y-%m-%d-%H%M%S}")
+    with progress("episodes") as told:
+        tables = run(
+            controller or ["xi2023-tuned", "observer"], chosen, folder, split_seeds(seeds, split),
+            threads=threads, overwrite=overwrite, resume=resume, told=told, **({"stages": stage} if stage else {}),
+        )  # fmt: skip
+    print_blame(*tables)
+    print(f"\n{folder / 'blame.png'}")
+
+
 def render(
     out: Annotated[Positional[Path], arg(metavar="OUT")],
     controller: Annotated[str, arg(aliases=["-c"])] = "pid",
@@ -317,7 +358,7 @@ def main(arguments: list[str] | None = None) -> None:
         print(f"kerfgym {__version__}")
         return
     commands: dict[str, Any] = {
-        "list": list_, "benchmark": benchmark, "tune": tune, "train": train, "reproduce": reproduce, "render": render,
+        "list": list_, "benchmark": benchmark, "blame": blame, "tune": tune, "train": train, "reproduce": reproduce, "render": render,
         "speed": speed,
     }  # fmt: skip
     try:

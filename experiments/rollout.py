@@ -1,6 +1,6 @@
 """Roll-outs: a controller on many seeds of a scenario, closed-loop at kernel speed, recorded."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -19,21 +19,27 @@ CHUNK = 256
 """Machines that are rolled out and recorded at a time."""
 
 
-def fleet_for(scenario: Scenario, stack: Stack, seeds: Any, threads: int = 1) -> Fleet:
-    """A fleet with one machine per seed, prepared and begun."""
+def fleet_for(
+    scenario: Scenario, stack: Stack, seeds: Any, threads: int = 1, change: Callable[[Fleet], None] | None = None
+) -> Fleet:
+    """A fleet with one machine per seed, prepared, changed if wanted, and begun."""
     seeds = np.atleast_1d(np.asarray(seeds, np.uint64))
     fleet = Fleet(len(seeds), stack.law, heads.POOL, threads)
     every = np.arange(len(seeds))
     scenarios.prepare(fleet, scenario, every, seeds)
     stack.install(fleet, every)
+    if change:
+        change(fleet)
     fleet.begin(every, scenarios.noise_keys(seeds))
     return fleet
 
 
-def roll(scenario: Scenario, stack: Stack, seeds: Any, threads: int = 1) -> Recording:
-    """One episode of ``scenario`` per seed under ``stack``."""
+def roll(
+    scenario: Scenario, stack: Stack, seeds: Any, threads: int = 1, change: Callable[[Fleet], None] | None = None
+) -> Recording:
+    """One episode of ``scenario`` per seed under ``stack``; ``change`` is made to the machines before they begin."""
     seeds = np.atleast_1d(np.asarray(seeds, np.uint64))
-    return run(fleet_for(scenario, stack, seeds, threads), scenario, stack, seeds)
+    return run(fleet_for(scenario, stack, seeds, threads, change), scenario, stack, seeds)
 
 
 def run(fleet: Fleet, scenario: Scenario, stack: Stack, seeds: np.ndarray) -> Recording:

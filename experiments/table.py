@@ -134,6 +134,48 @@ def print_jobs(results: JobResults) -> None:
         console.print(f"quality: {label}.")
 
 
+def print_blame(shares: Any, headroom: Any) -> None:
+    """Prints what each controller's error is made of, and what could be gained."""
+    table = Table(title=f"shares of the mean-square true error, {shares['unit'].iloc[0]}, 95 % intervals over seeds")
+    for title in ("scenario", "controller", "stage", "share", "interval", "of all", "idealised alone", "interval"):
+        table.add_column(title, justify="left" if title in ("scenario", "controller", "stage") else "right")
+    for (scenario, controller), part in shares.groupby(["scenario", "controller"], sort=False):
+        table.add_section()
+        whole = part["share"].sum(skipna=False)
+        for i, row in enumerate(part.itertuples()):
+            table.add_row(
+                *((scenario, controller) if i == 0 else ("", "")), row.stage, _number(row.share),
+                _between(row.low, row.high), _number(100.0 * row.share / whole, "{:.1f} %"), _number(row.alone),
+                _between(row.alone_low, row.alone_high),
+            )  # fmt: skip
+        table.add_row("", "", "all", _number(whole))
+    console = Console(width=max(Console().width, Console(width=1000).measure(table).maximum))
+    console.print(table)
+    table = Table(title="headroom: the RMS of the true error could fall at most by this factor")
+    for title in ("scenario", "controller", "RMS, µm", "known more", "its RMS, µm", "factor", "interval"):
+        table.add_column(title, justify="left" if title in ("scenario", "controller", "known more") else "right")
+    for row in headroom.itertuples():
+        table.add_row(
+            row.scenario, row.controller, _number(row.rms), row.bound, _number(row.bound_rms), _number(row.ratio),
+            _between(row.low, row.high),
+        )  # fmt: skip
+    console.print(table)
+    console.print(
+        "share: Shapley value of idealising the stage; all of a controller add up to its mean-square error;\n"
+        "law: what the fully idealised machine has left, law, supervisor and sampling, at these gains;\n"
+        "below 0, interval and all: the controller is tuned around this fault, and does worse without it;\n"
+        "headroom: no controller that has only the sensor reaches these, they know the sheet ahead or the true gap."
+    )
+    if shares["share"].isna().any():
+        console.print("–: a run failed, so there are no shares; which one stands in coalitions.parquet.")
+    elif shares["low"].isna().all():
+        console.print("–: intervals are over seeds, and need two of them.")
+
+
+def _between(low: float, high: float) -> str:
+    return "–" if math.isnan(low) else f"{low:.2f} … {high:.2f}"
+
+
 @contextlib.contextmanager
 def status() -> Iterator[Callable[[str], None]]:
     """A line in the terminal that tells what goes on; gives the function that changes it."""

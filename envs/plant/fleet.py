@@ -222,6 +222,12 @@ class Fleet(Columns):
         self._deck[machine.D_FINISH] = stage
         self._point(machine.D_GANTRY, numbers)
 
+    def after_filter(self, stage: int, numbers: np.ndarray) -> None:
+        """A stage between filter and table: its address, and the array that it gets beside the deck."""
+        self._deck[machine.D_FILTERED] = stage
+        self._owned[machine.D_FILTERED] = numbers
+        self._point(machine.D_FILTERED_IO, np.array([numbers.ctypes.data, self._at], np.uint64))
+
     def pilot(self, name: str, stage: int, io: np.ndarray, arrays: Any = None) -> None:
         """A stage that moves a hand of the machines: it runs when an episode has begun and after each period.
 

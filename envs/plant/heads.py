@@ -25,8 +25,10 @@ OSCILLATORS = tuple(sensor.PRESETS)
 MEASURED = 16
 """Places for tables that users bring."""
 
-POOL = calibration.Pool(HEADS * len(OSCILLATORS) + MEASURED)
-"""Tables of the heads that have been calibrated so far, and of those that users brought."""
+_EXACT = HEADS * len(OSCILLATORS) + MEASURED
+
+POOL = calibration.Pool(_EXACT + HEADS * len(OSCILLATORS))
+"""Tables of the heads that have been calibrated so far, those that users brought, and exact ones."""
 
 LONGEST_RUN = 2500
 """Control periods after which a calibration run is given up."""
@@ -112,6 +114,20 @@ def table(index: int) -> calibration.Table:
     if index not in POOL:
         POOL[index] = calibrate(head(index), seed=index)
     return POOL[index]
+
+
+def carried(params: np.ndarray) -> np.ndarray:
+    """Indices of the heads with these :data:`FIELDS`, shape (fields, n)."""
+    return np.asarray((fields()[:, :, None] == params[:, None, :]).all(axis=0).argmax(axis=0))
+
+
+def exact(index: int) -> int:
+    """Index of the table that head ``index`` would have, if its calibration made no error."""
+    if _EXACT + index not in POOL:
+        params, height = head(index), np.arange(1, calibration.POINTS + 1) * (calibration.SPAN / calibration.POINTS)
+        frequency = [sensor.oscillator(params, sensor.capacitance(params, h, 1.0), 0.0) for h in height]
+        POOL[_EXACT + index] = calibration.Table(np.asarray(frequency), height, 0, 0, 0.0, "-")
+    return _EXACT + index
 
 
 def beyond(indices: np.ndarray) -> np.ndarray:

@@ -146,8 +146,8 @@ the period counts as cutting; distance along the path, mm; whether the superviso
 (D_BLOCK, D_KEYS, D_MACHINES, D_TICK, D_WINDOW, D_WAVES, D_VIBRATIONS, D_FLAGS, D_FREQUENCIES, D_HEIGHTS, D_TABLES,
  D_CONTOUR_X, D_CONTOUR_Y, D_CONTOUR_ON, D_CONTOURS, D_PROFILE, D_PROFILES, D_LAW, D_LAW_TABLES, D_LAW_SIZE, D_ACT,
  D_OBSERVE, D_IO, D_RECORD, D_RECORD_TICK, D_NEXT, D_STEPS, D_START, D_READY, D_TRAVEL,
- D_FINISH, D_GANTRY, D_SIGNAL, D_SIGNALS, D_PILOT, D_PILOT_IO) = range(36)  # fmt: skip
-DECK = 36
+ D_FINISH, D_GANTRY, D_SIGNAL, D_SIGNALS, D_PILOT, D_PILOT_IO, D_FILTERED, D_FILTERED_IO) = range(38)  # fmt: skip
+DECK = 38
 _DECK = U(DECK)
 
 F_CONTOURS, F_FEATURES, F_PROFILES, F_BULGES, F_RANKS = (U(2**i) for i in range(5))
@@ -371,6 +371,12 @@ def move_all(block, at, n, k):
         store(block, a + MOMENT, m)
 
 
+@part
+def sensed_gap(m, c):
+    """Gap that the sensor feels over the gate while nothing touches, mm."""
+    return max(m.gate_gap, 0.1 if c.open else 1e-6)
+
+
 @stage
 def sense_all(block, at, n, tick, keys, first):
     """Sensor: one count, put into the ring of samples; a count that is not valid leaves the last one there."""
@@ -380,7 +386,7 @@ def sense_all(block, at, n, tick, keys, first):
         a = at + lane
         m, c = load(Moment, block, a + MOMENT), load(Course, block, a + COURSE)
         touches = m.lowest <= 0.0 and not c.open
-        gap = 0.0 if touches else max(m.gate_gap, 0.1 if c.open else 1e-6)
+        gap = 0.0 if touches else sensed_gap(m, c)
         s, f = sensor.step(
             load(sensor.Params, block, a + P_SENSOR), load(sensor.State, block, a + S_SENSOR),
             load(sensor.Gate, block, a + P_GATE), gap, c.cover, keys[first + lane], tick,
@@ -559,6 +565,8 @@ def sense_and_control(block, at, n, tick, keys, first, deck):
     if deck[D_SIGNALS] > U0:
         replay_all(block, at, n, tick, deck)
     filter_all(block, at, n, tick, deck[D_WINDOW], deck[D_FLAGS] & F_RANKS)
+    if deck[D_FILTERED] > U0:
+        call(deck[D_FILTERED], deck[D_BLOCK], at, n, deck[D_FILTERED_IO], tick)
     look_up_all(block, at, n, tick, deck)
     report_all(block, at, n, tick)
     call(deck[D_LAW], deck[D_BLOCK], at, n, deck[D_LAW_TABLES], deck[D_LAW_SIZE])
@@ -673,6 +681,8 @@ def _begin(deck_address, machine, key):
     block[at + HINTS], block[at + HINTS + UW] = 0.0, 0.0
     block[at + SLOPE] = 1e9  # nothing is a jump before the first reading
     filter_all(block, at, U1, tick, deck[D_WINDOW], deck[D_FLAGS] & F_RANKS)
+    if deck[D_FILTERED] > U0:
+        call(deck[D_FILTERED], deck[D_BLOCK], at, U1, deck[D_FILTERED_IO], tick)
     look_up_all(block, at, U1, tick, deck)
     report_all(block, at, U1, tick)
     block[at + SIGNALS + _FRESH] = 1.0

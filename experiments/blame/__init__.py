@@ -1,0 +1,11 @@
+"""Headroom and blame: what each stage of the machine costs a controller, and what a better controller could gain.
+
+A share may be negative. A controller that was tuned around a fault can do worse without it; then the fault is of use to
+it, and a controller retuned for the better machine might do without. Likewise what is left to the law is left at its
+present gains, which the stages' delays forbid it to raise.
+"""
+
+from .game import Blame, measure, shapley
+from .run import blame, in_report
+
+__all__ = ["Blame", "blame", "in_report", "measure", "shapley"]
