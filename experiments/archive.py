@@ -26,7 +26,7 @@ from .results import Results
 FORMAT = 2
 """Of the run folder; 1 had one grid and its record among the run's."""
 
-TABLES = {"following": ("traces", "sensitivity", "margins"), "jobs": ("traces",)}
+TABLES = {"following": ("traces", "sensitivity", "margins", "blame", "headroom"), "jobs": ("traces",)}
 """Tables of a grid of either kind, beside ``runs``; each may be absent."""
 
 
@@ -119,5 +119,5 @@ def _grid(at: Path, entry: dict[str, Any], record: dict[str, Any]) -> Results | 
         )  # fmt: skip
     return Results(
         tables["runs"], tables["traces"], tables["sensitivity"], meta, shown, tuple(entry["exempt"]), summaries,
-        tables["margins"],
+        tables["margins"], tables["blame"], tables["headroom"],
     )  # fmt: skip

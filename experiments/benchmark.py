@@ -198,6 +198,7 @@ def run_grids(
     *,
     with_ms: bool = True,
     with_cost: bool = False,
+    with_blame: bool = False,
     workers: int = 2,
     command: list[str] | None = None,
     overwrite: bool = False,
@@ -206,10 +207,23 @@ def run_grids(
 ) -> dict[str, Results | jobs.JobResults]:
     """Runs the grids, writes the folder, returns the results by suite.
 
+    Args:
+        grids: of different suites.
+        folder: of the run.
+        with_ms: measure |S| and margins of height followers.
+        with_cost: time their decisions.
+        with_blame: ask what each stage of the machine costs reference and best (:mod:`blame`).
+        workers: processes.
+        command: recorded in place of the process' own.
+        overwrite, resume: as for :func:`runs.open_folder`.
+        quiet: no progress bar.
+
     Raises:
         InvalidInput: unknown controller or scenario, the folder exists, or a controller's file was edited meanwhile.
     """
+    from .blame import in_report
     from .report.page import write_report
+    from .table import progress
 
     if workers < 1:
         raise InvalidInput(f"--jobs {workers} is out of range; at least 1")
@@ -244,6 +258,11 @@ def run_grids(
         grid.suite: _results(grid, known[grid.suite], _gathered(list(todo[grid.suite]), parts), meta, with_cost)
         for grid in grids
     }
+    for grid in grids:
+        results = found[grid.suite]
+        if with_blame and isinstance(results, Results):
+            with progress("blame", quiet) as told:
+                results.blame, results.headroom = in_report(results, grid.scenarios, parts, workers, told)
     record = archive.save_tables(folder, found, meta, {grid.suite: grid.scenarios for grid in grids})
     write_report(folder, found, meta)
     runs.write_json(folder / "run.json", record)

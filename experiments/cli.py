@@ -67,6 +67,7 @@ def benchmark(
     jobs: int = 2,
     ms: bool = True,
     cost: bool = True,
+    blame: bool = True,
     overwrite: bool = False,
     resume: bool = False,
 ) -> None:
@@ -86,6 +87,7 @@ def benchmark(
         jobs: worker processes.
         ms: measure the sensitivity peak Ms by injection, and the margins of gain and dead time.
         cost: time the controllers' decisions.
+        blame: ask what each stage of the machine costs the reference and the best controller.
         overwrite: replace an existing run folder.
         resume: finish an interrupted run.
     """
@@ -112,7 +114,7 @@ def benchmark(
     standard = scenarios.rules(suite).get("controllers", bench.DEFAULT)
     results = bench.run(
         list(dict.fromkeys(controller)) or list(standard), chosen, folder, wanted, core=core, suite=suite, with_ms=ms,
-        with_cost=cost, workers=jobs, overwrite=overwrite, resume=resume,
+        with_cost=cost, with_blame=blame, workers=jobs, overwrite=overwrite, resume=resume,
     )  # fmt: skip
     from .table import print_jobs, print_summary
 
@@ -358,8 +360,8 @@ def main(arguments: list[str] | None = None) -> None:
         print(f"kerfgym {__version__}")
         return
     commands: dict[str, Any] = {
-        "list": list_, "benchmark": benchmark, "blame": blame, "tune": tune, "train": train, "reproduce": reproduce, "render": render,
-        "speed": speed,
+        "list": list_, "benchmark": benchmark, "blame": blame, "tune": tune, "train": train,
+        "reproduce": reproduce, "render": render, "speed": speed,
     }  # fmt: skip
     try:
         tyro.extras.subcommand_cli_from_dict(

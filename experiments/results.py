@@ -35,6 +35,8 @@ class Results:
         core: names of the scenarios that make the score.
         exempt: names of the scenarios in which collisions are expected.
         margins: ``controller, gain`` (factor) and ``delay_ms``, worst over the corner plants (:mod:`margins`).
+        blame: shares of stages in the error of some controllers, see :func:`blame.tables.shares`.
+        headroom: what those could gain at most, see :func:`blame.tables.headroom`.
     """
 
     runs: pd.DataFrame
@@ -45,6 +47,8 @@ class Results:
     exempt: tuple[str, ...] = ()
     summaries: dict[str, str] = field(default_factory=dict)
     margins: pd.DataFrame = field(default_factory=pd.DataFrame)
+    blame: pd.DataFrame = field(default_factory=pd.DataFrame)
+    headroom: pd.DataFrame = field(default_factory=pd.DataFrame)
 
     @property
     def controllers(self) -> list[str]:

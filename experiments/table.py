@@ -184,12 +184,12 @@ def status() -> Iterator[Callable[[str], None]]:
 
 
 @contextlib.contextmanager
-def progress(what: str) -> Iterator[Callable[[int, int, str], None]]:
-    """A progress bar; gives the function that is told how many are done, of how many, and which was the last."""
+def progress(what: str, quiet: bool = False) -> Iterator[Callable[[int, int, str], None]]:
+    """A progress bar, unless ``quiet``; gives the function that is told how many are done, of how many, and where."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True)) as bar:
+    with Progress(*columns, console=Console(stderr=True), disable=quiet) as bar:
         task = bar.add_task(what, total=None)
 
         def told(done: int, total: int, last: str) -> None:

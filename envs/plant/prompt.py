@@ -1,7 +1,7 @@
 """A filter without delay: what it makes of noise stays, what it does to the signal goes.
 
-Beside the machine's filter a second one of the same settings reads what a faultless sensor would count. Their difference
-is what is left of noise and impulses; it is added to the newest faultless count::
+Beside the machine's filter a second one of the same settings reads what a faultless sensor would count. Their
+difference is what is left of noise and impulses; it is added to the newest faultless count::
 
     prompt = filter(counted) − filter(faultless) + faultless now
 
@@ -74,9 +74,7 @@ def _prompt(block_address, at, n, words_address, tick):
     mine = at // machine.STRIDE * _STRIDE + at % machine.STRIDE
     _count_all(block, at, shadow, mine, n, tick)
     _begin_all(block, at, shadow, mine, n, tick)
-    machine.filter_all(
-        shadow, mine, n, tick, deck[machine.D_WINDOW], deck[machine.D_FLAGS] & machine.F_RANKS
-    )
+    machine.filter_all(shadow, mine, n, tick, deck[machine.D_WINDOW], deck[machine.D_FLAGS] & machine.F_RANKS)
     _mend_all(block, at, shadow, mine, n, tick)
 
 

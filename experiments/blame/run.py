@@ -3,6 +3,7 @@
 import hashlib
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -61,7 +62,7 @@ def blame(
             raise InvalidInput(f"{what} '{twice[0]}' is given twice")
     if threads < 1:
         raise InvalidInput(f"--threads {threads} is out of range; at least 1")
-    stacks = [resolve(name) for name in controllers]
+    stacks = [replace(resolve(name), name=name) for name in controllers]
     for stack in stacks:
         for scenario in chosen:
             game.check(scenario, stack, stages)
@@ -87,8 +88,9 @@ def blame(
 
 
 def in_report(
-    results: Results, chosen: Sequence[Scenario], threads: int = 1, told: Told = lambda done, total, last: None
-) -> tuple[pd.DataFrame, pd.DataFrame]:
+    results: Results, chosen: Sequence[Scenario], parts: Path, threads: int = 1,
+    told: Told = lambda done, total, last: None,
+) -> tuple[pd.DataFrame, pd.DataFrame]:  # fmt: skip
     """Tables ``blame`` and ``headroom`` for a benchmark: the reference and the best of the class *sensor*.
 
     Both in the scenarios of :data:`SHOWN` that were run, or else in the first three; on the run's first :data:`SEEDS`
@@ -97,17 +99,17 @@ def in_report(
     summary = results.summary()
     sensor = summary[(summary["information"] == "sensor") & (summary["failed"] == 0)]["score"].dropna()
     names = dict.fromkeys([*(n for n in (REFERENCE,) if n in sensor), *sensor.sort_values().index[:1]])
-    stacks = [stack for stack in map(resolve, names) if stack.python is None]
+    stacks = [replace(stack, name=name) for name in names if (stack := resolve(name)).python is None]
     live = [s for s in chosen if not s.head.signal]
     shown = [s for s in live if s.name in SHOWN] or live[: len(SHOWN)]
     seeds = sorted(results.runs["seed"].unique())[:SEEDS]
-    found = _all(stacks, shown, seeds, STAGES, threads, None, told)
+    found = _all(stacks, shown, seeds, STAGES, threads, parts, told)
     return tables.shares(found), tables.headroom(found)
 
 
 def _all(
     stacks: Sequence[Stack], chosen: Sequence[Scenario], seeds: Sequence[int], stages: Sequence[str], threads: int,
-    parts: Path | None, told: Told,
+    parts: Path, told: Told,
 ) -> list[Blame]:  # fmt: skip
     """Every controller in every scenario; what lies in ``parts`` already is not computed again."""
     total, done, found = len(chosen) * sum(game.episodes(s, len(seeds), stages) for s in stacks), 0, []
@@ -121,14 +123,13 @@ def _all(
                 told(done, total, where)
 
             tell(0)
-            file = parts / f"{_key(scenario, stack, seeds, stages)}.parquet" if parts else None
-            if file and file.is_file():
+            key = _key(scenario, stack, seeds, stages)
+            if (file := parts / f"{key}.parquet").is_file():
                 found.append(tables.of_coalitions(pd.read_parquet(file), stack.name, tuple(stages)))
                 tell(game.episodes(stack, len(seeds), stages))
-                continue
-            found.append(game.measure(scenario, stack, seeds, stages, threads=threads, told=tell))
-            if file:
-                runs.write_table(file.parent, file.stem, tables.coalitions(found[-1]), csv=False)
+            else:
+                found.append(game.measure(scenario, stack, seeds, stages, threads=threads, told=tell))
+                runs.write_table(parts, key, tables.coalitions(found[-1]), csv=False)
     return found
 
 

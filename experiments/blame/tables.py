@@ -1,6 +1,7 @@
 """Tables of blame and headroom, with intervals over seeds."""
 
 import math
+import warnings
 from collections.abc import Sequence
 
 import numpy as np
@@ -27,15 +28,19 @@ def interval(values: np.ndarray, over: np.ndarray | None = None) -> tuple[float,
     samples = (values,) if over is None else (values, over)
     if len(values) < 2 or np.isnan(samples).any():
         return math.nan, math.nan
-    if over is None and np.ptp(values) == 0.0:
-        return float(values[0]), float(values[0])
 
     def statistic(*drawn: np.ndarray, axis: int) -> np.ndarray:
         means = [sample.mean(axis=axis) for sample in drawn]
         return np.sqrt(means[0] / means[1]) if len(means) == 2 else means[0]
 
-    found = stats.bootstrap(samples, statistic, paired=True, vectorized=True, n_resamples=RESAMPLES, rng=0)
-    return float(found.confidence_interval.low), float(found.confidence_interval.high)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # without scatter there is nothing to correct, which gives NaN
+        for method in ("BCa", "percentile"):
+            found = stats.bootstrap(samples, statistic, paired=True, n_resamples=RESAMPLES, rng=0, method=method)
+            low, high = map(float, found.confidence_interval)
+            if not math.isnan(low):
+                break
+    return low, high
 
 
 def shares(found: Sequence[Blame]) -> pd.DataFrame:
