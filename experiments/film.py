@@ -73,8 +73,7 @@ def _film_job(
     every = max(1, round(1000 / slow / FRAMES_PER_SECOND))
     most = round(LONGEST * len(job.x)) if seconds is None else max(1, round(seconds * 1000))
     frames = []
-    for step in range(most):
-        fleet.advance()
+    for step in rollout.periods(fleet, team.z, most):
         if step % SAMPLE == 0:
             reel.take(fleet)
         if out.suffix != ".png" and step % every == every - 1:

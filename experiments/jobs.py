@@ -1,5 +1,6 @@
 """Jobs under teams of controllers: one task of a benchmark, and what is concluded from many."""
 
+import itertools
 import time
 from dataclasses import dataclass, field
 from typing import Any
@@ -14,6 +15,7 @@ from ..envs.plant.fleet import Fleet
 from ..envs.quality import iso_range, iso_taper
 from ..envs.scenarios import Scenario
 from ..envs.stack import Team
+from . import rollout
 from .budgets import budgets
 
 LONGEST = 3.0
@@ -34,10 +36,15 @@ def roll(scenario: Scenario, team: Team, seeds: Any, record: bool = False) -> tu
     assert fleet.gantries
     most = round(LONGEST * len(job.x)) + _STRIDE
     channels = fleet.gantries.start_recording(most, fleet.tick) if record else None
+    python = rollout.periods(fleet, team.z, most) if team.z.python else None
     done = 0
     while done < most:
         steps = min(_STRIDE, most - done)
-        fleet.advance(steps)
+        if python:
+            for _ in itertools.islice(python, steps):
+                pass
+        else:
+            fleet.advance(steps)
         done += steps
         over = fleet.gantries.column("progress.near") >= len(job.x) - 1.5
         if (over | (fleet.column("tally.collided") > 0.5)).all():

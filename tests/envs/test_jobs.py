@@ -2,6 +2,7 @@
 
 import gymnasium as gym
 import numpy as np
+import pandas as pd
 import pytest
 from gymnasium.utils.env_checker import check_env
 from scipy.spatial import cKDTree
@@ -14,7 +15,7 @@ from kerfgym.envs.paths import job as jobs
 from kerfgym.envs.paths import kerf, parts
 from kerfgym.envs.plant import gantry
 from kerfgym.envs.plant.quantity import InvalidInput
-from kerfgym.envs.stack import team
+from kerfgym.envs.stack import python_stack, team
 from kerfgym.experiments import jobs as job_runs
 
 CONTOUR, CUTTING = "kerfgym/ContourFollowing-v0", "kerfgym/Cutting-v0"
@@ -167,6 +168,26 @@ def test_the_sheet_is_read_where_the_axes_are():
     assert np.allclose(surface, 0.05 * x - 0.02 * y, atol=2e-5)
     assert np.ptp(surface) > 0.2
     assert channels is not None
+
+
+class Proportional:
+    """The law of Xi2023 in plain Python."""
+
+    def reset(self):
+        pass
+
+    def control(self, signals):
+        return -50.0 * (signals.height - signals.set_height)
+
+
+def test_a_plain_python_law_does_a_job_with_the_bits_of_the_compiled_one():
+    python = team(python_stack(Proportional, "mine"))
+    rows = [
+        job_runs.compute(who.name, FAST, who, (1000, 1003), None)["runs"].drop(columns="controller")
+        for who in (python, team("xi2023-improved:law.kv=50"))
+    ]
+    pd.testing.assert_frame_equal(*rows)
+    assert not rows[0]["failed"].any()
 
 
 # ------------------------------------------------------------------------------------------------ environments
