@@ -4,12 +4,15 @@ __version__ = "0.1.0"
 
 
 def _register() -> None:
+    from pathlib import Path
+
     import gymnasium
 
-    from .envs.sources import FOLDERS, SOURCES
+    from .envs.sources import FOLDERS, SHELVES, SOURCES
 
     SOURCES.append("kerfgym.baselines")
     FOLDERS.append("kerfgym.agents.policy:stack_of")
+    SHELVES.append(Path(__file__).parent / "agents" / "trained")
     gymnasium.register(
         id="kerfgym/HeightFollowing-v0",
         entry_point="kerfgym.envs.height_following:HeightFollowingEnv",

@@ -27,7 +27,7 @@ from .plant import calibration, filters, idle, planning, sensor, supervisor
 from .plant.controller import INFORMATION, SLOTS, Law, make_law, source_of
 from .plant.fleet import Fleet
 from .plant.quantity import InvalidInput, Quantity, checked, did_you_mean, quantities
-from .sources import FOLDERS, SOURCES
+from .sources import FOLDERS, SHELVES, SOURCES
 
 GROUPS: dict[str, dict[str, Any]] = {
     "z": {
@@ -203,7 +203,8 @@ def get(name: str) -> Stack:
     _load_sources()
     if name not in _stacks:
         raise InvalidInput(
-            f"unknown controller '{name}'; {did_you_mean(name, sorted(_stacks))}, or module:attr of your own"
+            f"unknown controller '{name}'; {did_you_mean(name, [*sorted(_stacks), *shelved()])}, "
+            "or module:attr of your own"
         )
     entry = _stacks[name]
     if not isinstance(entry, Stack):
@@ -211,11 +212,17 @@ def get(name: str) -> Stack:
     return entry
 
 
+def shelved() -> dict[str, Path]:
+    """Folders of the shipped policies by name."""
+    return {p.name: p for shelf in SHELVES if shelf.is_dir() for p in sorted(shelf.iterdir()) if p.is_dir()}
+
+
 def resolve(spec: "str | Stack") -> Stack:
     """A stack from what a user writes.
 
     ``pid`` · ``pid:law.kp=80,filter.window=9`` · ``z=pid`` · ``runs/x/tuned.toml`` · ``runs/ppo/policy``, a policy's
-    folder · ``package.module:attr`` · ``file.py:attr``, the last two also with overrides behind a second colon.
+    folder · ``height-following-ppo``, a shipped policy · ``package.module:attr`` · ``file.py:attr``, the last two also
+    with overrides behind a second colon.
 
     Raises:
         InvalidInput: unknown name, slot, module, attribute, parameter, or value out of range.
@@ -334,7 +341,9 @@ def team(spec: "str | Stack | Team") -> Team:
 
 
 def is_team(spec: str) -> bool:
-    """Whether a user's words name several slots: ``z=pid,xy=wu``."""
+    """Whether a user's words name several slots: ``z=pid,xy=wu``, or a ``tuned.toml`` of such."""
+    if spec.endswith(".toml") and "=" not in spec:
+        spec = tuned(spec)[0]
     return len([part for part in spec.split(",") if part.split("=")[0] in SLOTS]) > 1
 
 
@@ -381,13 +390,14 @@ def _overrides(text: str, spec: str) -> dict[str, Any]:
 
 def _of_folder(text: str) -> Stack | None:
     """The stack that a folder holds; None if it is a controller's name."""
-    if not text or text in names() or not Path(text).is_dir():
+    folder = shelved().get(text) or Path(text)
+    if not text or text in names() or not folder.is_dir():
         return None
     for loader in FOLDERS:
         module, function = loader.split(":")
-        stack = getattr(importlib.import_module(module), function)(Path(text))
+        stack = getattr(importlib.import_module(module), function)(folder)
         if stack is not None:
-            return stack
+            return replace(stack, name=text)
     raise InvalidInput(f"folder '{text}' holds no policy: it has no policy.json")
 
 

@@ -9,6 +9,7 @@
                 scenarios/*.toml    what was run, beside the tables
 """
 
+import hashlib
 import json
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -17,7 +18,9 @@ from typing import Any
 
 import pandas as pd
 
-from ..envs.plant.quantity import InvalidInput
+from .. import __version__
+from ..envs import scenarios, workshop
+from ..envs.plant.quantity import InvalidInput, did_you_mean
 from ..envs.scenarios import Scenario
 from . import runs
 from .jobs import JobResults
@@ -25,6 +28,9 @@ from .results import Results
 
 FORMAT = 2
 """Of the run folder; 1 had one grid and its record among the run's."""
+
+PARTS, BEGUN = "parts", "begun.json"
+"""Where a run that is not finished keeps what is done, and its command."""
 
 TABLES = {"following": ("traces", "sensitivity", "margins", "blame", "headroom"), "jobs": ("traces",)}
 """Tables of a grid of either kind, beside ``runs``; each may be absent."""
@@ -68,12 +74,18 @@ def save_tables(
             frame = getattr(results, table)
             if len(frame):
                 runs.write_table(at, table, frame, csv=table != "traces")
+        results.meta["tables"] = {file.stem: _hash(file) for file in sorted(at.glob("*.parquet"))}
         for scenario in chosen.get(name, []):
             with runs.atomic(at / "scenarios" / f"{scenario.name}.toml") as part:
                 part.write_text(scenario.to_toml(), encoding="utf-8")
         own = {key: value for key, value in results.meta.items() if key not in meta}
         entries[name] = {"kind": kind, "folder": str(at.relative_to(folder)), **own, **_rest(results)}
     return {"format": FORMAT, **meta, "grids": entries}
+
+
+def _hash(file: Path) -> str:
+    with file.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def _rest(results: Results | JobResults) -> dict[str, Any]:
@@ -89,35 +101,162 @@ def _rest(results: Results | JobResults) -> dict[str, Any]:
 _RESTS = ("kind", "folder", "exempt", "summaries", "metric", "reference", "labels", "materials")
 
 
+# ---------------------------------------------------------------------------------------------------------- reading
+
+
 def load(folder: str | Path) -> Archive:
-    """Reads a run back.
+    """Reads a run back. What is damaged is read as far as it can be; ``meta["notes"]`` says what is not there.
 
     Raises:
-        InvalidInput: no such folder, not a benchmark's, not finished, or of another format.
+        InvalidInput: no such folder, not a benchmark's, not finished, of a later format, or nothing in it can be read.
     """
     folder = Path(folder)
-    record = json.loads((folder / "run.json").read_text(encoding="utf-8"))
+    record = _record(folder)
     entries = record.pop("grids")
-    record.pop("format")
-    if not entries:
-        raise InvalidInput(f"run folder '{folder}' holds no grid")
-    return Archive(folder, {name: _grid(folder / e["folder"], e, record) for name, e in entries.items()}, record)
+    notes, grids = list(record.pop("notes", [])), {}
+    if record.get("kerfgym") != __version__:
+        notes.append(f"Run {folder.name} was made by kerfgym {record.get('kerfgym')}, this page by {__version__}.")
+    meta = {key: value for key, value in record.items() if key != "format"}
+    for name, entry in entries.items():
+        try:
+            grids[name] = _grid(folder, name, entry, meta, notes)
+        except InvalidInput as error:
+            notes.append(f"Suite {name} of run {folder.name} is left out: {error}.")
+    if not grids:
+        raise InvalidInput(f"run folder '{folder}' holds nothing to show; {' '.join(notes) or 'it has no grid'}")
+    if notes:
+        meta["notes"] = notes
+        for results in grids.values():
+            results.meta["notes"] = notes
+    return Archive(folder, grids, meta)
 
 
-def _grid(at: Path, entry: dict[str, Any], record: dict[str, Any]) -> Results | JobResults:
-    tables = {
-        name: pd.read_parquet(at / f"{name}.parquet") if (at / f"{name}.parquet").is_file() else pd.DataFrame()
-        for name in ("runs", *TABLES[entry["kind"]])
-    }
-    meta = {**record, **{key: value for key, value in entry.items() if key not in _RESTS}}
-    core, summaries = tuple(entry["core"]), entry["summaries"]
-    shown = tuple(name for name in core if name in entry["scenarios"])
-    if entry["kind"] == "jobs":
-        return JobResults(
-            tables["runs"], tables["traces"], meta, entry["metric"], entry["reference"], shown, tuple(entry["labels"]),
-            tuple((name, thickness) for name, thickness in entry["materials"]), summaries,
+def _record(folder: Path) -> dict[str, Any]:
+    """``run.json`` in today's form."""
+    if not folder.is_dir():
+        there = [file.parent.name for file in sorted(folder.parent.glob("*/run.json"))]
+        hint = did_you_mean(folder.name, there) if there else f"there is none in '{folder.parent}'"
+        raise InvalidInput(f"no run folder '{folder}'; {hint}")
+    file = folder / "run.json"
+    if not file.is_file():
+        if (folder / PARTS).is_dir():
+            raise InvalidInput(f"run '{folder}' was interrupted; {resumption(folder)} finishes it")
+        raise InvalidInput(f"'{folder}' is not a run folder: it has no run.json")
+    try:
+        record = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InvalidInput(f"cannot read '{file}': {error}") from None
+    if not isinstance(record, dict):
+        raise InvalidInput(f"'{file}' is not a run's record")
+    written = record.get("format", 1)
+    if not isinstance(written, int) or written > FORMAT:
+        raise InvalidInput(
+            f"run '{folder}' has format {written}, made by kerfgym {record.get('kerfgym')}; "
+            f"kerfgym {__version__} reads formats up to {FORMAT}"
+        )
+    if written == 1:
+        record = _from_format_1(folder, record)
+    if not isinstance(record.get("grids"), dict):
+        raise InvalidInput(f"run '{folder}' is not a benchmark's: {record.get('command', 'no command recorded')}")
+    return record
+
+
+def _from_format_1(folder: Path, record: dict[str, Any]) -> dict[str, Any]:
+    """A record with the one grid in it; what was not kept of the scenarios is read from their files."""
+    own = ("seeds", "seed_count", "scenarios", "controllers", "core", "ledger", "tuning", "parameters", "decisions")
+    if not {"scenarios", "controllers", "core"} <= set(record):
+        return record
+    cases = [scenarios.read(file) for file in sorted((folder / "scenarios").glob("*.toml"))]
+    names = record["scenarios"]
+    suites = [suite for suite in scenarios.suites() if set(names) & set(scenarios.rules(suite)["scenarios"])]
+    with_jobs = any(case.job for case in cases)
+    suite = suites[0] if suites else "contour" if with_jobs else "following"
+    rules, materials = scenarios.rules(suite), [workshop.material_of(case) for case in cases if case.job]
+    entry = {
+        "kind": "jobs" if with_jobs else "following", "folder": ".", **{k: record[k] for k in own if k in record},
+        "summaries": {case.name: case.summary for case in cases}, "exempt": [c.name for c in cases if c.exempt],
+        "metric": rules.get("score"), "reference": rules.get("reference"),
+        "labels": list(dict.fromkeys(m.label for m in materials)),
+        "materials": list(dict.fromkeys((m.name, m.thickness) for m in materials)),
+    }  # fmt: skip
+    return {**{key: value for key, value in record.items() if key not in own}, "grids": {suite: entry}}
+
+
+def _grid(folder: Path, name: str, entry: Any, meta: dict[str, Any], notes: list[str]) -> Results | JobResults:
+    """One grid.
+
+    Raises:
+        InvalidInput: its record is incomplete, or its runs cannot be read.
+    """
+    try:
+        kind, at = entry["kind"], folder / entry["folder"]
+        kept = entry.get("tables", {})
+        frames = {table: _table(at, table, kept.get(table), notes) for table in TABLES[kind]}
+        rows = _table(at, "runs", kept.get("runs"), notes, needed=True)
+        lacking = [c for c in ("controller", "information", "scenario", "seed", "failed") if c not in rows]
+        if lacking or not len(rows):
+            raise InvalidInput(f"'{at / 'runs.parquet'}' has {'no column ' + lacking[0] if lacking else 'no rows'}")
+        own = {**meta, **{key: value for key, value in entry.items() if key not in _RESTS}}
+        core = tuple(c for c in entry["core"] if c in entry["scenarios"])
+        if kind == "jobs":
+            return JobResults(
+                rows, frames["traces"], own, entry["metric"], entry["reference"], core, tuple(entry["labels"]),
+                tuple((material, thickness) for material, thickness in entry["materials"]), entry["summaries"],
+            )  # fmt: skip
+        return Results(
+            rows, frames["traces"], frames["sensitivity"], own, core, tuple(entry["exempt"]), entry["summaries"],
+            frames["margins"], frames["blame"], frames["headroom"],
         )  # fmt: skip
-    return Results(
-        tables["runs"], tables["traces"], tables["sensitivity"], meta, shown, tuple(entry["exempt"]), summaries,
-        tables["margins"], tables["blame"], tables["headroom"],
-    )  # fmt: skip
+    except (KeyError, TypeError, ValueError) as error:
+        if isinstance(error, InvalidInput):
+            raise
+        raise InvalidInput(f"the record of suite '{name}' in '{folder / 'run.json'}' lacks {error}") from None
+
+
+def _table(at: Path, name: str, stamp: str | None, notes: list[str], needed: bool = False) -> pd.DataFrame:
+    """A table, from its Parquet file or, where that is damaged, from the CSV beside it; empty if it was not kept.
+
+    Args:
+        at: where the grid's tables are.
+        name: of the table.
+        stamp: SHA-256 of the Parquet file as it was written; None if it was not, or is not known.
+        notes: to which is added what a reader must know.
+        needed: there is no grid without it.
+
+    Raises:
+        InvalidInput: it is needed and cannot be read.
+    """
+    parquet, csv = at / f"{name}.parquet", at / f"{name}.csv"
+    if not parquet.is_file():
+        why = f"'{parquet}' is missing"
+        if not stamp and not needed and not csv.is_file():
+            return pd.DataFrame()
+    else:
+        try:
+            frame = pd.read_parquet(parquet)
+        except (OSError, ValueError) as error:
+            why = f"'{parquet}' cannot be read ({str(error).splitlines()[0].rstrip('.')})"
+        else:
+            if stamp and _hash(parquet) != stamp:
+                notes.append(f"'{parquet}' was changed after the run.")
+            return frame
+    try:
+        frame = pd.read_csv(csv, float_precision="round_trip")
+    except (OSError, ValueError):
+        if needed:
+            raise InvalidInput(why) from None
+        notes.append(f"{why}: what it held is not shown.")
+        return pd.DataFrame()
+    notes.append(f"{why}: its CSV was read instead.")
+    return frame
+
+
+def resumption(folder: Path) -> str:
+    """The command that finishes an interrupted run, in words."""
+    try:
+        command = json.loads((folder / PARTS / BEGUN).read_text(encoding="utf-8"))["command"]
+    except (OSError, ValueError, KeyError):
+        return "the same command with --resume"
+    words = [word for word in command.split() if word != "--overwrite" and word != "--resume"]
+    named = any(word.split("=")[0] == "--name" for word in words)
+    return f"'{' '.join([*words, *([] if named else ['--name', folder.name]), '--resume'])}'"

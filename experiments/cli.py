@@ -47,7 +47,7 @@ def _entries(kind: str) -> list[tuple[str, str]]:
     if kind == "controllers":
         from ..envs import stack
 
-        found = [stack.get(name) for name in stack.names()]
+        found = [*map(stack.get, stack.names()), *map(stack.resolve, stack.shelved())]
         return [(s.name, f"{s.summary} [{s.slot}, {s.information}]") for s in found]
     from ..envs import job_metrics, metrics
 
@@ -59,15 +59,19 @@ def _entries(kind: str) -> list[tuple[str, str]]:
 def benchmark(
     controller: Annotated[UseAppendAction[list[str]], arg(aliases=["-c"], metavar="NAME")] = [],  # noqa: B006
     scenario: Annotated[UseAppendAction[list[str]], arg(aliases=["-s"], metavar="NAME|FILE")] = [],  # noqa: B006
-    suite: str = "following",
+    suite: Annotated[UseAppendAction[list[str]], arg(metavar="NAME")] = [],  # noqa: B006
+    shipped: bool = False,
     path: Annotated[Path | None, arg(metavar="FILE")] = None,
     seeds: int | None = None,
     split: str = "test",
     name: str | None = None,
     jobs: int = 2,
+    backend: str = "loky",
+    scheduler: Annotated[str | None, arg(metavar="ADDRESS")] = None,
     ms: bool = True,
     cost: bool = True,
     blame: bool = True,
+    markdown: bool = False,
     overwrite: bool = False,
     resume: bool = False,
 ) -> None:
@@ -75,53 +79,57 @@ def benchmark(
 
     Args:
         controller: built-in name with overrides (pid:law.kp=80,filter.window=9), or module:attr or file.py:attr of your
-            own, or a team for jobs (z=pid,xy=wu,process=huang2024-dynamic); may be given several times. Default: the
-            suite's standard ones.
+            own, or a team for jobs (z=pid,xy=wu,process=huang2024-dynamic); may be given several times. A follower goes
+            into every suite, what drives axes or process into those of jobs. Default: the suite's standard ones.
         scenario: name or TOML file; may be given several times. Default: the whole suite.
-        suite: whose scenarios are run.
+        suite: whose scenarios are run; may be given several times (following, contour, cutting, ood, repeated), each is
+            a table of its own. Default: that of the scenarios given, or following.
+        shipped: compare all shipped controllers and policies of each suite's slot, besides those given; without
+            --suite on following, contour and cutting.
         path: drawing or programme (DXF, SVG, G-code). In the suites contour and cutting it is the part that is cut; in
             following the nozzle travels its contours, on a wavy, tilted sheet unless --scenario says otherwise.
         seeds: how many seeds of the split. Default: 200, for jobs and along a drawing 20.
         split: test, tune or reserve.
         name: of the run folder. Default: date and time.
         jobs: worker processes.
+        backend: loky (processes of this machine) or dask (a cluster of as many processes, or that of --scheduler); the
+            figures are the same.
+        scheduler: of a dask cluster, such as tcp://10.0.0.1:8786, whose workers have this kerfgym and these files.
         ms: measure the sensitivity peak Ms by injection, and the margins of gain and dead time.
         cost: time the controllers' decisions.
         blame: ask what each stage of the machine costs the reference and the best controller.
+        markdown: print the summary as Markdown, for an issue, instead of the tables; it is also in summary.md.
         overwrite: replace an existing run folder.
         resume: finish an interrupted run.
     """
-    from ..envs import scenarios
     from . import benchmark as bench
-    from .jobs import JobResults
+    from . import grids
 
-    scenarios.suite(suite)  # an unknown one is an error even where it is not needed
+    planned = grids.plan(suite, controller, scenario, path=path, seeds=seeds, split=split, everything=shipped)
     if path is not None:
-        chosen = bench.along(path, scenario, suite)
-        core: tuple[str, ...] = tuple(s.name for s in chosen)
-        for note in scenarios.drawn(str(path)).notes:
-            print(f"kerfgym: {path}: {note}", file=sys.stderr)
-    elif scenario:
-        chosen, core = (
-            [scenarios.load(s) for s in scenario],
-            scenarios.core(suite),
-        )
-    else:
-        chosen, core = list(scenarios.suite(suite).values()), scenarios.core(suite)
-    few = path is not None or any(s.job for s in chosen)
-    wanted = bench.split_seeds(seeds if seeds is not None else (bench.PATH_SEEDS if few else 200), split)
-    folder = Path("runs") / (name or datetime.datetime.now().strftime("%Y-%m-%d-%H%M%S"))
-    standard = scenarios.rules(suite).get("controllers", bench.DEFAULT)
-    results = bench.run(
-        list(dict.fromkeys(controller)) or list(standard), chosen, folder, wanted, core=core, suite=suite, with_ms=ms,
-        with_cost=cost, with_blame=blame, workers=jobs, overwrite=overwrite, resume=resume,
-    )  # fmt: skip
-    from .table import print_jobs, print_summary
+        from ..envs.scenarios import drawn
 
-    if isinstance(results, JobResults):
-        print_jobs(results)
-    else:
-        print_summary(results)
+        for note in drawn(str(path)).notes:
+            print(f"kerfgym: {path}: {note}", file=sys.stderr)
+    folder = Path("runs") / (name or datetime.datetime.now().strftime("%Y-%m-%d-%H%M%S"))
+    results = bench.run_grids(
+        planned, folder, with_ms=ms, with_cost=cost, with_blame=blame, workers=jobs, backend=backend,
+        scheduler=scheduler, overwrite=overwrite, resume=resume,
+    )  # fmt: skip
+    _show(folder, results, markdown)
+
+
+def _show(folder: Path, grids: dict[str, Any], markdown: bool) -> None:
+    """Prints the tables of a run, or its summary, and where the report is."""
+    from . import digest
+    from .table import sheets
+
+    if markdown:
+        print((folder / digest.NAME).read_text(encoding="utf-8"))
+        return
+    for results in grids.values():
+        for sheet in sheets(results):
+            sheet.show()
     print(f"\n{folder / 'report.html'}")
 
 
@@ -151,9 +159,10 @@ def blame(
         resume: finish an interrupted run.
     """
     from ..envs import scenarios
-    from .benchmark import split_seeds
+    from .bars import progress
     from .blame import blame as run
-    from .table import print_blame, progress
+    from .grids import split_seeds
+    from .table import print_blame
 
     chosen = [scenarios.load(s) for s in scenario or scenarios.core("following")]
     folder = Path("runs") / (name or f"blame-{datetime.datetime.now():%Y-%m-%d-%H%M%S}")
@@ -213,9 +222,9 @@ def reproduce(
         overwrite: replace an existing run folder.
         resume: finish an interrupted run.
     """
+    from .bars import progress
     from .reproduce import page
     from .reproduce.run import reproduce as run
-    from .table import progress
 
     folder = Path("runs") / (name or f"reproduce-{datetime.datetime.now():%Y-%m-%d-%H%M%S}")
     with progress("studies") as told:
@@ -273,7 +282,7 @@ def tune(
         overwrite: replace an existing run folder.
         resume: finish an interrupted run.
     """
-    from .table import progress
+    from .bars import progress
     from .tune import command
     from .tune import tune as run
 
@@ -339,8 +348,9 @@ def speed(
         overwrite: replace an existing run folder.
     """
     from . import runs
+    from .bars import status
     from .speed.run import speed as measure
-    from .table import print_speed, status
+    from .table import print_speed
 
     for what, value in (("--rounds", rounds), ("--torch-threads", torch_threads)):
         if value < 1:

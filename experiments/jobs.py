@@ -2,6 +2,7 @@
 
 import itertools
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -54,9 +55,9 @@ def roll(scenario: Scenario, team: Team, seeds: Any, record: bool = False) -> tu
 
 
 def compute(
-    name: str, scenario: Scenario, team: Team, seeds: tuple[int, ...], trace: int | None
+    name: str, scenario: Scenario, team: Team, seeds: tuple[int, ...], shown: Iterable[int] = ()
 ) -> dict[str, pd.DataFrame]:
-    """Tables ``runs`` and ``traces`` of one task, with its cost in ``ledger``."""
+    """Tables ``runs`` and ``traces`` (of the seeds ``shown``) of one task, with its cost in ``ledger``."""
     start = time.process_time()
     fleet, job, _ = roll(scenario, team, seeds)
     jobs = job_metrics.Jobs.of(fleet, job)
@@ -72,8 +73,8 @@ def compute(
     frame["iso_taper"] = [iso_taper(u, steel.thickness) if np.isfinite(u) else "–" for u in frame["taper"]]
     steps = int(fleet.tick) * len(seeds)
     tables = {"runs": frame}
-    if trace is not None and trace in seeds:
-        tables["traces"] = traced(name, scenario, team, trace)
+    if frames := [traced(name, scenario, team, seed) for seed in shown]:
+        tables["traces"] = pd.concat(frames, ignore_index=True)
         steps += len(tables["traces"])
     cost = {"controller": name, "steps": steps, "cpu_seconds": time.process_time() - start}
     return {**tables, "ledger": pd.DataFrame([cost])}

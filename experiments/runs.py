@@ -4,6 +4,7 @@ import contextlib
 import json
 import os
 import platform
+import re
 import shutil
 import subprocess
 import sys
@@ -20,6 +21,8 @@ from ..envs.plant.quantity import InvalidInput
 
 UNFINISHED = ("parts", "study.journal")
 """What is found in the folder of a run that was interrupted."""
+
+_TEMPORARY = re.compile(r"\..+\.[a-z0-9_]{8}")
 
 PACKAGES = ("numpy", "numba", "scipy", "gymnasium", "pandas", "pyarrow")
 
@@ -38,6 +41,13 @@ def atomic(path: Path) -> Iterator[Path]:
         os.replace(name, path)
     finally:
         Path(name).unlink(missing_ok=True)
+
+
+def sweep(folder: Path) -> None:
+    """Removes what writes that were killed have left in a folder. Nobody else may be writing into it."""
+    for file in folder.rglob(".*"):
+        if file.is_file() and _TEMPORARY.fullmatch(file.name):
+            file.unlink()
 
 
 def write_json(path: Path, data: Any) -> None:

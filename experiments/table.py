@@ -1,8 +1,7 @@
-"""The benchmark's table in the terminal."""
+"""A benchmark's tables in words: what the terminal prints and what ``summary.md`` holds."""
 
-import contextlib
 import math
-from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 from typing import Any
 
 from rich.console import Console
@@ -22,22 +21,51 @@ BESIDE = 8
 """Scenarios that have a column beside the score; more of them get a table of their own."""
 
 
-def _number(value: float, form: str = "{:.2f}") -> str:
-    return "–" if value is None or math.isnan(value) else form.format(value)
+@dataclass
+class Sheet:
+    """A table in words.
+
+    Attributes:
+        title: above it.
+        titles: of the columns, the row's name first.
+        sections: groups of rows, apart because they are not ranked together.
+        notes: sentences that explain it.
+    """
+
+    title: str
+    titles: list[str]
+    sections: list[list[list[str]]] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    def show(self) -> None:
+        """Prints it, as wide as it is."""
+        table = Table(title=self.title)
+        for i, title in enumerate(self.titles):
+            table.add_column(title, justify="right" if i else "left", no_wrap=True)
+        for section in self.sections:
+            for row in section:
+                table.add_row(*row)
+            table.add_section()
+        console = Console(width=max(Console().width, Console(width=1000).measure(table).maximum))
+        console.print(table)
+        for note in self.notes:
+            console.print(note, highlight=False, markup=False)
+
+    def markdown(self) -> str:
+        """The same in Markdown."""
+
+        def line(cells: list[str]) -> str:
+            return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+        ruler = line(["---", *["---:"] * (len(self.titles) - 1)])
+        rows = [line(row) for section in self.sections for row in section]
+        notes = "\n".join(self.notes)
+        return "\n".join([f"### {self.title}", "", line(self.titles), ruler, *rows, "", notes]).rstrip() + "\n"
 
 
-def _cell(table: Any, row: Any, column: str) -> float:
-    return float(table.at[row, column])
-
-
-def _print_scenarios(console: Console, pooled: Any, names: list[str]) -> None:
-    table = Table(title="by scenario, µm")
-    table.add_column("scenario", no_wrap=True)
-    for name in names:
-        table.add_column(name, justify="right")
-    for scenario in pooled.columns:
-        table.add_row(scenario, *(_number(_cell(pooled, name, scenario), "{:.1f}") for name in names))
-    console.print(table)
+def sheets(results: Results | JobResults) -> list[Sheet]:
+    """The tables of a grid: one row a controller, best score first, and what explains it."""
+    return _jobs(results) if isinstance(results, JobResults) else _following(results)
 
 
 def budget_note(summary: Any) -> str:
@@ -46,92 +74,88 @@ def budget_note(summary: Any) -> str:
     return f"Ratios not at equal budgets: {'; '.join(marked)}." if marked else "All ratios are at equal budgets."
 
 
-def print_summary(results: Results) -> None:
-    """Prints one row per controller, best score first, information classes apart."""
-    summary, pooled = results.summary(), results.pooled()
+def _number(value: float, form: str = "{:.2f}") -> str:
+    return "–" if value is None or math.isnan(value) else form.format(value)
+
+
+def _cell(table: Any, row: Any, column: str) -> float:
+    return float(table.at[row, column])
+
+
+def _following(results: Results) -> list[Sheet]:
+    summary, pooled, costs = results.summary(), results.pooled(), results.decisions()
     scored = [s for s in results.core if s in pooled.columns] or list(pooled.columns)
     core = scored if len(scored) <= BESIDE else []
-    table = Table(title=f"RMS of the true gap error, µm · {results.meta['seed_count']} seeds per scenario")
-    table.add_column("controller", no_wrap=True)
-    for title in (
-        "score",
-        f"× {REFERENCE}",
-        "reported",
-        "Ms",
-        "gain",
-        "delay, ms",
-        *core,
-        "jitter",
-        "dross, mm",
-        "Rz, µm",
-        "collisions",
-        "failed",
-        "µs",
-        "p99, µs",
-        "budget",
-        "class",
-    ):
-        table.add_column(title, justify="right", no_wrap=True)
-    order = {"sensor": 0, "preview": 1, "privileged": 2}
-    rows = sorted(summary.iterrows(), key=lambda r: (order[r[1]["information"]], r[1]["score"]))
-    costs = results.decisions()
-    last = None
-    for name, row in rows:
-        if last not in (None, row["information"]):
-            table.add_section()
-        last = row["information"]
-        table.add_row(
-            str(name), _number(row["score"]), _number(row["ratio"]), _number(row["reported"]), _number(row["ms"]),
-            margin(row["gain_margin"], GAINS[-1]), margin(row["delay_margin"], DELAYS[-1]),
-            *(_number(_cell(pooled, name, s), "{:.1f}") for s in core), _number(row["jitter"]),
-            _number(row["dross"], "{:.4f}"), _number(row["roughness"]),
-            f"{row['collisions']}/{row['collision_runs']}", str(row["failed"]),
-            _number(_cell(costs, name, "median_us")), _number(_cell(costs, name, "p99_us")), in_words(row),
-            str(row["information"]),
-        )  # fmt: skip
-    console = Console(width=max(Console().width, Console(width=1000).measure(table).maximum))
-    console.print(table)
-    if not core:
-        _print_scenarios(console, pooled[scored], [str(name) for name, _ in rows])
-    exempt = f" ({', '.join(results.exempt)} left out)" if results.exempt else ""
-    console.print(
-        f"score: geometric mean over {', '.join(core) or f'these {len(scored)}'};\n"
-        f"reported: the same of what the machine itself measures;\n"
-        f"jitter: RMS change of the command, mm/s per ms; collisions of all scenarios{exempt};\n"
-        f"dross and Rz: proxies, means over the core. {material('thin-sheet').label.capitalize()}.\n"
-        f"gain, delay: factor on the loop's gain and additional dead time up to which it settles, worst corner plant;\n"
-        f"µs: a decision, median and 99th percentile, in a period of {1e6 * PERIOD:.0f} µs;\n"
-        f"budget: trials and simulated steps of tuning. {budget_note(summary)}"
-    )
-
-
-def print_jobs(results: JobResults) -> None:
-    """Prints one row per team, best score first, and how far the quality figures can be trusted."""
-    summary = results.summary().sort_values("score")
-    unit = METRICS[results.metric].unit
-    table = Table(title=f"jobs · {results.meta['seed_count']} seeds per scenario")
-    table.add_column("controller", no_wrap=True)
-    titles = (
-        f"{results.metric}, {unit}", f"× {results.reference}", "contour rms, µm", "max, µm", "gap rms, µm", "dross, mm",
-        "Rz, µm", "ISO 9013", "through", "kerf, mm", "u, mm", "time, s", "feed, mm/s", "collisions", "failed",
-        "budget",
+    sheet = Sheet(
+        f"RMS of the true gap error, µm · {_seeds(results)}",
+        ["controller", "score", f"× {REFERENCE}", "reported", "Ms", "gain", "delay, ms", *core, "jitter", "dross, mm",
+         "Rz, µm", "collisions", "failed", "µs", "p99, µs", "budget", "class"],
     )  # fmt: skip
-    for title in titles:
-        table.add_column(title, justify="right")
-    for name, row in summary.iterrows():
-        forms = {
-            "score": "{:.2f}", "ratio": "{:.2f}", "contour_rms": "{:.1f}", "contour_max": "{:.0f}", "gap_rms": "{:.1f}",
-            "dross": "{:.3f}", "roughness": "{:.1f}", "iso_roughness": "", "through": "{:.2f}", "kerf": "{:.3f}",
-            "taper": "{:.3f}", "time": "{:.2f}", "mean_feed": "{:.1f}",
-        }  # fmt: skip
-        cells = [_number(row[m], form) if form else str(row[m]) for m, form in forms.items()]
-        table.add_row(str(name), *cells, f"{row['collisions']}/{row['count']}", str(row["failed"]), in_words(row))
-    console = Console(width=max(Console().width, 210))
-    console.print(table)
-    console.print(f"score: geometric mean over {', '.join(results.core)} of the RMS over seeds.")
-    console.print(f"budget: trials and steps of tuning, all slots together. {budget_note(summary)}")
-    for label in results.labels:
-        console.print(f"quality: {label}.")
+    for information in ("sensor", "preview", "privileged"):
+        section = summary[summary["information"] == information].sort_values("score")
+        if len(section):
+            sheet.sections.append([
+                [
+                    str(name), _number(row["score"]), _number(row["ratio"]), _number(row["reported"]),
+                    _number(row["ms"]), margin(row["gain_margin"], GAINS[-1]), margin(row["delay_margin"], DELAYS[-1]),
+                    *(_number(_cell(pooled, name, s), "{:.1f}") for s in core), _number(row["jitter"]),
+                    _number(row["dross"], "{:.4f}"), _number(row["roughness"]),
+                    f"{row['collisions']}/{row['collision_runs']}", str(row["failed"]),
+                    _number(_cell(costs, name, "median_us")), _number(_cell(costs, name, "p99_us")), in_words(row),
+                    information,
+                ]
+                for name, row in section.iterrows()
+            ])  # fmt: skip
+    exempt = f" ({', '.join(results.exempt)} left out)" if results.exempt else ""
+    explained = [
+        f"score: geometric mean over {', '.join(core) or f'these {len(scored)}'};",
+        "reported: the same of what the machine itself measures;",
+        f"jitter: RMS change of the command, mm/s per ms; collisions of all scenarios{exempt};",
+        f"dross and Rz: proxies, means over the core. {material('thin-sheet').label.capitalize()}.",
+        "gain, delay: factor on the loop's gain and additional dead time up to which it settles, worst corner plant;",
+        f"µs: a decision, median and 99th percentile, in a period of {1e6 * PERIOD:.0f} µs;",
+        f"budget: trials and simulated steps of tuning. {budget_note(summary)}",
+    ]
+    if core:
+        sheet.notes = explained
+        return [sheet]
+    names = [row[0] for section in sheet.sections for row in section]
+    rows = [[s, *(_number(_cell(pooled, name, s), "{:.1f}") for name in names)] for s in scored]
+    return [sheet, Sheet("by scenario, µm", ["scenario", *names], [rows], explained)]
+
+
+def _jobs(results: JobResults) -> list[Sheet]:
+    summary = results.summary().sort_values("score")
+    sheet = Sheet(
+        f"jobs · {_seeds(results)}",
+        ["controller", f"{results.metric}, {METRICS[results.metric].unit}", f"× {results.reference}", "contour rms, µm",
+         "max, µm", "gap rms, µm", "dross, mm", "Rz, µm", "ISO 9013", "through", "kerf, mm", "u, mm", "time, s",
+         "feed, mm/s", "collisions", "failed", "budget"],
+    )  # fmt: skip
+    forms = {
+        "score": "{:.2f}", "ratio": "{:.2f}", "contour_rms": "{:.1f}", "contour_max": "{:.0f}", "gap_rms": "{:.1f}",
+        "dross": "{:.3f}", "roughness": "{:.1f}", "iso_roughness": "", "through": "{:.2f}", "kerf": "{:.3f}",
+        "taper": "{:.3f}", "time": "{:.2f}", "mean_feed": "{:.1f}",
+    }  # fmt: skip
+    sheet.sections = [[
+        [
+            str(name), *(_number(row[m], form) if form else str(row[m]) for m, form in forms.items()),
+            f"{row['collisions']}/{row['count']}", str(row["failed"]), in_words(row),
+        ]
+        for name, row in summary.iterrows()
+    ]]  # fmt: skip
+    over = [s for s in results.core if s in results.scenarios] or results.scenarios
+    sheet.notes = [
+        f"score: geometric mean over {', '.join(over)} of the RMS over seeds.",
+        f"budget: trials and steps of tuning, all slots together. {budget_note(summary)}",
+        *(f"quality: {label}." for label in results.labels),
+    ]
+    return [sheet]
+
+
+def _seeds(results: Results | JobResults) -> str:
+    count = results.runs["seed"].nunique()
+    return f"{count} seeds per scenario" if count > 1 else "one seed per scenario, so nothing says how sure this is"
 
 
 def print_blame(shares: Any, headroom: Any) -> None:
@@ -174,28 +198,6 @@ def print_blame(shares: Any, headroom: Any) -> None:
 
 def _between(low: float, high: float) -> str:
     return "–" if math.isnan(low) else f"{low:.2f} … {high:.2f}"
-
-
-@contextlib.contextmanager
-def status() -> Iterator[Callable[[str], None]]:
-    """A line in the terminal that tells what goes on; gives the function that changes it."""
-    with Console(stderr=True).status("") as line:
-        yield line.update
-
-
-@contextlib.contextmanager
-def progress(what: str, quiet: bool = False) -> Iterator[Callable[[int, int, str], None]]:
-    """A progress bar, unless ``quiet``; gives the function that is told how many are done, of how many, and where."""
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), disable=quiet) as bar:
-        task = bar.add_task(what, total=None)
-
-        def told(done: int, total: int, last: str) -> None:
-            bar.update(task, completed=done, total=total, description=f"{what} · {last}")
-
-        yield told
 
 
 def print_speed(tables: dict[str, Any]) -> None:

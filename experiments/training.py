@@ -9,7 +9,7 @@ from ..agents import settings as presets
 from ..agents.settings import Settings
 from ..envs import stack as stacks
 from . import runs, stability
-from .table import progress
+from .bars import progress
 
 
 def train(

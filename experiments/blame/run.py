@@ -2,7 +2,7 @@
 
 import hashlib
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,13 +12,12 @@ from ...envs.plant.quantity import InvalidInput
 from ...envs.scenarios import Scenario
 from ...envs.stack import Stack, resolve
 from .. import runs
-from ..benchmark import Case
+from ..bars import Told
 from ..ledger import Ledger
 from ..results import REFERENCE, Results
+from ..tasks import Case
 from . import game, tables
 from .game import BOUNDS, STAGES, Blame
-
-Told = Callable[[int, int, str], None]
 
 SHOWN = ("rough", "step", "impulses")
 """Scenarios of which a report shows blame, if they were run: a shape, jumps, a disturbed sensor."""
@@ -135,7 +134,7 @@ def _all(
 
 def _key(scenario: Scenario, stack: Stack, seeds: Sequence[int], stages: Sequence[str]) -> str:
     """Name of a part's file; it changes with anything that the part depends on."""
-    case = Case(stack.name, scenario, tuple(int(s) for s in seeds), None).key(stack)
+    case = Case(stack.name, scenario, tuple(int(s) for s in seeds)).key(stack)
     return hashlib.sha256(f"{case} {', '.join(stages)}".encode()).hexdigest()[:20]
 
 

@@ -114,11 +114,7 @@ class Task:
 
 def controller(spec: str) -> Stack | Team:
     """A stack or, if the words name several slots, a team."""
-    if stacks.is_team(spec):
-        return stacks.team(spec)
-    if spec.endswith(".toml") and "=" not in spec and stacks.is_team(stacks.tuned(spec)[0]):
-        return stacks.team(spec)
-    return stacks.resolve(spec)
+    return stacks.team(spec) if stacks.is_team(spec) else stacks.resolve(spec)
 
 
 def done(study: Any) -> list[FrozenTrial]:

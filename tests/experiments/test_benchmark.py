@@ -14,9 +14,11 @@ from kerfgym.envs.metrics import METRICS
 from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.envs.scenarios import core, load, suite
 from kerfgym.experiments import benchmark
-from kerfgym.experiments.benchmark import Case, cases, compute, run, split_seeds
+from kerfgym.experiments.benchmark import compute, run
+from kerfgym.experiments.grids import split_seeds
 from kerfgym.experiments.results import Results
 from kerfgym.experiments.rollout import roll
+from kerfgym.experiments.tasks import Case, cases
 
 PAGE = importlib.util.find_spec("kerfgym.experiments.report.page")
 SHORT = [load("wavy").varied(duration=0.5), load("impulses").varied(duration=0.5)]
@@ -56,7 +58,16 @@ def go(folder, controllers, chosen=SHORT, seeds=range(1000, 1004), report=False,
 def test_a_run_leaves_its_tables_its_record_and_its_scenarios(tmp_path, own):
     folder = tmp_path / "runs" / "first"
     results = go(folder, ["pid", own], core=core("following"), report=True)
-    expected = {"runs.parquet", "runs.csv", "summary.parquet", "summary.csv", "traces.parquet", "run.json", "scenarios"}
+    expected = {
+        "runs.parquet",
+        "runs.csv",
+        "summary.parquet",
+        "summary.csv",
+        "traces.parquet",
+        "run.json",
+        "scenarios",
+        "summary.md",
+    }
     if PAGE:
         assert (folder / "report.html").stat().st_size > 10_000
     assert {p.name for p in folder.iterdir()} - {"report.html", "plots"} == expected
@@ -72,8 +83,8 @@ def test_a_run_leaves_its_tables_its_record_and_its_scenarios(tmp_path, own):
     assert keys == [(c, s, n) for c in ("pid", own) for s in ("wavy", "impulses") for n in range(1000, 1004)]
 
     traces = pd.read_parquet(folder / "traces.parquet")
-    assert len(traces) == 2 * 2 * 500
-    assert set(traces["seed"]) == {1000}
+    assert len(traces) == 2 * 2 * 2 * 500
+    assert set(traces["seed"]) == {1000, 1001}
     summary = pd.read_csv(folder / "summary.csv")
     assert summary["controller"].tolist() == ["pid", own]
     assert summary["score"].tolist() == pytest.approx(results.summary()["score"].tolist())
@@ -207,7 +218,7 @@ def test_an_edit_of_the_controllers_file_during_a_run_never_mixes_versions(tmp_p
 
     def edits(case, *rest):
         done.append(case)
-        if len(done) == 2:
+        if len(done) == 1:
             (tmp_path / "mine.py").write_text(OWN + "# a later thought\n", encoding="utf-8")
         return compute(case, *rest)
 
@@ -226,12 +237,13 @@ def key(task):
 def test_a_tasks_name_changes_with_everything_its_result_depends_on():
     seeds = (1000, 1001)
     tasks = [
-        Case("pid", SHORT[0], seeds, 1000), Case("observer", SHORT[0], seeds, 1000), Case("pid", SHORT[1], seeds, 1000),
-        Case("pid", SHORT[0], (1000, 1002), 1000), Case("pid", SHORT[0], seeds, None), Case("pid", None, (), None),
-        Case("pid", SHORT[0].varied(feed=201), seeds, 1000), Case("pid:law.kp=40", SHORT[0], seeds, 1000),
+        Case("pid", SHORT[0], seeds, seeds), Case("observer", SHORT[0], seeds, seeds),
+        Case("pid", SHORT[1], seeds, seeds), Case("pid", SHORT[0], (1000, 1002), seeds),
+        Case("pid", SHORT[0], seeds), Case("pid", None, ()),
+        Case("pid", SHORT[0].varied(feed=201), seeds, seeds), Case("pid:law.kp=40", SHORT[0], seeds, seeds),
     ]  # fmt: skip
     assert len({key(task) for task in tasks}) == len(tasks)
-    assert key(Case("pid", load("wavy").varied(duration=0.5), seeds, 1000)) == key(tasks[0])
+    assert key(Case("pid", load("wavy").varied(duration=0.5), seeds, seeds)) == key(tasks[0])
 
 
 def test_the_grid_holds_every_seed_of_every_pair_once():
@@ -239,7 +251,7 @@ def test_the_grid_holds_every_seed_of_every_pair_once():
     assert [task.controller for task in tasks if task.scenario is None] == ["pid", "observer"]
     seen = [(t.controller, t.scenario.name, seed) for t in tasks if t.scenario for seed in t.seeds]
     assert len(seen) == len(set(seen)) == 2 * 2 * 150
-    assert {t.trace for t in tasks if t.scenario} == {1000}
+    assert [t.traced for t in tasks if t.scenario] == [(1000, 1001), ()] * 4
 
 
 # ---------------------------------------------------------------------------------------------------------- bad input
@@ -403,7 +415,7 @@ def standard():
     for name in SAFE:
         scenario = suite("following")[name]
         for controller in ("xi2023-tuned", "pid", "observer") if name in core("following") else ("pid", "observer"):
-            frames.append(compute(Case(controller, scenario, SEEDS, None), stack.resolve(controller))["runs"])
+            frames.append(compute(Case(controller, scenario, SEEDS), stack.resolve(controller))["runs"])
     runs = pd.concat(frames, ignore_index=True)
     return Results(runs, pd.DataFrame(), pd.DataFrame(), {"seed_count": len(SEEDS)}, core("following"), ())
 

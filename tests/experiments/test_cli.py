@@ -75,7 +75,7 @@ def test_list_shows_everything_that_is_registered_a_line_each(capsys):
     ids = [name for name in gym.registry if name.startswith("kerfgym/")]
     assert ids
     cases = [name for group in scenarios.suites() for name in scenarios.suite(group)]
-    assert first == [*ids, *cases, *stack.names(), *METRICS, *JOB_METRICS]
+    assert first == [*ids, *cases, *stack.names(), *stack.shelved(), *METRICS, *JOB_METRICS]
     assert all(len(line.split()) > 2 for line in lines if line.startswith("  "))  # a name and what it is
 
 
@@ -142,25 +142,36 @@ def test_a_benchmark_from_end_to_end_and_again_with_the_same_figures(here, capsy
     assert [(folder / file).read_bytes() for file in ("runs.csv", "summary.csv")] == figures
 
 
-def test_a_drawing_is_travelled_once_through(here, monkeypatch):
+@pytest.fixture
+def asked(monkeypatch, here):
+    """What the words of a benchmark ask for, without doing it: grids and options."""
+
+    def of(*words):
+        seen = {}
+
+        def watched(grids, folder, **options):
+            seen.update(grids=grids, options={"folder": folder, **options})
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr(benchmark, "run_grids", watched)
+        with pytest.raises(SystemExit):
+            main(["benchmark", *words])
+        return seen["grids"], seen["options"]
+
+    return of
+
+
+def test_a_drawing_is_travelled_once_through(here, asked):
     document = ezdxf.new("R2010")
     document.header["$INSUNITS"] = 4
     document.modelspace().add_lwpolyline([(0, 0), (15, 0), (15, 15), (0, 15)], close=True)
     document.saveas(here / "part.dxf")
-    seen = {}
-
-    def watched(controllers, chosen, folder, seeds, **options):
-        seen.update(controllers=controllers, chosen=chosen, seeds=seeds, **options)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(benchmark, "run", watched)
-    with pytest.raises(SystemExit):
-        main(["benchmark", "--path", "part.dxf", "-c", "pid"])
-    (scenario,) = seen["chosen"]
+    (grid,), _ = asked("--path", "part.dxf", "-c", "pid")
+    (scenario,) = grid.scenarios
     assert scenario.name == "drawing@part"
     assert scenario.duration == pytest.approx(60.0 / 100.0, rel=0.05)  # round a square of 15 mm at 100 mm/s
-    assert seen["core"] == ("drawing@part",)
-    assert len(seen["seeds"]) == 20
+    assert grid.core == ("drawing@part",)
+    assert len(grid.seeds) == 20
 
 
 @pytest.mark.parametrize(
@@ -179,51 +190,30 @@ def test_a_drawing_is_travelled_once_through(here, monkeypatch):
         ),
     ],
 )
-def test_pictures_and_programmes_are_travelled_too_and_what_is_left_out_is_said(
-    here, monkeypatch, capsys, name, text, note
-):
+def test_pictures_and_programmes_are_travelled_too_and_what_is_left_out_is_said(here, asked, capsys, name, text, note):
     (here / name).write_text(text, encoding="utf-8")
-    seen = {}
-
-    def watched(controllers, chosen, folder, seeds, **options):
-        seen.update(chosen=chosen)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(benchmark, "run", watched)
-    with pytest.raises(SystemExit):
-        main(["benchmark", "--path", name, "-c", "pid"])
-    (scenario,) = seen["chosen"]
+    (grid,), _ = asked("--path", name, "-c", "pid")
+    (scenario,) = grid.scenarios
     assert scenario.duration == pytest.approx(60.0 / 100.0, rel=0.05)
     assert f"kerfgym: {name}: {note}\n" in capsys.readouterr().err
 
 
-def test_an_interruption_tells_how_to_go_on(here, monkeypatch, capsys):
-    def interrupted(*words, **more):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(benchmark, "run", interrupted)
-    with pytest.raises(SystemExit) as error:
-        main(["benchmark"])
-    assert error.value.code == 130
-    assert "--resume" in capsys.readouterr().err
+def test_an_interruption_tells_how_to_go_on(asked, capsys):
+    asked("-c", "pid")
+    told = capsys.readouterr().err
+    assert "kerfgym: interrupted; " in told
+    assert "--resume" in told
 
 
-def test_the_standard_benchmark_is_the_whole_suite_with_200_test_seeds(monkeypatch, here):
-    seen = {}
-
-    def watched(controllers, chosen, folder, seeds, **options):
-        seen.update(controllers=controllers, chosen=chosen, folder=folder, seeds=seeds, **options)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(benchmark, "run", watched)
-    with pytest.raises(SystemExit):
-        main(["benchmark", "--name", "standard"])
-    assert seen["controllers"] == ["xi2023-ma", "xi2023-improved", "xi2023-tuned", "pid", "observer", "preview-5ms"]
-    assert [s.name for s in seen["chosen"]] == list(scenarios.suite("following"))
-    assert seen["seeds"] == range(1000, 1200)
-    assert seen["core"] == scenarios.core("following")
-    assert seen["folder"] == Path("runs") / "standard"
-    assert (seen["with_ms"], seen["overwrite"], seen["resume"]) == (True, False, False)
+def test_the_standard_benchmark_is_the_whole_suite_with_200_test_seeds(asked):
+    (grid,), options = asked("--name", "standard")
+    assert grid.controllers == ("xi2023-ma", "xi2023-improved", "xi2023-tuned", "pid", "observer", "preview-5ms")
+    assert [s.name for s in grid.scenarios] == list(scenarios.suite("following"))
+    assert grid.seeds == range(1000, 1200)
+    assert grid.core == scenarios.core("following")
+    assert options["folder"] == Path("runs") / "standard"
+    assert (options["with_ms"], options["overwrite"], options["resume"]) == (True, False, False)
+    assert (options["workers"], options["backend"], options["scheduler"]) == (2, "loky", None)
 
 
 @pytest.mark.parametrize(
@@ -243,6 +233,14 @@ def test_the_standard_benchmark_is_the_whole_suite_with_200_test_seeds(monkeypat
         (["--split", "tset"], "unknown split 'tset'; did you mean 'test'?"),
         (["--seeds", "201"], "--seeds 201 is out of range; split 'test' has 200"),
         (["--seeds", "0"], "--seeds 0 is out of range"),
+        (["--suite", "following", "--suite", "cutting", "-c", "recipe"], "suite 'following': none of the controllers"),
+        (["--suite", "following", "--suite", "ood", "-s", "wavy"], "suite 'ood': none of the scenarios given fits it"),
+        (["--suite", "following", "--suite", "ood", "-s", "cut-square"], "scenario 'cut-square' fits none of these"),
+        (["--backend", "daks"], "unknown backend 'daks'; did you mean 'dask'?"),
+        (
+            ["--scheduler", "tcp://localhost:1"],
+            "--scheduler is the address of a dask scheduler; it needs --backend dask",
+        ),
         (["--jobs", "0"], "--jobs 0 is out of range; at least 1"),
         (["--jobs", "-2"], "--jobs -2 is out of range; at least 1"),
         (["--path", "nowhere.dxf"], "nowhere.dxf"),

@@ -1,0 +1,76 @@
+"""Pools: tasks spread over processes of this machine, or over the workers of a dask cluster.
+
+What a task gives depends on nothing but the task, so every pool gives the same.
+"""
+
+import contextlib
+import importlib.util
+import logging
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from ..envs.plant.quantity import InvalidInput, did_you_mean
+
+BACKENDS = ("loky", "dask")
+"""Processes of this machine · a dask cluster, its own or one that is told by its scheduler's address."""
+
+PATIENCE = 20
+"""Seconds until a scheduler must have answered and have workers."""
+
+
+def check(backend: str, workers: int, scheduler: str | None) -> None:
+    """Makes sure that there is such a pool.
+
+    Raises:
+        InvalidInput: unknown backend, no worker, or a scheduler for another backend than dask.
+    """
+    if backend not in BACKENDS:
+        raise InvalidInput(f"unknown backend '{backend}'; {did_you_mean(backend, BACKENDS)}")
+    if backend == "dask" and importlib.util.find_spec("distributed") is None:
+        raise InvalidInput("--backend dask needs the package distributed: pip install 'kerfgym[dask]'")
+    if workers < 1:
+        raise InvalidInput(f"--jobs {workers} is out of range; at least 1")
+    if scheduler is not None and backend != "dask":
+        raise InvalidInput("--scheduler is the address of a dask scheduler; it needs --backend dask")
+
+
+def spread(
+    function: Callable[[Any], Any], tasks: list[Any], workers: int, backend: str = "loky", scheduler: str | None = None
+) -> Iterator[Any]:
+    """``function`` of every task, in the order in which they are done.
+
+    Raises:
+        InvalidInput: the scheduler does not answer or has no workers; or what ``function`` raises.
+    """
+    from joblib import Parallel, delayed
+
+    if backend == "dask" and tasks:
+        with _cluster(workers, scheduler):
+            yield from Parallel(n_jobs=-1, return_as="generator_unordered")(delayed(function)(task) for task in tasks)
+    elif workers == 1 or len(tasks) <= 2:
+        for task in tasks:
+            yield function(task)
+    else:
+        pool = Parallel(n_jobs=workers, return_as="generator_unordered", inner_max_num_threads=1)
+        yield from pool(delayed(function)(task) for task in tasks)
+
+
+@contextlib.contextmanager
+def _cluster(workers: int, scheduler: str | None) -> Iterator[None]:
+    """Makes joblib use a dask cluster: that of the scheduler, or one of its own with as many processes as asked for."""
+    from distributed import Client, LocalCluster
+    from joblib import parallel_config
+
+    with contextlib.ExitStack() as stack:
+        cluster: Any = scheduler
+        if scheduler is None:
+            cluster = stack.enter_context(LocalCluster(
+                n_workers=workers, threads_per_worker=1, dashboard_address=None, silence_logs=logging.ERROR
+            ))  # fmt: skip
+        try:
+            client = stack.enter_context(Client(cluster, timeout=PATIENCE))
+            client.wait_for_workers(1, timeout=PATIENCE)
+        except (OSError, ValueError, TimeoutError) as error:
+            raise InvalidInput(f"no dask workers at '{scheduler}': {error}") from None
+        stack.enter_context(parallel_config(backend="dask", client=client))
+        yield
