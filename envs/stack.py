@@ -15,6 +15,7 @@ import copy
 import importlib
 import importlib.util
 import inspect
+import math
 import re
 import sys
 import tomllib
@@ -246,7 +247,8 @@ def resolve(spec: "str | Stack") -> Stack:
         raise InvalidInput(f"'{spec}': controller '{stack.name}' drives slot '{stack.slot}', not '{slot}'")
     if not overrides:
         return stack
-    return stack.varied(_overrides(overrides[0], spec), name=f"{stack.name}:{overrides[0]}")
+    varied = stack.varied(_overrides(overrides[0], spec), name=f"{stack.name}:{overrides[0]}")
+    return replace(varied, provenance={**stack.provenance, "edited": overrides[0]})
 
 
 @dataclass(frozen=True)
@@ -319,9 +321,11 @@ def team(spec: "str | Stack | Team") -> Team:
     if isinstance(spec, Team):
         return spec
     if isinstance(spec, str) and spec.endswith(".toml") and "=" not in spec:
-        base, changes, _ = tuned(spec)
+        base, changes, provenance = tuned(spec)
         if is_team(base):
-            return team(base).varied(changes, name=spec)
+            varied, slots = team(base).varied(changes, name=spec), {key.split(".")[0] for key in changes}
+            made: Any = {s.slot: replace(s, provenance=provenance) for s in varied.stacks if s.slot in slots}
+            return replace(varied, **made)
     parts = [spec] if isinstance(spec, Stack) else spec.split(",")
     merged: list[Any] = []
     for part in parts:  # overrides of the stack before have commas too: xy=wu:law.kp=1,plan.corners=0
@@ -362,7 +366,22 @@ def tuned(path: str) -> tuple[str, dict[str, Any], dict[str, Any]]:
     base, parameters = data.get("controller"), data.get("parameters")
     if not isinstance(base, str) or not isinstance(parameters, dict) or base.endswith(".toml"):
         raise InvalidInput(f"{path}: not a tuned controller; it needs 'controller', a name, and a table [parameters]")
-    return base, parameters, data.get("provenance", {})
+    return base, parameters, recorded(data.get("provenance", {}), f"{path}: provenance")
+
+
+def recorded(record: Any, where: str) -> dict[str, Any]:
+    """The record of how a stack was tuned, as a file or a user's class gives it; empty if there is none.
+
+    Raises:
+        InvalidInput: it is no table, or its trials, steps or CPU-seconds are no numbers from 0 on.
+    """
+    if not isinstance(record, dict):
+        raise InvalidInput(f"{where}: {record!r} is no table such as {{'trials': 40, 'tune_seeds': '0-31'}}")
+    for key in ("trials", "simulated_steps", "cpu_seconds"):
+        value = record.get(key, 0)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < math.inf:
+            raise InvalidInput(f"{where}: {key} is {value!r}; allowed: a number from 0 on")
+    return record
 
 
 def _tuned_stack(path: str) -> Stack:
@@ -434,20 +453,24 @@ def _import_file(path: Path) -> Any:
 def as_stack(thing: Any, name: str) -> Stack:
     """A stack from a user's object: a :class:`Stack`, a compiled law's namespace, or a plain-Python controller class.
 
+    ``TUNING`` of the object is its provenance: ``{"trials": 0}``, or trials, steps and seeds of a search.
+
     Raises:
         InvalidInput: it is none of these; the message says what is missing.
     """
     if isinstance(thing, Stack):
         return thing
+    provenance = recorded(getattr(thing, "TUNING", {}), f"'{name}': TUNING")
     if hasattr(thing, "control") and hasattr(thing, "reset"):
         doc = (inspect.getdoc(thing) or "").split("\n")[0]
         make = thing if isinstance(thing, type) else lambda: copy.deepcopy(thing)
         return replace(
-            python_stack(make, name, doc), source=source_of(thing if isinstance(thing, type) else type(thing))
-        )
+            python_stack(make, name, doc), provenance=provenance,
+            source=source_of(thing if isinstance(thing, type) else type(thing)),
+        )  # fmt: skip
     if hasattr(thing, "control") or hasattr(thing, "Params"):
         law = make_law(thing, name, getattr(thing, "INFORMATION", "sensor"), getattr(thing, "SLOT", "z"))
-        return Stack(name, law.summary, law, dict(getattr(thing, "DEFAULTS", {})))
+        return Stack(name, law.summary, law, dict(getattr(thing, "DEFAULTS", {})), provenance=provenance)
     raise InvalidInput(
         f"'{name}' is not a controller: it needs reset() and control(signals), or Params, State, init and control"
     )

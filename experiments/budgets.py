@@ -1,11 +1,14 @@
-"""Budgets: what tuning or training each stack of a comparison had, and which of them were not equal.
+"""Budgets: what tuning or training each stack of a comparison had, and which of them were larger than the others'.
 
-A ratio between two controllers says something of their laws only if both were tuned with the same effort. The measure
-is that of the reference, or without it the smallest of the run: simulated steps, or trials where steps are unknown.
+A ratio between two controllers says something of their laws only if both were tuned with the same effort. Slot by slot
+the measure is what the reference was tuned with; where it was not tuned, or is not there, it is the smallest budget of
+those that were. A stack that was not tuned at all, such as a document's law with its printed gains, is no measure, and
+is fair at any: its record says zero trials.
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
 import pandas as pd
@@ -13,54 +16,159 @@ import pandas as pd
 SLACK = 1.1
 """Budgets up to this ratio count as equal: searches skip what they see to be impossible, which costs no steps."""
 
+CPU_SLACK = 2.0
+"""The same for CPU-seconds: on one machine, searches of 634 million steps took from 230 to 470 of them. They are the
+measure for what learns, whose effort is not in simulated steps alone, and where nothing else is known of both."""
+
 NONE, LARGER, EDITED = "none", "larger", "edited"
 MARKS = {
-    NONE: "no budget recorded: not tuned, or by other means",
-    LARGER: f"more than {SLACK:g} times the budget of the reference (without it, of the smallest)",
-    EDITED: "parameters changed since they were tuned",
+    NONE: "no budget recorded",
+    LARGER: (
+        f"more than {SLACK:g} times the simulated steps (or trials) of the reference, where that was not tuned of the "
+        f"smallest, or more than {CPU_SLACK:g} times its CPU-seconds in learning"
+    ),
+    EDITED: "parameters changed since they were tuned, or by hand",
 }
 """What makes a ratio one that is not at equal budgets."""
 
+_SUMS = ("trials", "steps", "cpu_seconds")
+_UNITS = {"steps": "simulated steps", "trials": "trials", "cpu_seconds": "CPU-seconds"}
+
+
+@dataclass(frozen=True)
+class Spent:
+    """What the stack of one slot was tuned or trained with; NaN where that is not recorded.
+
+    Attributes:
+        trials: candidates of a search.
+        steps: simulated control periods.
+        cpu_seconds: of search and training together.
+        learns: whether a policy was trained.
+        edited: parameters changed by hand, in words; empty if none was.
+        recorded: whether there is a record at all.
+        name: of whose measure it is, if it is one.
+    """
+
+    trials: float = math.nan
+    steps: float = math.nan
+    cpu_seconds: float = math.nan
+    learns: bool = False
+    edited: str = ""
+    recorded: bool = False
+    name: str = ""
+
+    @property
+    def tuned(self) -> bool:
+        """Whether anything was spent."""
+        return any(value > 0 for value in (self.trials, self.steps, self.cpu_seconds))
+
+    def beyond(self, measure: "Spent") -> str:
+        """By how much, and in what, this is larger than a measure; empty if it is not."""
+        known = [k for k in _UNITS if not math.isnan(getattr(self, k) + getattr(measure, k))]
+        checked = known[:1] + ["cpu_seconds"] * (self.learns and "cpu_seconds" in known[1:])
+        for key in checked:
+            times = getattr(self, key) / (getattr(measure, key) or math.nan)
+            if times > (CPU_SLACK if key == "cpu_seconds" else SLACK):
+                return f"{times:.2g} times the {_UNITS[key]} of {measure.name}"
+        return ""
+
+
+def slots(record: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """A provenance by slot; a single stack's has the slot ``""``."""
+    nested = {slot: body for slot, body in record.items() if slot in ("z", "xy", "process") and isinstance(body, dict)}
+    return nested or {"": record}
+
+
+def spent(record: dict[str, Any]) -> Spent:
+    """What the provenance of one stack says; what it started from counts."""
+    trials, cpu = _number(record, "trials"), _number(record, "cpu_seconds")
+    steps = _number(record, "simulated_steps", "steps")
+    if trials == 0:  # then nothing was simulated or computed either, unless it is said
+        steps, cpu = _zero(steps), _zero(cpu)
+    trained = record.get("policy")
+    if isinstance(trained, dict):  # its steps are in the total already, its CPU-seconds are not
+        cpu = _zero(cpu) + _number(trained.get("ledger", trained), "cpu_seconds")
+    known = bool({"trials", "simulated_steps", "steps", "policy"} & set(record))
+    own = Spent(trials, steps, cpu, isinstance(trained, dict), str(record.get("edited", "")), known)
+    start = record.get("start")
+    if isinstance(start, dict) and start:
+        for first in map(spent, slots(start).values()):
+            own = replace(own, **{key: getattr(own, key) + _zero(getattr(first, key)) for key in _UNITS})
+    return own
+
+
+def _number(record: dict[str, Any], *keys: str) -> float:
+    found = [record[key] for key in keys if record.get(key) is not None]
+    return float(found[0]) if found else math.nan
+
+
+def _zero(value: float) -> float:
+    return 0.0 if math.isnan(value) else value
+
+
+def measures(tuning: dict[str, Any], controllers: Iterable[str], reference: str) -> dict[str, Spent]:
+    """Of each slot the budget that others are measured by."""
+    found: dict[str, list[tuple[str, Spent]]] = {}
+    for name in controllers:
+        for slot, record in slots(tuning.get(name) or {}).items():
+            own = spent(record)
+            if own.tuned and not own.edited:
+                found.setdefault(slot, []).append((name, own))
+    out = {}
+    for slot, tuned in found.items():
+        mine = dict(tuned).get(reference)
+        if mine:
+            out[slot] = replace(mine, name=reference)
+            continue
+        known = [key for key in _UNITS if not any(math.isnan(getattr(own, key)) for _, own in tuned)]
+        name, least = min(tuned, key=lambda each: _known(getattr(each[1], (known or list(_UNITS))[0])))
+        out[slot] = replace(least, name=name)
+    return out
+
+
+def _known(value: float) -> float:
+    return math.inf if math.isnan(value) else value
+
+
+def faults(record: dict[str, Any], of_slots: dict[str, Spent]) -> Iterator[tuple[str, str]]:
+    """Marks of a controller's provenance, each with its reason in words."""
+    for slot, body in slots(record).items():
+        own, where = spent(body), f"{slot}: " if slot else ""
+        if not own.recorded:
+            yield NONE, f"{where}no record of how it was tuned (a class of one's own has it in TUNING)"
+            continue
+        if own.learns and math.isnan(own.cpu_seconds):
+            yield NONE, f"{where}the CPU-seconds of its training are not recorded"
+        if own.edited:
+            yield EDITED, f"{where}changed by hand, with no record of how that was chosen: {own.edited}"
+        more = own.beyond(of_slots[slot]) if slot in of_slots else ""
+        if more:
+            yield LARGER, f"{where}tuned with {more}"
+
 
 def budgets(tuning: dict[str, Any], controllers: Iterable[str], reference: str) -> pd.DataFrame:
-    """One row per controller: ``trials`` and ``tuning_steps`` (NaN if unknown), and ``budget``, a key of
-    :data:`MARKS` or empty.
+    """One row per controller: ``trials``, ``tuning_steps`` and ``tuning_cpu`` (s) of all slots together (NaN if
+    unknown), and ``budget``, a key of :data:`MARKS` or empty.
 
     Args:
         tuning: provenance of each stack, or of each slot of a team (``run.json``'s table of that name).
-        controllers: names as they were asked for, with overrides.
+        controllers: names as they were asked for.
         reference: name of the one against which ratios are taken.
     """
     names = list(controllers)
-    found = {name: _of(tuning.get(name) or {}) for name in names}
+    of_slots = measures(tuning, names, reference)
     rows = []
     for name in names:
-        mine = found[name]
-        known = [k for k in ("tuning_steps", "trials") if not math.isnan(mine[k])]
-        mark = "" if known else NONE
-        for key in known[:1]:
-            others = [found[n][key] for n in names if not math.isnan(found[n][key])]
-            base = found[reference][key] if reference in found else math.nan
-            if mine[key] > SLACK * (min(others) if math.isnan(base) else base):
-                mark = LARGER
-        if known and not mark and "=" in name.rpartition(":")[2]:
-            mark = EDITED
-        rows.append({**mine, "budget": mark})
-    return pd.DataFrame(rows, index=names, columns=["trials", "tuning_steps", "budget"])
-
-
-def _of(record: dict[str, Any]) -> dict[str, float]:
-    """Trials and steps of a provenance; those of a team's slots add up."""
-    slots = [r for r in record.values() if isinstance(r, dict) and ({"trials", "simulated_steps", "steps"} & set(r))]
-    if slots and "trials" not in record and "simulated_steps" not in record:
-        parts = [_of(slot) for slot in slots]
-        return {key: sum(p[key] for p in parts) for key in parts[0]}
-    steps = record.get("simulated_steps", record.get("steps"))
-    trials = record.get("trials")
-    return {
-        "trials": math.nan if trials is None else float(trials),
-        "tuning_steps": math.nan if steps is None else float(steps),
-    }
+        record = tuning.get(name) or {}
+        marks = [mark for mark, _ in faults(record, of_slots)]
+        parts: list[Spent] = []
+        for body in slots(record).values():
+            own = spent(body)
+            if own.recorded and not ("study" in body and own in parts):  # one study may search several slots
+                parts.append(own)
+        totals = [sum(getattr(part, key) for part in parts) if parts else math.nan for key in _SUMS]
+        rows.append([*totals, next((mark for mark in MARKS if mark in marks), "")])
+    return pd.DataFrame(rows, index=names, columns=["trials", "tuning_steps", "tuning_cpu", "budget"])
 
 
 def in_words(row: Any) -> str:

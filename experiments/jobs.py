@@ -18,6 +18,7 @@ from ..envs.scenarios import Scenario
 from ..envs.stack import Team
 from . import rollout
 from .budgets import budgets
+from .results import Comparison
 
 LONGEST = 3.0
 """Times the nominal time, after which a job that is not done has failed."""
@@ -94,7 +95,7 @@ def traced(name: str, scenario: Scenario, team: Team, seed: int) -> pd.DataFrame
 
 
 @dataclass
-class JobResults:
+class JobResults(Comparison):
     """Tables of a benchmark of jobs; ``runs`` has one row per run with every metric of :mod:`envs.job_metrics`.
 
     The score is the geometric mean over the core's scenarios of the RMS over seeds of the suite's ``metric``.
@@ -110,29 +111,10 @@ class JobResults:
     materials: tuple[tuple[str, float], ...] = ()  # with their thickness, mm
     summaries: dict[str, str] = field(default_factory=dict)
 
-    @property
-    def controllers(self) -> list[str]:
-        """In the order in which they were asked for."""
-        return list(self.runs["controller"].unique())
-
-    @property
-    def scenarios(self) -> list[str]:
-        """In the order in which they were run."""
-        return list(self.runs["scenario"].unique())
-
-    def pooled(self, metric: str) -> pd.DataFrame:
-        """RMS over seeds, controllers × scenarios; NaN where a run failed."""
-
-        def root(values: pd.Series) -> float:
-            return float(np.sqrt(np.mean(np.square(values.to_numpy(float)))))
-
-        table = self.runs.groupby(["controller", "scenario"], sort=False)[metric].apply(root).unstack()
-        return table.reindex(index=self.controllers, columns=self.scenarios)
-
     def summary(self) -> pd.DataFrame:
         """One row per controller: score, ratio of the reference over it, mean of every metric over the core, budget."""
         pooled = self.pooled(self.metric)
-        scored = [s for s in self.core if s in pooled.columns] or list(pooled.columns)
+        scored = self.scored
         score = pd.Series(np.exp(np.log(pooled[scored].to_numpy(float)).mean(axis=1)), index=pooled.index)
         frame = pd.DataFrame({"score": score, "ratio": score.get(self.reference, np.nan) / score})
         groups = self.runs.groupby("controller", sort=False)

@@ -6,6 +6,7 @@ ratio is that of the reference over it. On the scale, 0 is ``xi2023-tuned`` and 
 Rankings never mix information classes.
 """
 
+import functools
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,8 +14,49 @@ import numpy as np
 import pandas as pd
 
 from .budgets import budgets
+from .fairness import standings
 
 REFERENCE, CEILING = "xi2023-tuned", "preview-5ms"
+
+
+class Comparison:
+    """What the results of followers and of jobs have in common: tables of runs, a metric, a core, a reference."""
+
+    runs: pd.DataFrame
+    meta: dict[str, Any]
+    core: tuple[str, ...]
+    metric: str
+    reference: str
+
+    @property
+    def controllers(self) -> list[str]:
+        """In the order in which they were asked for."""
+        return list(self.runs["controller"].unique())
+
+    @property
+    def scenarios(self) -> list[str]:
+        """In the order in which they were run."""
+        return list(self.runs["scenario"].unique())
+
+    @property
+    def scored(self) -> list[str]:
+        """The scenarios that make the score: those of the core that were run, or all if none of them was."""
+        ran = self.scenarios
+        return [s for s in self.core if s in ran] or ran
+
+    def pooled(self, metric: str) -> pd.DataFrame:
+        """RMS over seeds of a metric, controllers × scenarios; NaN where a run failed."""
+
+        def root(values: pd.Series) -> float:
+            return float(np.sqrt(np.mean(np.square(values.to_numpy(float)))))
+
+        table = self.runs.groupby(["controller", "scenario"], sort=False)[metric].apply(root).unstack()
+        return table.reindex(index=self.controllers, columns=self.scenarios)
+
+    @functools.cached_property
+    def standings(self) -> pd.DataFrame:
+        """Ranks, ties, intervals, and who is not ranked and why: :func:`fairness.standings`."""
+        return standings(self)
 
 
 def _geometric(table: pd.DataFrame) -> pd.Series:
@@ -23,7 +65,7 @@ def _geometric(table: pd.DataFrame) -> pd.Series:
 
 
 @dataclass
-class Results:
+class Results(Comparison):
     """A benchmark's tables.
 
     Attributes:
@@ -50,29 +92,16 @@ class Results:
     blame: pd.DataFrame = field(default_factory=pd.DataFrame)
     headroom: pd.DataFrame = field(default_factory=pd.DataFrame)
 
-    @property
-    def controllers(self) -> list[str]:
-        """In the order in which they were asked for."""
-        return list(self.runs["controller"].unique())
-
-    @property
-    def scenarios(self) -> list[str]:
-        """In the order in which they were run."""
-        return list(self.runs["scenario"].unique())
+    metric, reference = "rms_true", REFERENCE
 
     def pooled(self, metric: str = "rms_true") -> pd.DataFrame:
         """RMS over seeds of an RMS metric, controllers × scenarios; NaN where a run failed."""
-
-        def root(values: pd.Series) -> float:
-            return float(np.sqrt(np.mean(np.square(values.to_numpy(float)))))
-
-        table = self.runs.groupby(["controller", "scenario"], sort=False)[metric].apply(root).unstack()
-        return table.reindex(index=self.controllers, columns=self.scenarios)
+        return super().pooled(metric)
 
     def summary(self) -> pd.DataFrame:
         """One row per controller: score (µm), ratio, scale, stability, budget, collision and failure counts, jitter."""
         pooled, reported = self.pooled(), self.pooled("rms_reported")
-        scored = [s for s in self.core if s in pooled.columns] or list(pooled.columns)
+        scored = self.scored
         score = _geometric(pooled[scored])
         frame = pd.DataFrame({"score": score, "reported": _geometric(reported[scored])})
         reference = score.get(REFERENCE, np.nan)

@@ -91,7 +91,7 @@ def main() -> None:
     write(
         "wu-tuned",
         {"law.kp": kp},
-        {**common, "criterion": "overshoot of a step at most 1 %", "overshoot": round(overshoot, 5)},
+        {**common, "criterion": "overshoot of a step at most 1 %", "trials": 0, "overshoot": round(overshoot, 5)},
     )
     base = stacks.get("wu").varied({"law.kp": kp, "law.velocity": round(1.0 / axes.gain, 5)})
     tried: list[tuple[float, float]] = []

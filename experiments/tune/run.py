@@ -264,6 +264,7 @@ def _provenance(work: Work, meta: dict[str, Any], trials: int, pruned: int, sear
         "suite": f"{task.suite}-{version}", "metrics": list(task.metrics), "limits": limits, "sampler": task.sampler,
         "sampler_seed": task.seed, "trials": trials, "pruned": pruned, "tune_seeds": cost["seeds"]["tune"],
         "simulated_steps": cost["simulated_steps"], "cpu_seconds": cost["cpu_seconds"],
+        "start": dict(work.base.provenance),  # what the controller as it stood was tuned with
     }  # fmt: skip
 
 

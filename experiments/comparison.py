@@ -1,0 +1,137 @@
+"""What a benchmark's runs say about who is closer, by how much and how surely: :mod:`inference` on its tables."""
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from .inference import Interval, Sample, iqm, probability_of_improvement
+from .resampling import Replicates, log_score, mean_of_middle, replicate
+
+COLUMNS = ("score", "ratio", "typical", "wins")
+"""Figures of :func:`figures`; each has its interval in the columns ``…_low`` and ``…_high``."""
+
+
+def samples(
+    results: Any, names: Iterable[str] | None = None, scenarios: Iterable[str] | None = None
+) -> dict[str, Sample]:
+    """What each controller did in the scenarios that make the score: the suite's metric, ``inf`` where a run failed.
+
+    A controller that was not run in all of these scenarios is left out; so are its seeds that it was not run on in all
+    of them.
+    """
+    chosen = list(scenarios or results.scored)
+    frame = results.runs[results.runs["scenario"].isin(chosen)]
+    values = frame[results.metric].where(~frame["failed"].astype(bool) & frame[results.metric].notna(), np.inf)
+    tables = frame.assign(value=values).pivot(index=["controller", "seed"], columns="scenario", values="value")
+    out = {}
+    for name in names or results.controllers:
+        if name not in tables.index.get_level_values("controller"):
+            continue
+        table = tables.loc[name].reindex(columns=chosen).dropna()
+        if len(table):
+            out[name] = Sample.of(table.to_numpy(float), tuple(int(seed) for seed in table.index))
+    return out
+
+
+def bootstrapped(found: dict[str, Sample]) -> tuple[list[str], Replicates | None]:
+    """The logarithm of the scores of those without a failed run, and who they are."""
+    names = [name for name, sample in found.items() if np.isfinite(sample.values).all() and (sample.values > 0).all()]
+    return names, replicate([found[name] for name in names], log_score) if names else None
+
+
+def figures(results: Any) -> pd.DataFrame:
+    """One row per controller, intervals of 95 % beside each figure; NaN where there is none.
+
+    ``score``: geometric mean over the scenarios of the RMS over seeds, in the metric's unit (``inf`` if a run failed);
+    ``ratio``: that of the reference over it; ``typical``: the same, run by run on the same seeds, of which the
+    interquartile mean, which a few very bad runs do not move; ``wins``: how probably a run is better than the
+    reference's on the same seed (0.5 for the reference itself).
+    """
+    found, reference = samples(results), results.reference
+    names, replicates = bootstrapped(found)
+    rows: dict[str, dict[str, Interval]] = {name: {} for name in results.controllers}
+    for name in found:
+        rows[name]["score"] = Interval(math.inf)
+    for i, name in enumerate(names):
+        assert replicates
+        one = np.eye(len(names))
+        rows[name]["score"] = _exp(replicates.interval(one[i]))
+        if reference in names:
+            rows[name]["ratio"] = _exp(replicates.interval(one[names.index(reference)] - one[i]))
+    if reference in found:
+        for name, sample in found.items():
+            mine, base = common(sample, found[reference])
+            if len(mine):
+                rows[name] |= _against(mine, base, itself=name == reference)
+    flat = {
+        name: {
+            f"{column}{ending}": getattr(row.get(column, Interval(math.nan)), part)
+            for column in COLUMNS
+            for ending, part in (("", "value"), ("_low", "low"), ("_high", "high"))
+        }
+        for name, row in rows.items()
+    }
+    return pd.DataFrame.from_dict(flat, orient="index").reindex(results.controllers)
+
+
+def _against(mine: np.ndarray, base: np.ndarray, itself: bool) -> dict[str, Interval]:
+    """Run by run against the reference on the same seeds, (seeds, scenarios) each."""
+    if itself:
+        return {"typical": Interval(1.0, 1.0, 1.0), "wins": Interval(0.5)}
+    with np.errstate(divide="ignore", invalid="ignore"):
+        closer = np.log(base) - np.log(mine)
+    closer = np.where(np.isnan(closer), 0.0, closer)  # both failed, or both without error
+    typical = Interval(iqm(closer))
+    if math.isfinite(typical.value):
+        typical = replicate([Sample.of(closer)], mean_of_middle).interval([1.0])
+    return {"typical": _exp(typical), "wins": probability_of_improvement(mine, base)}
+
+
+def common(one: Sample, other: Sample) -> tuple[np.ndarray, np.ndarray]:
+    """Values of two single controllers on the seeds that both have, (seeds, scenarios) each."""
+    seeds = [seed for seed in one.seeds if seed in set(other.seeds)]
+    at = [[sample.seeds.index(seed) for seed in seeds] for sample in (one, other)]
+    return one.values[0, at[0]], other.values[0, at[1]]
+
+
+def better(results: Any, names: Iterable[str]) -> pd.DataFrame:
+    """Names × names: whether the first has a significantly better score than the second.
+
+    All these statements hold together with 95 %. Who failed in a run is worse than all who did not.
+    """
+    found = samples(results, names)
+    table = pd.DataFrame(False, index=list(found), columns=list(found))
+    sound, replicates = bootstrapped(found)
+    if replicates:
+        table.loc[sound, sound] = replicates.better()
+    table.loc[sound, [name for name in found if name not in sound]] = True
+    return table
+
+
+def by_scenario(results: Any) -> pd.DataFrame:
+    """One row per controller and scenario: ``controller, scenario``, the RMS over seeds ``value, low, high``, and
+    ``ratio, ratio_low, ratio_high``, that of the reference over it."""
+    rows = []
+    for scenario in results.scenarios:
+        found = samples(results, scenarios=[scenario])
+        names, replicates = bootstrapped(found)
+        for name in found:
+            value, ratio = Interval(math.inf), Interval(math.nan)
+            if name in names:
+                assert replicates
+                one = np.eye(len(names))
+                i = names.index(name)
+                value = _exp(replicates.interval(one[i]))
+                if results.reference in names:
+                    ratio = _exp(replicates.interval(one[names.index(results.reference)] - one[i]))
+            rows.append((name, scenario, *value, *ratio))
+    columns = ["controller", "scenario", "value", "low", "high", "ratio", "ratio_low", "ratio_high"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def _exp(interval: Interval) -> Interval:
+    with np.errstate(over="ignore"):
+        return Interval(*(float(np.exp(end)) for end in interval))

@@ -1,0 +1,127 @@
+"""Fair play: who may be ranked with whom, and what the ranks are.
+
+Ranks are given within an information class only. A controller that was tuned or trained on seeds of the run, whose
+budget is not recorded or larger than the others' (:mod:`budgets`), or that was not run in all scenarios, is shown with
+its figures but without a rank, and with the reason.
+
+**Rank** is one more than the number of ranked controllers of the class that are *significantly* better; who cannot be
+told apart shares it. All these statements of a class hold together with 95 % (:func:`comparison.better`).
+"""
+
+import math
+import re
+from typing import Any
+
+import pandas as pd
+
+from ..envs.scenarios import SPLITS
+from . import comparison
+from .budgets import faults, measures, slots
+from .ledger import ranges
+
+_RANGE = re.compile(r"(\d+)(?:-(\d+))?")
+_FROM = re.compile(r"from (\d+)")
+
+
+def standings(results: Any) -> pd.DataFrame:
+    """Ranks, ties, figures with intervals, and what speaks against ranking; for the page and for the terminal.
+
+    Args:
+        results: of a grid, :class:`results.Results` or :class:`jobs.JobResults`.
+
+    Returns:
+        One row per controller, in the order in which they were asked for:
+
+        - ``information``: its class;
+        - ``rank``: among those of its class that are ranked, 1 is best, ties share it; NaN if it is not ranked;
+        - ``tied``: list of names, who of the ranked of its class cannot be told apart from it (without itself);
+        - ``reasons``: list of sentences, why it is not ranked; empty if it is;
+        - ``note``: why there are no intervals; empty if there are;
+        - ``score``, ``ratio``, ``typical``, ``wins``, each with ``…_low`` and ``…_high``: see
+          :func:`comparison.figures`.
+    """
+    frame = comparison.figures(results)
+    classes = results.runs.groupby("controller", sort=False)["information"].first().reindex(frame.index)
+    why = reasons(results)
+    ranks: dict[str, float] = dict.fromkeys(frame.index, math.nan)
+    tied: dict[str, list[str]] = {name: [] for name in frame.index}
+    for information in dict.fromkeys(classes):
+        ranked = [name for name in frame.index if classes[name] == information and not why[name]]
+        above = comparison.better(results, ranked)
+        for name in above.index:
+            ranks[name] = 1.0 + int(above[name].sum())
+            tied[name] = [o for o in above.index if o != name and not (above.at[o, name] or above.at[name, o])]
+    head = pd.DataFrame({
+        "information": classes, "rank": pd.Series(ranks), "tied": pd.Series(tied), "reasons": pd.Series(why),
+        "note": pd.Series({name: _note(results, name, frame) for name in frame.index}),
+    })  # fmt: skip
+    return head.join(frame)
+
+
+def reasons(results: Any) -> dict[str, list[str]]:
+    """Why each controller may not be ranked, in sentences; nothing if it may."""
+    tuning = results.meta.get("tuning") or {}
+    of_slots = measures(tuning, results.controllers, results.reference)
+    out = {}
+    for name, runs in results.runs.groupby("controller", sort=False):
+        record = tuning.get(name) or {}
+        out[str(name)] = [
+            *overlaps(record, {int(seed) for seed in runs["seed"]}),
+            *(words for _, words in faults(record, of_slots)),
+            *_not_run(results, runs),
+        ]
+    return out
+
+
+def overlaps(record: dict[str, Any], seeds: set[int]) -> list[str]:
+    """Whether a provenance holds seeds of the run, or hides which it was tuned on; in sentences."""
+    out = []
+    for slot, body in slots(record).items():
+        where = f"{slot}: " if slot else ""
+        used = seeds_of(body)
+        seen = sorted(seed for seed in seeds if any(seed in span for span in used))
+        if seen:
+            out.append(f"{where}tuned on seeds of this run: {ranges(seen)}")
+        if not used and (body.get("trials") or "policy" in body):
+            out.append(f"{where}its record does not say on which seeds it was tuned")
+    return out
+
+
+def seeds_of(record: Any) -> list[range]:
+    """Every scenario seed that a provenance names: ``tune_seeds``, ``seeds``, those of a policy's ledger, of what it
+    started from."""
+    if not isinstance(record, dict):
+        return []
+    out: list[range] = []
+    for key, value in record.items():
+        if key in ("seeds", "tune_seeds"):
+            for text in value.values() if isinstance(value, dict) else [value]:
+                out += _spans(text)
+        elif key in ("policy", "ledger", "start", "z", "xy", "process"):
+            out += seeds_of(value)
+    return out
+
+
+def _spans(text: Any) -> list[range]:
+    """``"0-31,40"``, ``"from 10000"`` or a list of numbers, as ranges."""
+    if isinstance(text, list | tuple):
+        return [range(int(seed), int(seed) + 1) for seed in text]
+    if found := _FROM.fullmatch(str(text).strip()):
+        return [range(int(found[1]), SPLITS["train"].stop)]
+    pieces = [_RANGE.fullmatch(piece.strip()) for piece in str(text).split(",")]
+    return [range(int(p[1]), int(p[2] or p[1]) + 1) for p in pieces if p]
+
+
+def _not_run(results: Any, runs: pd.DataFrame) -> list[str]:
+    missing = [scenario for scenario in results.scored if scenario not in set(runs["scenario"])]
+    return [f"not run in {', '.join(missing)}"] if missing else []
+
+
+def _note(results: Any, name: str, frame: pd.DataFrame) -> str:
+    """Why a controller's figures have no intervals."""
+    mine = results.runs[results.runs["controller"] == name]
+    if mine["failed"].astype(bool).any() and not math.isfinite(frame.at[name, "score"]):
+        return f"no interval: {int(mine['failed'].sum())} of its runs failed"
+    if mine["seed"].nunique() < 2:
+        return "no interval: there is only one seed"
+    return ""

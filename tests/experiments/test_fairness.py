@@ -1,0 +1,158 @@
+"""Fair play: who is ranked with whom, who is only shown, and why."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from kerfgym.envs import stack
+from kerfgym.experiments.comparison import by_scenario
+from kerfgym.experiments.fairness import overlaps, seeds_of
+from kerfgym.experiments.results import Results
+
+CORE = ("tilt", "wavy", "step")
+RECORD = {"trials": 400, "simulated_steps": 600_000_000, "tune_seeds": "0-39"}
+LEVELS = {"xi2023-tuned": 20.0, "pid": 10.0, "twin": 10.0, "slow": 40.0, "seer": 1.0}
+SEEDS = range(1000, 1040)
+
+
+def runs(levels=None, seeds=SEEDS, scenarios=CORE):
+    """Every controller's error is its level times the sheet's, which is common, times a little noise of its own."""
+    sheet = np.exp(0.5 * np.random.default_rng(0).normal(size=(len(seeds), len(scenarios))))
+    rows = []
+    for k, (name, level) in enumerate((levels or LEVELS).items()):
+        errors = level * sheet * np.exp(0.1 * np.random.default_rng(k + 1).normal(size=sheet.shape))
+        for (s, c), error in np.ndenumerate(errors):
+            rows.append((name, "preview" if name == "seer" else "sensor", scenarios[c], seeds[s], error, False))
+    return pd.DataFrame(rows, columns=["controller", "information", "scenario", "seed", "rms_true", "failed"])
+
+
+def standings(frame=None, tuning=None):
+    frame = runs() if frame is None else frame
+    tuning = dict.fromkeys(LEVELS, RECORD) if tuning is None else tuning
+    results = Results(frame, pd.DataFrame(), pd.DataFrame(), {"tuning": tuning}, CORE)
+    return results.standings
+
+
+def test_ranks_count_who_is_significantly_better_within_a_class():
+    found = standings()
+    assert found["rank"].to_dict() == {"xi2023-tuned": 3, "pid": 1, "twin": 1, "slow": 4, "seer": 1}
+    assert found["tied"].to_dict() == {"xi2023-tuned": [], "pid": ["twin"], "twin": ["pid"], "slow": [], "seer": []}
+    assert not found["reasons"].any()
+
+
+def test_figures_stand_with_their_intervals():
+    frame, found = runs(), standings()
+    table = frame[frame["controller"] == "pid"].pivot(index="seed", columns="scenario", values="rms_true")
+    assert found.at["pid", "score"] == pytest.approx(np.exp(np.log(np.sqrt((table**2).mean())).mean()), rel=1e-12)
+    for figure in ("score", "ratio", "typical", "wins"):
+        low, value, high = (found.at["pid", f"{figure}{end}"] for end in ("_low", "", "_high"))
+        assert low < value <= high
+    assert found.at["pid", "ratio_low"] < 2 < found.at["pid", "ratio_high"]
+    assert found.loc["xi2023-tuned", ["ratio", "typical", "wins"]].tolist() == [1.0, 1.0, 0.5]
+    assert found.loc["xi2023-tuned", ["ratio_low", "ratio_high"]].tolist() == [1.0, 1.0]
+
+
+def test_the_unfair_are_shown_with_the_reason_and_take_nobodys_rank():
+    tuning = dict.fromkeys(LEVELS, RECORD) | {"pid": {**RECORD, "tune_seeds": "990-1009,1030"}, "slow": {}}
+    found = standings(tuning=tuning)
+    assert found["rank"].isna().to_dict() == dict.fromkeys(LEVELS, False) | {"pid": True, "slow": True}
+    assert found.at["twin", "rank"] == 1
+    assert found.at["twin", "tied"] == []
+    assert found.at["pid", "reasons"] == ["tuned on seeds of this run: 1000-1009,1030"]
+    assert "no record of how it was tuned" in found.at["slow", "reasons"][0]
+    assert np.isfinite(found.loc["pid", ["score", "score_low", "score_high", "ratio"]].astype(float)).all()
+
+
+def test_a_larger_budget_is_a_reason():
+    tuning = dict.fromkeys(LEVELS, RECORD) | {"pid": {**RECORD, "simulated_steps": 1_500_000_000}}
+    assert standings(tuning=tuning).at["pid", "reasons"] == ["tuned with 2.5 times the simulated steps of xi2023-tuned"]
+
+
+def test_a_failed_run_is_last_and_never_dropped():
+    frame = runs()
+    frame.loc[frame["controller"] == "pid", "failed"] = [True, *[False] * 119]
+    found = standings(frame)
+    assert found.at["pid", "rank"] == 4
+    assert found.at["pid", "score"] == np.inf
+    assert "1 of its runs failed" in found.at["pid", "note"]
+    assert found["rank"].to_dict() == {"xi2023-tuned": 2, "pid": 4, "twin": 1, "slow": 3, "seer": 1}
+    assert found.at["pid", "typical"] == pytest.approx(standings().at["pid", "typical"], rel=0.01)  # one in 120
+    assert found.at["pid", "typical"] < standings().at["pid", "typical"]
+
+
+def test_a_figure_that_is_not_a_number_is_a_failure_too():
+    frame = runs()
+    frame.loc[frame["controller"] == "pid", "rms_true"] = [
+        np.nan,
+        *frame.loc[frame["controller"] == "pid", "rms_true"][1:],
+    ]
+    assert standings(frame).at["pid", "score"] == np.inf
+
+
+def test_who_was_not_run_everywhere_is_not_ranked():
+    frame = runs()
+    frame = frame[~((frame["controller"] == "slow") & (frame["scenario"] == "step"))]
+    found = standings(frame)
+    assert found.at["slow", "reasons"] == ["not run in step"]
+    assert np.isnan(found.at["slow", "score"])
+
+
+def test_one_seed_gives_figures_without_intervals_and_says_why():
+    found = standings(runs(seeds=range(1000, 1001)))
+    assert found["score"].notna().all()
+    assert found["score_low"].isna().all()
+    assert set(found["note"]) == {"no interval: there is only one seed"}
+    assert set(found["rank"]) == {1}  # nobody is shown to be better
+
+
+def test_two_copies_on_independent_seeds_are_seldom_significant_winners():
+    """At most 7 % of 200 repeats (5 % are expected), here of 20 skewed runs of seven scenarios each."""
+    random, won = np.random.default_rng(11), 0
+    from kerfgym.experiments.inference import Sample
+    from kerfgym.experiments.resampling import log_score, replicate
+
+    for _ in range(200):
+        plant = random.normal(size=(40, 1))
+        values = np.exp(0.3 * plant + 0.4 * random.normal(size=(40, 7)))
+        pair = [Sample.of(values[:20], range(20)), Sample.of(values[20:], range(20, 40))]
+        won += bool(replicate(pair, log_score, count=500).better().any())
+    assert 0 < won <= 14
+
+
+def test_each_scenario_has_its_interval():
+    frame = runs()
+    found = by_scenario(Results(frame, pd.DataFrame(), pd.DataFrame(), {}, CORE))
+    assert len(found) == len(LEVELS) * len(CORE)
+    assert (found["low"] < found["value"]).all()
+    assert (found["value"] < found["high"]).all()
+    mine = found[(found["controller"] == "pid") & (found["scenario"] == "wavy")].iloc[0]
+    assert mine["ratio_low"] < 2.0 < mine["ratio_high"]
+
+
+@pytest.mark.parametrize(
+    ("record", "seen"),
+    [
+        ({"tune_seeds": "0-39"}, []),
+        ({"tune_seeds": "0-39,1003"}, ["tuned on seeds of this run: 1003"]),
+        ({"seeds": [1, 1004]}, ["tuned on seeds of this run: 1004"]),
+        ({"policy": {"ledger": {"seeds": {"train": "from 10000", "tune": "0-55"}}}}, []),
+        (
+            {"tune_seeds": "0-3", "policy": {"ledger": {"seeds": {"train": "from 1005"}}}},
+            ["tuned on seeds of this run: 1005-1009"],
+        ),
+        ({"tune_seeds": "0-3", "start": {"tune_seeds": "1000"}}, ["tuned on seeds of this run: 1000"]),
+        ({"z": {"tune_seeds": "1000"}, "xy": {"trials": 0}}, ["z: tuned on seeds of this run: 1000"]),
+        ({"trials": 400}, ["its record does not say on which seeds it was tuned"]),
+        ({"trials": 0}, []),
+        ({}, []),
+    ],
+)
+def test_seeds_of_tuning_and_training_are_found_in_every_record(record, seen):
+    assert overlaps(record, set(range(1000, 1010))) == seen
+
+
+def test_the_shipped_records_name_their_seeds():
+    for name in stack.names():
+        record = stack.get(name).provenance
+        assert bool(seeds_of(record)) == bool(record.get("trials"))
+    assert any(10_000 in span for span in seeds_of(stack.resolve("agents/trained/height-following-ppo").provenance))
