@@ -1,0 +1,165 @@
+"""Is the search any good? The filter that ``kerfgym tune filter`` finds, against the best of a full grid.
+
+``python -m kerfgym.experiments.filter_grid`` writes ``runs/filter-grid/``. Search and grid have the same base
+(``xi2023-improved``), the same tune seeds, the same aim (geometric mean over the core of the RMS of the true error) and
+the same limits (Ms, no collision). The grid holds every kind with every window and trim that the search may choose, and
+for the kinds that read neither a few values of what they read. Both results are compared on test seeds, in pairs.
+
+Then the filter's purpose: what 20 impulses a second do to the 99th percentile of the true error.
+"""
+
+import itertools
+import math
+import os
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ..envs import metrics, scenarios
+from ..envs.plant.filters import KINDS
+from ..envs.stack import Stack
+from . import rollout, runs
+from .inference import Interval, Sample
+from .resampling import log_score, replicate
+from .table import progress
+from .tune import tune
+from .tune.command import CAP
+from .tune.evaluate import Evaluator
+from .tune.goals import Limits, score
+from .tune.space import NARROW, READS
+from .tune.study import Task
+
+CONTROLLER, TRIALS = "xi2023-improved", 300
+
+WINDOWS = range(int(NARROW["filter.window"][0]), int(NARROW["filter.window"][1]) + 1)
+
+VALUES: dict[str, tuple[float, ...]] = {
+    "ratio": (0.3, 0.5, 0.7, 0.8, 0.9), "tau": (0.25, 0.5, 1.0, 2.0, 4.0), "jump": (0.02, 0.03, 0.04, 0.06, 0.1),
+    "hold": (1.0, 2.0, 4.0), "trust": (0.03, 0.1, 0.3, 1.0, 3.0),
+}  # fmt: skip
+"""What the grid has of the settings beside window and trim."""
+
+IMPULSES = 20.0
+"""1/s"""
+
+RESAMPLES = 4999
+
+
+def grid() -> Iterator[dict[str, Any]]:
+    """Every point of the grid, as parameters of a stack."""
+    for kind in KINDS:
+        settings = [s for s in READS[kind] if s not in ("window", "trim")]
+        for window in WINDOWS if "window" in READS[kind] else (0,):
+            for trim in range((window + 1) // 2) if "trim" in READS[kind] else (0,):
+                for values in itertools.product(*(VALUES[s] for s in settings)):
+                    point: dict[str, Any] = {"window": float(window), "trim": float(trim)}
+                    point = {k: v for k, v in point.items() if k in READS[kind]} | dict(zip(settings, values, strict=True))
+                    yield {"filter.kind": kind} | {f"filter.{k}": v for k, v in point.items()}
+
+
+def search_grid(task: Task, threads: int, told: Any) -> pd.DataFrame:
+    """Every candidate of the grid under the task's aim and limits, best first; those that break a limit last."""
+    base, points = task.base, list(grid())
+    assert isinstance(base, Stack)
+    evaluator = Evaluator(base, task.suite, range(task.seeds), threads)
+    rows = []
+    for i, point in enumerate(points):
+        candidate = base.varied(point)
+        figures = evaluator.whole(candidate, task.wanted)
+        broken = task.limits.check(figures, evaluator.core, task.jobs)
+        ms = evaluator.exact_peak(candidate)
+        value = score("rms_true", figures, evaluator.core)
+        kept = ms <= task.limits.ms and max(broken.values()) <= 0 and np.isfinite(value)
+        rows.append({**point, "rms_true": value, "ms": ms, "collisions": broken["collision"], "keeps": kept})
+        told(i + 1, len(points), point["filter.kind"])
+    return pd.DataFrame(rows).sort_values(["keeps", "rms_true"], ascending=[False, True], kind="stable")
+
+
+def on_test_seeds(found: dict[str, Stack], threads: int) -> pd.DataFrame:
+    """One row per controller, scenario of the core and test seed: ``rms_true``, µm."""
+    cases, seeds = [scenarios.load(n) for n in scenarios.core("following")], scenarios.SPLITS["test"]
+    frames = []
+    for name, stack in found.items():
+        for case in cases:
+            for part in rollout.chunks(seeds):
+                record = rollout.roll(case, stack, part, threads)
+                rms = np.where(metrics.failed(record), np.nan, metrics.METRICS["rms_true"].function(record))
+                frames.append(pd.DataFrame({"controller": name, "scenario": case.name, "seed": part, "rms_true": rms}))
+    return pd.concat(frames, ignore_index=True)
+
+
+def ratio_of_scores(table: pd.DataFrame, one: str, other: str) -> Interval:
+    """Score of ``one`` over that of ``other``, in pairs on the same seeds."""
+    wide = table.pivot(index=["controller", "seed"], columns="scenario", values="rms_true")
+    both = [Sample.of(wide.loc[name].to_numpy(), wide.loc[name].index) for name in (one, other)]
+    return Interval(*map(math.exp, replicate(both, log_score).interval([1.0, -1.0])))
+
+
+def with_impulses(stack: Stack, threads: int) -> pd.DataFrame:
+    """One row per test seed of the scenario ``impulses``: the 99th percentile of the true error (µm) as it is, and on
+    the same sheets without any impulse."""
+    case = scenarios.load("impulses")
+    assert case.head.impulses == IMPULSES
+    seeds = np.asarray(scenarios.SPLITS["test"])
+    columns = {
+        name: metrics.METRICS["p99_true"].function(rollout.roll(which, stack, seeds, threads))
+        for name, which in (("with", case), ("without", case.varied(head={"impulses": 0.0})))
+    }
+    return pd.DataFrame({"seed": seeds, **columns})
+
+
+def compare(folder: Path, trials: int, threads: int) -> dict[str, Any]:
+    """Searches, walks the grid, compares; writes the folder and gives what it found."""
+    task = Task(CONTROLLER, ("filter",), limits=Limits(CAP), trials=trials)
+    wall, cpu = time.time(), time.process_time()
+    with progress("trials") as told:
+        found = tune(task, folder / "tune", threads=threads, told=told).found.controller
+    cost = {"wall_seconds": round(time.time() - wall, 1), "cpu_seconds": round(time.process_time() - cpu, 1)}
+    with progress("grid") as told:
+        points = search_grid(task, threads, told)
+    assert isinstance(found, Stack) and isinstance(task.base, Stack)
+    kept = points[points["keeps"]]
+    best = task.base.varied({k: v for k, v in kept.iloc[0].items() if k.startswith("filter.") and v == v})
+    table = on_test_seeds({"tuned": found, "grid": best}, threads)
+    hit = with_impulses(found, threads)
+    score = ratio_of_scores(table, "tuned", "grid")
+    means = hit[["with", "without"]].mean()
+    for name, frame in (("grid", points), ("test", table), ("impulses", hit)):
+        runs.write_table(folder, name, frame)
+    body = {
+        "tuned": _settings(found), "grid": _settings(best), "grid_points": len(points), "grid_kept": len(kept),
+        "tune_of_grid": float(kept["rms_true"].iloc[0]), "test_ratio": score._asdict(),
+        "p99_with_impulses_um": means["with"], "p99_without_um": means["without"],
+        "p99_ratio": means["with"] / means["without"], "trials": trials, "threads": threads, "cost_of_search": cost,
+    }  # fmt: skip
+    runs.write_json(folder / "run.json", runs.record() | body)
+    return body
+
+
+def _settings(stack: Stack) -> dict[str, Any]:
+    """The filter's kind and what that kind reads."""
+    p = stack.part("filter")
+    kind = KINDS[int(p.kind)]
+    return {"kind": kind} | {name: float(getattr(p, name)) for name in READS[kind]}
+
+
+def main() -> None:
+    """Prints the comparison."""
+    folder = runs.open_folder(Path("runs") / "filter-grid", overwrite=True)
+    found = compare(folder, TRIALS, threads=os.cpu_count() or 1)
+    cost, ratio = found["cost_of_search"], found["test_ratio"]
+    print(f"search: {found['tuned']}, {found['trials']} trials, {cost['wall_seconds']} s, {cost['cpu_seconds']} CPU-s")
+    print(f"grid:   {found['grid']}, best of {found['grid_kept']} of {found['grid_points']} that keep the limits")
+    print(
+        f"score of search over grid on test seeds: {ratio['value']:.4f} [{ratio['low']:.4f}, {ratio['high']:.4f}]\n"
+        f"P99 of the true error with {IMPULSES:g} impulses/s: {found['p99_with_impulses_um']:.2f} µm, without: "
+        f"{found['p99_without_um']:.2f} µm, × {found['p99_ratio']:.3f}\n\n{folder}"
+    )
+
+
+if __name__ == "__main__":
+    main()
