@@ -68,7 +68,11 @@ def learner(settings: Settings, env: Any, seed: int, device: str = "cpu") -> Any
         network["log_std_init"] = math.log(spread)
     policy = "MlpLstmPolicy" if settings.name == "recurrent-ppo" else "MlpPolicy"
     try:
-        torch.device(device)
+        torch.empty(0, device=device)  # the library would take the processor where there is no such device
+    except (RuntimeError, AssertionError) as error:
+        reason = str(error).split("\n")[0]
+        raise InvalidInput(f"device '{device}' cannot be used: {reason}; cpu always can") from error
+    try:
         model = algorithm_class(settings.name)(policy, env, seed=seed, device=device, policy_kwargs=network, **options)
     except (TypeError, ValueError, AssertionError, RuntimeError) as error:
         reason = str(error).split("\n")[0] or type(error).__name__

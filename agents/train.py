@@ -68,6 +68,19 @@ def train(
     Raises:
         InvalidInput: settings that the environment or the algorithm refuses, or a checkpoint of another training.
     """
+    model = untrained(settings, seed, device, threads)
+    run = _Run(settings, folder, seed, model, Evaluator(settings), told or (lambda *_: None))
+    if resume and (folder / CHECKPOINT).is_file():
+        run.take_up(checkpoint.read(folder / CHECKPOINT, device))
+    return run.finish()
+
+
+def untrained(settings: Settings, seed: int = 0, device: str = "cpu", threads: int = 1) -> Any:
+    """The model that a training begins with, on its environment; see :func:`train`.
+
+    Raises:
+        InvalidInput: anything that no training could be made of.
+    """
     import torch
 
     if seed < 0:
@@ -75,12 +88,7 @@ def train(
     if threads < 1:
         raise InvalidInput(f"threads = {threads}; a whole number, at least 1")
     torch.set_num_threads(threads)
-    env = environment(settings)
-    model = learner(settings, env, seed, device)
-    run = _Run(settings, folder, seed, model, Evaluator(settings), told or (lambda *_: None))
-    if resume and (folder / CHECKPOINT).is_file():
-        run.take_up(checkpoint.read(folder / CHECKPOINT, device))
-    return run.finish()
+    return learner(settings, environment(settings), seed, device)
 
 
 class _Run:

@@ -23,9 +23,9 @@ from ..envs import metrics, scenarios
 from ..envs.plant.filters import KINDS
 from ..envs.stack import Stack
 from . import rollout, runs
+from .bars import progress
 from .inference import Interval, Sample
 from .resampling import log_score, replicate
-from .table import progress
 from .tune import tune
 from .tune.command import CAP
 from .tune.evaluate import Evaluator
@@ -57,7 +57,9 @@ def grid() -> Iterator[dict[str, Any]]:
             for trim in range((window + 1) // 2) if "trim" in READS[kind] else (0,):
                 for values in itertools.product(*(VALUES[s] for s in settings)):
                     point: dict[str, Any] = {"window": float(window), "trim": float(trim)}
-                    point = {k: v for k, v in point.items() if k in READS[kind]} | dict(zip(settings, values, strict=True))
+                    point = {k: v for k, v in point.items() if k in READS[kind]} | dict(
+                        zip(settings, values, strict=True)
+                    )
                     yield {"filter.kind": kind} | {f"filter.{k}": v for k, v in point.items()}
 
 
@@ -121,7 +123,8 @@ def compare(folder: Path, trials: int, threads: int) -> dict[str, Any]:
     cost = {"wall_seconds": round(time.time() - wall, 1), "cpu_seconds": round(time.process_time() - cpu, 1)}
     with progress("grid") as told:
         points = search_grid(task, threads, told)
-    assert isinstance(found, Stack) and isinstance(task.base, Stack)
+    assert isinstance(found, Stack)
+    assert isinstance(task.base, Stack)
     kept = points[points["keeps"]]
     best = task.base.varied({k: v for k, v in kept.iloc[0].items() if k.startswith("filter.") and v == v})
     table = on_test_seeds({"tuned": found, "grid": best}, threads)

@@ -74,6 +74,12 @@ def _of_levels(level: np.ndarray, weights: Weights, of_seeds: Callable) -> tuple
     return value, (by_run, None if weights[1] is None else of_seeds(kept), by_scenario)
 
 
+def mean(values: np.ndarray, weights: Weights) -> tuple[np.ndarray, Weights]:
+    """Mean of all values."""
+    total = _times(values[None], weights, "brsc").sum(axis=(1, 2, 3)) / values.size
+    return total, _sums(values[None], weights, values.size)
+
+
 def mean_of_middle(values: np.ndarray, weights: Weights) -> tuple[np.ndarray, Weights]:
     """Interquartile mean of all values; its influences are those of a trimmed mean, the rest drawn in to its ends."""
     total = values.size
@@ -90,13 +96,17 @@ def mean_of_middle(values: np.ndarray, weights: Weights) -> tuple[np.ndarray, We
     low, high = (ranked[np.argmax(up_to > edge, axis=1)] for edge in (cut, total - cut - 0.5))
     within = np.clip(values, *(end[:, None, None, None] for end in (low, high)))
     within = np.where(np.isfinite(within), within, 0.0)  # where the middle itself is without end, its value says so
-    influence = tuple(
-        None if own is None else _times(within, (*weights[:axis], None, *weights[axis + 1 :]), "brsc")
+    with np.errstate(invalid="ignore"):
+        return np.where(lost == 0, value, np.sign(lost) * np.inf), _sums(within, weights, count)
+
+
+def _sums(array: np.ndarray, weights: Weights, count: int) -> Weights:
+    """Influences on a mean of ``count`` values: of each axis' members the sum over the others of ``array``, brsc."""
+    return tuple(
+        None if own is None else _times(array, (*weights[:axis], None, *weights[axis + 1 :]), "brsc")
         .sum(axis=tuple({1, 2, 3} - {axis + 1})) * (own.shape[1] / count)
         for axis, own in enumerate(weights)
     )  # fmt: skip
-    with np.errstate(invalid="ignore"):
-        return np.where(lost == 0, value, np.sign(lost) * np.inf), influence
 
 
 def _times(array: np.ndarray, weights: Weights, axes: str) -> np.ndarray:

@@ -11,6 +11,8 @@ from ..envs import stack as stacks
 from . import runs, stability
 from .bars import progress
 
+SETTINGS = "settings.toml"
+
 
 def train(
     algorithm: str, env: str, steps: int | None, seed: int, assignments: list[str], name: str | None, device: str,
@@ -21,10 +23,13 @@ def train(
     Raises:
         InvalidInput: see :func:`agents.train.train` and :func:`runs.open_folder`.
     """
+    from ..agents.train import untrained
+
     changes = presets.parsed(assignments)
     if steps is not None:
         changes["steps"] = steps
     settings = presets.preset(algorithm, env, changes)
+    untrained(settings, seed, device, threads)  # errors before anything is written
     short = presets.ENVIRONMENTS[env][0]
     folder = open_run(Path("runs") / (name or f"{short}-{algorithm}-{seed}"), settings, overwrite, resume)
     return into(folder, settings, seed, device, threads, ms, resume)
@@ -37,8 +42,9 @@ def open_run(folder: Path, settings: Settings, overwrite: bool = False, resume: 
         InvalidInput: see :func:`runs.open_folder`.
     """
     runs.open_folder(folder, overwrite, resume)
-    with runs.atomic(folder / "settings.toml") as part:
-        part.write_text(tomli_w.dumps(_plain(settings)), encoding="utf-8")
+    if not (folder / SETTINGS).is_file():  # those of an interrupted run stay: it goes on with these or not at all
+        with runs.atomic(folder / SETTINGS) as part:
+            part.write_text(tomli_w.dumps(_plain(settings)), encoding="utf-8")
     return folder
 
 

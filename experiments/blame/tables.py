@@ -1,46 +1,19 @@
 """Tables of blame and headroom, with intervals over seeds."""
 
 import math
-import warnings
 from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
-from scipy import stats
 
+from ..inference import Interval, Sample
+from ..resampling import Statistic, log_score, mean, replicate
 from .game import Blame
 
 UNIT = "µm²"
 
 REST = "law"
 """What the tables call the error that the fully idealised machine has left: law, supervisor and sampling."""
-
-RESAMPLES = 4999
-"""Of the seeds, for an interval."""
-
-
-def interval(values: np.ndarray, over: np.ndarray | None = None) -> tuple[float, float]:
-    """95 % interval over seeds of the mean of ``values`` or, with ``over``, of the root of the ratio of both means.
-
-    Bootstrap, bias-corrected and accelerated; seeds are drawn with all that belongs to them, so it is paired. NaN with
-    fewer than two seeds, or where a run failed.
-    """
-    samples = (values,) if over is None else (values, over)
-    if len(values) < 2 or np.isnan(samples).any():
-        return math.nan, math.nan
-
-    def statistic(*drawn: np.ndarray, axis: int) -> np.ndarray:
-        means = [sample.mean(axis=axis) for sample in drawn]
-        return np.sqrt(means[0] / means[1]) if len(means) == 2 else means[0]
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # without scatter there is nothing to correct, which gives NaN
-        for method in ("BCa", "percentile"):
-            found = stats.bootstrap(samples, statistic, paired=True, n_resamples=RESAMPLES, rng=0, method=method)
-            low, high = map(float, found.confidence_interval)
-            if not math.isnan(low):
-                break
-    return low, high
 
 
 def shares(found: Sequence[Blame]) -> pd.DataFrame:
@@ -52,11 +25,11 @@ def shares(found: Sequence[Blame]) -> pd.DataFrame:
     """
     rows = []
     for blame in found:
-        none = np.full(len(blame.seeds), math.nan)
-        parts = [*zip(blame.stages, blame.shares, blame.alone, strict=True), (REST, blame.errors[-1], none)]
-        for stage, share, alone in parts:
-            rows.append([blame.scenario, blame.controller, stage, share.mean(), *interval(share), UNIT, alone.mean(),
-                         *interval(alone)])  # fmt: skip
+        none = np.full_like(blame.errors[-1], math.nan)
+        parts = [[*blame.shares, blame.errors[-1]], [*blame.alone, none]]
+        shared, alone = (_intervals(part, mean, np.eye(len(part))) for part in parts)
+        for i, stage in enumerate([*blame.stages, REST]):
+            rows.append([blame.scenario, blame.controller, stage, *shared[i], UNIT, *alone[i]])
     columns = ["scenario", "controller", "stage", "share", "low", "high", "unit", "alone", "alone_low", "alone_high"]
     return pd.DataFrame(rows, columns=columns)
 
@@ -70,10 +43,27 @@ def headroom(found: Sequence[Blame]) -> pd.DataFrame:
     rows = []
     for blame in found:
         for name, bound in blame.bounds.items():
-            real, least = blame.errors[0].mean(), bound.mean()
-            rows.append([blame.scenario, blame.controller, name, math.sqrt(real), math.sqrt(least),
-                         math.sqrt(real / least), *interval(blame.errors[0], bound)])  # fmt: skip
+            squares = [blame.errors[0], bound]
+            ratio = _intervals([np.sqrt(s) for s in squares], log_score, np.array([[1.0, -1.0]]))[0]
+            rows.append([blame.scenario, blame.controller, name, *(math.sqrt(s.mean()) for s in squares),
+                         *np.exp(ratio)])  # fmt: skip
     return pd.DataFrame(rows, columns=["scenario", "controller", "bound", "rms", "bound_rms", "ratio", "low", "high"])
+
+
+def _intervals(values: list[np.ndarray], statistic: Statistic, combinations: np.ndarray) -> list[Interval]:
+    """Combinations of a statistic of several rows of values, one value a seed, drawn together (paired).
+
+    A row with a failed run has no value.
+    """
+    sound = [i for i, row in enumerate(values) if np.isfinite(row).all()]
+    if not sound:
+        return [Interval(math.nan)] * len(combinations)
+    replicates = replicate([Sample.of(values[i]) for i in sound], statistic)
+    broken = [np.delete(weights, sound).any() for weights in combinations]
+    return [
+        Interval(math.nan) if bad else replicates.interval(weights[sound])
+        for weights, bad in zip(combinations, broken, strict=True)
+    ]
 
 
 def coalitions(blame: Blame) -> pd.DataFrame:

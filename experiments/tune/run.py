@@ -90,6 +90,8 @@ def tune(
         InvalidInput: bad input, a storage or folder that cannot be used, or no candidate that keeps the limits.
     """
     check(task, workers)
+    if threads is not None and threads < 1:
+        raise InvalidInput(f"--threads {threads} is out of range; at least 1")
     shared = bool(task.url) and not storage.is_file(task.url)
     threads = threads or max(1, (os.cpu_count() or 1) // workers)
     if shared:  # before anything is written

@@ -165,7 +165,7 @@ class Seeded(BaseSampler):
         asked = [t for t in study.get_trials(deepcopy=False) if ASKED in t.user_attrs and _done(t)]
         generation, point = ask(axes, start, asked, self.cost, SIGMA[self.name], self.seed, trial.number)
         study._storage.set_trial_user_attr(trial._trial_id, ASKED, {"generation": generation, "point": point})
-        decoded = {a.name: a.decode(x) for a, x in zip(axes, point, strict=True)}
+        decoded = {a.name: a.decode(x) for a, x in zip(axes, point, strict=False)}  # a lone axis' point has two numbers
         return fixed | {a.name: int(decoded[a.name]) if a.whole else decoded[a.name] for a in axes}
 
 
@@ -173,12 +173,15 @@ def ask(
     axes: list[Axis], start: dict[str, Any], asked: list[FrozenTrial], cost: Callable[[FrozenTrial], float],
     sigma: float, seed: int, number: int,
 ) -> tuple[int, list[float]]:  # fmt: skip
-    """Generation and point (0 to 1 on every axis) of CMA-ES' next trial, from the finished ones that it asked for."""
+    """Generation and point (0 to 1 on every axis) of CMA-ES' next trial, from the finished ones that it asked for.
+
+    Of a lone axis the point has a second number, without effect: the library needs two dimensions.
+    """
     import cmaes
 
     mean = np.clip([a.encode(float(start[a.name])) for a in axes], 0.0, 1.0)
     size = max(4 + int(3 * math.log(len(axes))), 6)
-    if len(axes) == 1:  # the library needs two dimensions; the second has no effect
+    if len(axes) == 1:
         mean = np.append(mean, 0.5)
     optimiser = cmaes.CMA(
         mean=mean, sigma=sigma, bounds=np.tile([0.0, 1.0], (len(mean), 1)), seed=seed_of(seed, 0), population_size=size

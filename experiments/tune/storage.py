@@ -27,6 +27,9 @@ JOURNAL = "study.journal"
 SPACE = "space"
 """Attribute of a study: what it searches, in words; another search cannot go on with it."""
 
+FIXED = "fixed "
+"""Begins the word for all that a study depends on and does not search."""
+
 _LOCK = 0x6B657266
 """Key of PostgreSQL's advisory lock while a study is set up."""
 
@@ -237,13 +240,21 @@ def study_of(url: str, name: str, directions: list[str], words: list[str], attri
                 study.set_user_attr(key, value)
             there = words
     if there != words:
-        differ = [f"{a} ≠ {b}" for a, b in zip(there, words, strict=False) if a != b]
-        more = set(there) ^ set(words)
         raise InvalidInput(
-            f"the study '{name}' in '{hidden(url)}' is another one ({'; '.join(differ) or ', '.join(sorted(more))}); "
-            "use another --name"
+            f"the study '{name}' in '{hidden(url)}' is another one ({_difference(there, words)}); use another --name"
         )
     return study
+
+
+def _difference(there: list[str], words: list[str]) -> str:
+    """How two studies differ; that of what is not searched is named where it is the only one."""
+    sides = [[w for w in mine if w not in other] for mine, other in ((there, words), (words, there))]
+    plain = [[w for w in side if not w.startswith(FIXED)] for side in sides]
+    if not any(plain):
+        return "what is not searched has changed: the controller's law or another parameter"
+    return "; ".join(
+        f"{whose}: {', '.join(side)}" for whose, side in zip(("it has", "asked for"), plain, strict=False) if side
+    )
 
 
 def digest(words: list[str]) -> str:

@@ -92,7 +92,7 @@ class Task:
             f"Ms ≤ {self.limits.ms:g}", *(f"{limit.name} ≤ {limit.most:g}" for limit in self.limits.limits),
             f"sampler {self.sampler}", f"seed {self.seed}", f"tune seeds 0-{self.seeds - 1}",
             *(axis.words for axis in self.space.axes),
-            f"fixed {storage.digest([f'{n}={v}' for n, v in values.items()] + self.base.program)}",
+            f"{storage.FIXED}{storage.digest([f'{n}={v}' for n, v in values.items()] + self.base.program)}",
         ]  # fmt: skip
 
     def open(self) -> Any:

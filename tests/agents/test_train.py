@@ -258,7 +258,8 @@ def test_values_are_set_as_in_toml():
         (["ppo", "--set", "steps=1.5"], "steps = 1.5; a whole number, at least 1"),
         (["ppo", "--steps", "0"], "steps = 0; a whole number, at least 1"),
         (["ppo", "--seed", "-1"], "seed = -1; a whole number from 0 on"),
-        (["ppo", "--device", "tpu9x"], "ppo refuses its settings"),
+        (["ppo", "--device", "tpu9x"], "device 'tpu9x' cannot be used"),
+        (["ppo", "--set", "environment.base=wu"], "base controller 'wu' drives slot 'xy', not 'z'"),
         (["sac", "--set", "algorithm.noise=0.1"], "unknown setting 'algorithm.noise'"),
     ],
 )
@@ -268,4 +269,4 @@ def test_bad_input_is_named_and_leaves_no_folder(tmp_path, monkeypatch, capsys, 
         cli.main(["train", *words, "--name", "x"])
     assert error.value.code == 2
     assert message in capsys.readouterr().err
-    assert not (tmp_path / "runs" / "x" / "run.json").exists()
+    assert not (tmp_path / "runs").exists()

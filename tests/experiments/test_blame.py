@@ -13,7 +13,7 @@ from kerfgym.experiments import benchmark, rollout
 from kerfgym.experiments.blame import Blame, blame, measure, shapley
 from kerfgym.experiments.blame import run as runner
 from kerfgym.experiments.blame.game import STAGES
-from kerfgym.experiments.blame.tables import coalitions, headroom, interval, of_coalitions, shares
+from kerfgym.experiments.blame.tables import coalitions, headroom, of_coalitions, shares
 
 SEEDS = range(1000, 1006)
 ROUGH = scenarios.load("rough").varied(duration=0.8, settle=0.1, name="short")
@@ -99,14 +99,19 @@ def test_threads_change_nothing(found):
 # ---------------------------------------------------------------------------------------------------- the tables
 
 
-def test_intervals_need_two_seeds_and_no_failure():
-    values = np.random.default_rng(0).normal(5.0, 1.0, 200)
-    low, high = interval(values)
-    assert (low, high) == pytest.approx((values.mean() - 1.96 / 200**0.5, values.mean() + 1.96 / 200**0.5), abs=0.03)
-    assert interval(values, 4.0 * values) == pytest.approx((0.5, 0.5))  # paired: the ratio is the same in every seed
-    assert np.isnan(interval(values[:1])).all()
-    assert np.isnan(interval(np.append(values, np.nan))).all()
-    assert interval(np.zeros(5)) == (0.0, 0.0)
+def test_intervals_are_paired_and_need_two_seeds():
+    random = np.random.default_rng(0)
+    real, gained = random.normal(500.0, 90.0, 200), random.normal(5.0, 1.0, 200)
+    whole = Blame("s", "c", tuple(range(200)), ("servo",), np.array([real, real - gained]), {"oracle": real / 16})
+    row = shares([whole]).set_index("stage").loc["servo"]
+    half = 1.96 * gained.std(ddof=1) / 200**0.5  # of the difference, not of the errors, which scatter far more
+    assert (row["low"], row["high"]) == pytest.approx((row["share"] - half, row["share"] + half), abs=0.2 * half)
+    gain = headroom([whole]).loc[0]
+    assert (gain["ratio"], gain["low"], gain["high"]) == pytest.approx((4.0, 4.0, 4.0))
+    single = Blame("s", "c", (1,), ("servo",), np.array([[4.0], [1.0]]), {})
+    row = shares([single]).set_index("stage").loc["servo"]
+    assert row["share"] == 3.0
+    assert np.isnan([row["low"], row["high"]]).all()
 
 
 def test_a_failed_run_leaves_no_share_of_its_controller():
@@ -173,7 +178,8 @@ def test_bad_input_is_told_before_anything_is_written(tmp_path, words, message):
     assert not (tmp_path / "x").exists()
 
 
-def test_a_benchmark_stores_blame_of_reference_and_best(tmp_path):
+def test_a_benchmark_stores_blame_of_reference_and_best(tmp_path, monkeypatch):
+    monkeypatch.setattr("kerfgym.experiments.report.page.write_report", lambda *_: None)
     results = benchmark.run(
         ["xi2023-tuned", "pid", "preview-5ms"], [ROUGH], tmp_path / "r", SEEDS[:2], with_ms=False, with_blame=True,
         workers=1, quiet=True, command=["x"],

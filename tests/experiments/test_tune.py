@@ -180,6 +180,18 @@ def test_cmaes_finds_the_bottom_of_a_narrow_valley():
     assert found["cmaes"] < 0.02 * found["random"]
 
 
+@pytest.mark.parametrize("sampler", sampling.SINGLE)
+def test_cmaes_searches_a_lone_parameter_too(sampler):
+    s = space(stacks.get("pid"), ["law.kp=20..120"])
+    study = optuna.create_study()
+    study.sampler = sampling.Seeded(sampler, s, 0, sampling.explored(60, s), sampling.costs(1.0, True, False))
+    for _ in range(60):
+        trial = study.ask()
+        study.tell(trial, 1e-6 + math.log(s.suggest(trial)["law.kp"] / 77.0) ** 2)
+    assert study.best_params["law.kp"] == pytest.approx(77.0, rel=5e-3)
+    assert sampling.ASKED in study.best_trial.user_attrs
+
+
 def test_cmaes_replayed_is_cmaes_that_was_never_interrupted():
     s, trials = space(stacks.get("pid"), ["law.kp", "law.ki"]), 40
     study = bowl(s, "cmaes", trials)
@@ -229,8 +241,12 @@ def test_a_torn_last_line_is_cut_off_and_damage_elsewhere_is_named(tmp_path):
 def test_a_study_of_another_space_is_refused(tmp_path):
     url = f"sqlite:///{tmp_path / 's.db'}"
     storage.study_of(url, "a", ["minimize"], ["suite following", "law.kp=1..2"], {})
-    with pytest.raises(InvalidInput, match=r"'a' in .* is another one \(law\.kp=1\.\.2 ≠ law\.kp=1\.\.3\)"):
-        storage.study_of(url, "a", ["minimize"], ["suite following", "law.kp=1..3"], {})
+    with pytest.raises(
+        InvalidInput, match=r"'a' in .* is another one \(it has: law\.kp=1\.\.2; asked for: law\.kp=1\.\.3"
+    ):
+        storage.study_of(url, "a", ["minimize"], ["suite following", "law.kp=1..3", "fixed 1"], {})
+    with pytest.raises(InvalidInput, match=r"another one \(what is not searched has changed"):
+        storage.study_of(url, "a", ["minimize"], ["suite following", "law.kp=1..2", "fixed 1"], {})
     storage.study_of(url, "b", ["minimize"], ["suite following", "law.kp=1..3"], {})
 
 
@@ -371,6 +387,7 @@ def test_no_candidate_that_keeps_the_limits_is_said_and_the_trials_are_kept(here
         (["law", "-c", "wu"], "drives slot 'xy'; suite 'following' needs one of slot 'z'"),
         (["law", "--limit", "time"], "it is written METRIC=NUMBER"),
         (["law", "--trials", "0"], "--trials 0 is out of range"),
+        (["law", "--threads", "0"], "--threads 0 is out of range"),
         (["law", "--storage", "postgresql://nobody@127.0.0.1:1/x"], "Connection refused"),
         (["law", "--storage", "nonsense://x"], "is not a URL such as postgresql://"),
         (["law", "-c", "nowhere.toml"], "cannot read 'nowhere.toml': No such file"),
@@ -491,7 +508,7 @@ def test_two_processes_started_together_share_a_fresh_database(here, postgresql)
     results = [(here / name / "runs/shared/tuned.toml").read_text(encoding="utf-8") for name in ("a", "b")]
     assert tomllib.loads(results[0])["parameters"] == tomllib.loads(results[1])["parameters"]
     other = replace(TASK, url=postgresql, name="shared", seed=5)
-    with pytest.raises(InvalidInput, match=r"is another one \(seed 0 ≠ seed 5\)"):
+    with pytest.raises(InvalidInput, match=r"is another one \(it has: seed 0; asked for: seed 5\)"):
         tune(other, Path("runs/other"))
     assert not Path("runs").exists()
 
