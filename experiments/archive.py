@@ -11,7 +11,6 @@
 
 import hashlib
 import json
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,6 @@ import pandas as pd
 from .. import __version__
 from ..envs import scenarios, workshop
 from ..envs.plant.quantity import InvalidInput, did_you_mean
-from ..envs.scenarios import Scenario
 from . import runs
 from .jobs import JobResults
 from .results import Results
@@ -43,12 +41,14 @@ class Archive:
     Attributes:
         folder: of the run.
         grids: results of each suite by its name, in the order in which they were asked for.
-        meta: what holds for all of them: command, versions, machine.
+        meta: what holds for all of them: command, versions, machine; ``notes`` are sentences that a reader must know.
+        texts: scenarios as TOML, by suite and name.
     """
 
     folder: Path
     grids: dict[str, Results | JobResults]
-    meta: dict[str, Any] = field(default_factory=dict)
+    meta: dict[str, Any]
+    texts: dict[str, dict[str, str]] = field(default_factory=dict)
 
 
 def place(folder: Path, name: str, several: bool) -> Path:
@@ -57,9 +57,9 @@ def place(folder: Path, name: str, several: bool) -> Path:
 
 
 def save_tables(
-    folder: Path, grids: dict[str, Results | JobResults], meta: dict[str, Any], chosen: dict[str, Iterable[Scenario]]
+    folder: Path, grids: dict[str, Results | JobResults], meta: dict[str, Any], texts: dict[str, dict[str, str]]
 ) -> dict[str, Any]:
-    """Writes tables and scenarios of every grid.
+    """Writes tables and scenarios of every grid; arguments as the attributes of :class:`Archive`.
 
     Returns:
         what ``run.json`` will hold; it is written last, because a folder that has one is finished.
@@ -75,10 +75,10 @@ def save_tables(
             if len(frame):
                 runs.write_table(at, table, frame, csv=table != "traces")
         results.meta["tables"] = {file.stem: _hash(file) for file in sorted(at.glob("*.parquet"))}
-        for scenario in chosen.get(name, []):
-            with runs.atomic(at / "scenarios" / f"{scenario.name}.toml") as part:
-                part.write_text(scenario.to_toml(), encoding="utf-8")
-        own = {key: value for key, value in results.meta.items() if key not in meta}
+        for scenario, text in texts.get(name, {}).items():
+            with runs.atomic(at / "scenarios" / f"{scenario}.toml") as part:
+                part.write_text(text, encoding="utf-8")
+        own = {key: value for key, value in results.meta.items() if key not in meta or meta[key] != value}
         entries[name] = {"kind": kind, "folder": str(at.relative_to(folder)), **own, **_rest(results)}
     return {"format": FORMAT, **meta, "grids": entries}
 
@@ -113,13 +113,14 @@ def load(folder: str | Path) -> Archive:
     folder = Path(folder)
     record = _record(folder)
     entries = record.pop("grids")
-    notes, grids = list(record.pop("notes", [])), {}
+    notes, grids, texts = list(record.pop("notes", [])), {}, {}
     if record.get("kerfgym") != __version__:
         notes.append(f"Run {folder.name} was made by kerfgym {record.get('kerfgym')}, this page by {__version__}.")
     meta = {key: value for key, value in record.items() if key != "format"}
     for name, entry in entries.items():
         try:
             grids[name] = _grid(folder, name, entry, meta, notes)
+            texts[name] = _texts(folder / entry["folder"] / "scenarios")
         except InvalidInput as error:
             notes.append(f"Suite {name} of run {folder.name} is left out: {error}.")
     if not grids:
@@ -128,7 +129,7 @@ def load(folder: str | Path) -> Archive:
         meta["notes"] = notes
         for results in grids.values():
             results.meta["notes"] = notes
-    return Archive(folder, grids, meta)
+    return Archive(folder, grids, meta, texts)
 
 
 def _record(folder: Path) -> dict[str, Any]:
@@ -213,6 +214,10 @@ def _grid(folder: Path, name: str, entry: Any, meta: dict[str, Any], notes: list
         raise InvalidInput(f"the record of suite '{name}' in '{folder / 'run.json'}' lacks {error}") from None
 
 
+def _texts(folder: Path) -> dict[str, str]:
+    return {file.stem: file.read_text(encoding="utf-8") for file in sorted(folder.glob("*.toml"))}
+
+
 def _table(at: Path, name: str, stamp: str | None, notes: list[str], needed: bool = False) -> pd.DataFrame:
     """A table, from its Parquet file or, where that is damaged, from the CSV beside it; empty if it was not kept.
 
@@ -241,7 +246,7 @@ def _table(at: Path, name: str, stamp: str | None, notes: list[str], needed: boo
                 notes.append(f"'{parquet}' was changed after the run.")
             return frame
     try:
-        frame = pd.read_csv(csv, float_precision="round_trip")
+        frame = pd.read_csv(csv)
     except (OSError, ValueError):
         if needed:
             raise InvalidInput(why) from None

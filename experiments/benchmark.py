@@ -1,6 +1,8 @@
 """Benchmark: controllers × scenarios × seeds in compiled roll-outs over the cores, then tables, plots and a report."""
 
+import hashlib
 import json
+import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -9,6 +11,7 @@ import pandas as pd
 
 from ..envs import scenarios, workshop
 from ..envs import stack as stacks
+from ..envs.plant import kernels
 from ..envs.plant.quantity import InvalidInput
 from ..envs.scenarios import Scenario
 from . import archive, decisions, digest, jobs, pool, rollout, runs
@@ -17,6 +20,9 @@ from .grids import Grid, resolved
 from .ledger import Ledger
 from .results import Results
 from .tasks import Case, cases, compute
+
+_ALONE = threading.Lock()
+"""A task of its process: workers of a dask cluster may have several threads, and the pool of heads is shared."""
 
 
 def run(
@@ -83,7 +89,7 @@ def run_grids(
         }
         for grid in grids
     }
-    record = runs.record(command)
+    record = runs.record(command) | {"kernel": kernels.STAMP}
     runs.write_json(parts / archive.BEGUN, {"command": record["command"]})
 
     def missing() -> list[tuple[str, Case, stacks.Stack | stacks.Team]]:
@@ -121,8 +127,9 @@ def run_grids(
             if with_blame and isinstance(results, Results):
                 with bars.counted("blame") as told:
                     results.blame, results.headroom = in_report(results, grid.scenarios, parts, workers, told)
+        texts = {grid.suite: {s.name: s.to_toml() for s in grid.scenarios} for grid in grids}
         with bars.busy("writing tables and report"):
-            written = archive.save_tables(folder, found, record, {grid.suite: grid.scenarios for grid in grids})
+            written = archive.save_tables(folder, found, record, texts)
             digest.write(folder, found, record)
             write_report(folder, found, record)
             runs.write_json(folder / "run.json", written)
@@ -161,6 +168,7 @@ def _results(
             name: Ledger(int(row["steps"]), float(row["cpu_seconds"])).entry() for name, row in ledger.iterrows()
         },
         "tuning": {name: stack.provenance for name, stack in known.items() if stack.provenance},
+        "programs": {name: _digest(stack.program) for name, stack in known.items()},
         "parameters": {name: {k: p.value for k, p in stack.parameters().items()} for name, stack in known.items()},
     }  # fmt: skip
     core, summaries = tuple(c for c in grid.core if c in names), {s.name: s.summary for s in grid.scenarios}
@@ -177,6 +185,11 @@ def _results(
         frame, traces, joined.get("sensitivity", empty), meta, core,
         tuple(s.name for s in grid.scenarios if s.exempt), summaries, joined.get("margins", pd.DataFrame()),
     )  # fmt: skip
+
+
+def _digest(program: list[str]) -> str:
+    """What tells a controller's program from any other."""
+    return hashlib.sha256("\n".join(program).encode()).hexdigest()[:16]
 
 
 def _clear(parts: Path) -> None:
@@ -210,5 +223,6 @@ def _warm(stack: stacks.Stack | stacks.Team) -> None:
 
 def _work(case: Case) -> tuple[str, dict[str, pd.DataFrame]]:
     """A task's tables, under the name that its stack gives it here and now: what was edited meanwhile has another."""
-    stack = resolved(case.controller, case.with_job)
-    return case.key(stack), compute(case, stack)
+    with _ALONE:
+        stack = resolved(case.controller, case.with_job)
+        return case.key(stack), compute(case, stack)

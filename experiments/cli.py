@@ -102,8 +102,8 @@ def benchmark(
         overwrite: replace an existing run folder.
         resume: finish an interrupted run.
     """
+    from . import archive, grids
     from . import benchmark as bench
-    from . import grids
 
     planned = grids.plan(suite, controller, scenario, path=path, seeds=seeds, split=split, everything=shipped)
     if path is not None:
@@ -112,10 +112,14 @@ def benchmark(
         for note in drawn(str(path)).notes:
             print(f"kerfgym: {path}: {note}", file=sys.stderr)
     folder = Path("runs") / (name or datetime.datetime.now().strftime("%Y-%m-%d-%H%M%S"))
-    results = bench.run_grids(
-        planned, folder, with_ms=ms, with_cost=cost, with_blame=blame, workers=jobs, backend=backend,
-        scheduler=scheduler, overwrite=overwrite, resume=resume,
-    )  # fmt: skip
+    try:
+        results = bench.run_grids(
+            planned, folder, with_ms=ms, with_cost=cost, with_blame=blame, workers=jobs, backend=backend,
+            scheduler=scheduler, overwrite=overwrite, resume=resume,
+        )  # fmt: skip
+    except KeyboardInterrupt:
+        print(f"\nkerfgym: interrupted; {archive.resumption(folder)} goes on", file=sys.stderr)
+        raise SystemExit(130) from None
     _show(folder, results, markdown)
 
 
@@ -131,6 +135,34 @@ def _show(folder: Path, grids: dict[str, Any], markdown: bool) -> None:
         for sheet in sheets(results):
             sheet.show()
     print(f"\n{folder / 'report.html'}")
+
+
+def report(
+    run: Annotated[Positional[tuple[str, ...]], arg(metavar="RUN")] = (),
+    name: str | None = None,
+    markdown: bool = False,
+    overwrite: bool = False,
+) -> None:
+    """Make a stored run's report again, or one report of several runs.
+
+    Of several runs it compares the scenarios and seeds that all of them have. A controller that is not the same in two
+    of them, such as two versions of yours, is there twice, as name@run.
+
+    Args:
+        run: folders of benchmarks, or their names in runs/.
+        name: of the folder for the report with all tables. Default: of one run its own, of several report- and date and
+            time.
+        markdown: print the summary as Markdown, for an issue, instead of the tables; it is also in summary.md.
+        overwrite: replace an existing run folder.
+    """
+    from .remake import remake, tell
+
+    into = Path("runs") / name if name else None
+    if len(run) > 1 and into is None:
+        into = Path("runs") / f"report-{datetime.datetime.now():%Y-%m-%d-%H%M%S}"
+    folder, found = remake(run, into, overwrite)
+    tell(found)
+    _show(folder, found.grids, markdown)
 
 
 def blame(
@@ -370,7 +402,7 @@ def main(arguments: list[str] | None = None) -> None:
         print(f"kerfgym {__version__}")
         return
     commands: dict[str, Any] = {
-        "list": list_, "benchmark": benchmark, "blame": blame, "tune": tune, "train": train,
+        "list": list_, "benchmark": benchmark, "report": report, "blame": blame, "tune": tune, "train": train,
         "reproduce": reproduce, "render": render, "speed": speed,
     }  # fmt: skip
     try:

@@ -23,7 +23,7 @@ def markdown(grids: dict[str, Results | JobResults], meta: dict[str, Any]) -> st
     version = f"kerfgym {meta.get('kerfgym')}" + (f", commit {git['commit'][:12]}" if git.get("commit") else "")
     facts = [
         version + (" with changes" if git.get("changed") else ""), machine.get("processor", "processor unknown"),
-        _took(meta.get("wall_seconds")),
+        *([f"{meta['wall_seconds']:.0f} s"] if "wall_seconds" in meta else []),
     ]  # fmt: skip
     lines = ["## kerfgym benchmark", "", "```", str(meta.get("command", "")), "```", "", "; ".join(facts), ""]
     lines += [f"- {note}" for note in meta.get("notes", [])] + [""] * bool(meta.get("notes"))
@@ -31,7 +31,3 @@ def markdown(grids: dict[str, Results | JobResults], meta: dict[str, Any]) -> st
         lines += [f"**{name}** · seeds {results.meta.get('seeds')}", ""]
         lines += [sheet.markdown() for sheet in sheets(results)]
     return "\n".join(lines).rstrip() + "\n"
-
-
-def _took(seconds: Any) -> str:
-    return f"{seconds:.0f} s" if isinstance(seconds, int | float) else "time unknown"

@@ -6,6 +6,9 @@ What a task gives depends on nothing but the task, so every pool gives the same.
 import contextlib
 import importlib.util
 import logging
+import os
+import threading
+import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -51,8 +54,22 @@ def spread(
         for task in tasks:
             yield function(task)
     else:
-        pool = Parallel(n_jobs=workers, return_as="generator_unordered", inner_max_num_threads=1)
+        pool = Parallel(
+            n_jobs=workers, return_as="generator_unordered", inner_max_num_threads=1, initializer=_end_with,
+            initargs=(os.getpid(),),
+        )  # fmt: skip
         yield from pool(delayed(function)(task) for task in tasks)
+
+
+def _end_with(parent: int) -> None:
+    """Ends this process when the one that started it is gone; loky's would wait for work for another five minutes."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(1.0)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 @contextlib.contextmanager
