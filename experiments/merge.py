@@ -4,7 +4,7 @@ Only what the runs have in common is compared: scenarios that are the same word 
 every run has. What could not be joined stands beside it, and notes say what was left out and what differs.
 """
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import pandas as pd
@@ -119,8 +119,8 @@ def _joined(
     renamed = _renamed(suite, grids, pairs, notes)
     tables = {
         table: _together([_part(getattr(g, table), renamed[name], pairs, shared) for name, g in grids.items()])
-        for table, frame in vars(first).items()
-        if isinstance(frame, pd.DataFrame)
+        for table in (each.name for each in fields(first))
+        if isinstance(getattr(first, table), pd.DataFrame)
     }
     lacking = sorted({c for g in grids.values() for c in tables["runs"].columns if c not in g.runs})
     if lacking:
@@ -148,10 +148,10 @@ def _joined(
         },
     }  # fmt: skip
     summaries = {s: text for s, text in first.summaries.items() if s in shared}
-    fields: dict[str, Any] = {**tables, "meta": meta, "core": core, "summaries": summaries}
+    changes: dict[str, Any] = {**tables, "meta": meta, "core": core, "summaries": summaries}
     if isinstance(first, Results):
-        fields["exempt"] = tuple(s for s in first.exempt if s in shared)
-    return replace(first, **fields), {s: text for s, text in texts[next(iter(grids))].items() if s in shared}
+        changes["exempt"] = tuple(s for s in first.exempt if s in shared)
+    return replace(first, **changes), {s: text for s, text in texts[next(iter(grids))].items() if s in shared}
 
 
 def _shared(

@@ -1,5 +1,6 @@
 """Run folders of benchmarks: what is written is read back, one grid or several."""
 
+from dataclasses import fields
 from unittest import mock
 
 import numpy as np
@@ -31,7 +32,7 @@ def stored(tmp_path_factory):
 def equal(read, made):
     """Whether two results hold the same."""
     assert type(read) is type(made)
-    for name, value in vars(made).items():
+    for name, value in ((field.name, getattr(made, field.name)) for field in fields(made)):
         if isinstance(value, pd.DataFrame):
             pd.testing.assert_frame_equal(getattr(read, name), value, check_dtype=len(value) > 0)
         else:
