@@ -1,6 +1,8 @@
 """The ``kerfgym`` command."""
 
 import datetime
+import errno
+import os
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -10,6 +12,9 @@ from tyro.conf import Positional, UseAppendAction, arg
 
 from .. import __version__
 from ..envs.plant.quantity import InvalidInput, did_you_mean
+
+DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES)
+"""What a disk says when it is full or closed."""
 
 KINDS = ("environments", "scenarios", "controllers", "metrics")
 
@@ -411,6 +416,15 @@ def main(arguments: list[str] | None = None) -> None:
         )
     except InvalidInput as error:
         print(f"kerfgym: error: {error}", file=sys.stderr)
+        raise SystemExit(2) from None
+    except OSError as error:
+        if error.errno not in DISK:
+            raise
+        where = f"'{error.filename}'" if error.filename else "a file of the run"
+        print(
+            f"kerfgym: error: cannot write {where}: {os.strerror(error.errno)}; what is finished is kept, and the same "
+            "command with --resume and the folder's --name goes on", file=sys.stderr,
+        )  # fmt: skip
         raise SystemExit(2) from None
     except KeyboardInterrupt:
         print("\nkerfgym: interrupted; the same command with --resume and the folder's --name goes on", file=sys.stderr)

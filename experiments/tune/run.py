@@ -100,7 +100,8 @@ def tune(
         # A process that joins a study elsewhere may find the folder of the one that began it.
         runs.open_folder(folder, overwrite, resume or (shared and not (folder / "run.json").is_file()))
         task = _at(task, folder, overwrite and not shared)
-        with contextlib.nullcontext() if shared else storage.alone(folder), storage.reachable(task.url):
+        place = str(folder) if storage.is_file(task.url) else task.url
+        with contextlib.nullcontext() if shared else storage.alone(folder), storage.reachable(place):
             return _tune(task, folder, workers, threads, shared, told, command)
 
 

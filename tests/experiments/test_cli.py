@@ -1,5 +1,6 @@
 """The command, as a user types it."""
 
+import errno
 import json
 import os
 import subprocess
@@ -202,6 +203,19 @@ def test_an_interruption_tells_how_to_go_on(asked, capsys):
     asked("-c", "pid")
     told = capsys.readouterr().err
     assert "kerfgym: interrupted; " in told
+    assert "--resume" in told
+
+
+def test_a_full_disk_is_told_in_words(here, capsys, monkeypatch):
+    def full(*_, **__):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "runs/x/runs.parquet")
+
+    monkeypatch.setattr(benchmark, "run_grids", full)
+    with pytest.raises(SystemExit) as stopped:
+        main(["benchmark", "-c", "pid", "-s", "wavy"])
+    assert stopped.value.code == 2
+    told = capsys.readouterr().err
+    assert "cannot write 'runs/x/runs.parquet': No space left on device" in told
     assert "--resume" in told
 
 
