@@ -1,6 +1,5 @@
 """The learner of stable-baselines3 or sb3-contrib that settings ask for, and its first policy."""
 
-import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -64,8 +63,6 @@ def learner(settings: Settings, env: Any, seed: int, device: str = "cpu") -> Any
         options["action_noise"] = NormalActionNoise(np.zeros(width), np.full(width, options.pop("noise")))
     spread, gain = network.pop("spread", None), network.pop("output_gain", 1.0)
     network["activation_fn"] = {"tanh": nn.Tanh, "relu": nn.ReLU}[network.pop("activation", "tanh")]
-    if spread is not None and settings.name in ("ppo", "recurrent-ppo"):
-        network["log_std_init"] = math.log(spread)
     policy = "MlpLstmPolicy" if settings.name == "recurrent-ppo" else "MlpPolicy"
     try:
         torch.empty(0, device=device)  # the library would take the processor where there is no such device
@@ -78,22 +75,36 @@ def learner(settings: Settings, env: Any, seed: int, device: str = "cpu") -> Any
         reason = str(error).split("\n")[0] or type(error).__name__
         raise InvalidInput(f"{settings.name} refuses its settings: {reason}") from error
     with torch.no_grad():
-        _begin(model, gain, spread)
+        _begin(model, gain, None if spread is None else torch.as_tensor(_spreads(spread, env)).log())
     return model
 
 
-def _begin(model: Any, gain: float, spread: float | None) -> None:
-    """Scales the action's layer, and the spread of the first actions where a layer of its own gives it."""
+def _spreads(spread: float | list[float], env: Any) -> np.ndarray:
+    """One number for each action.
+
+    Raises:
+        InvalidInput: not as many numbers as actions.
+    """
+    width = env.action_space.shape[0]
+    if isinstance(spread, list) and len(spread) != width:
+        raise InvalidInput(f"policy.spread has {len(spread)} numbers; one, or {width}, one for each action")
+    return np.broadcast_to(np.asarray(spread, np.float32), width).copy()
+
+
+def _begin(model: Any, gain: float, log_spread: Any) -> None:
+    """Scales the action's layer, and sets the spread of the first actions."""
     policy = model.policy
     if hasattr(policy, "action_net"):  # PPO
         policy.action_net.weight.mul_(gain)
+        if log_spread is not None:
+            policy.log_std.copy_(log_spread)
         return
     last = policy.actor.mu
     last = last if hasattr(last, "weight") else [layer for layer in last if hasattr(layer, "weight")][-1]  # TD3
     last.weight.mul_(gain)
     last.bias.mul_(gain)
-    if spread is not None and hasattr(policy.actor, "log_std"):  # SAC, TQC
+    if log_spread is not None and hasattr(policy.actor, "log_std"):  # SAC, TQC
         policy.actor.log_std.weight.mul_(gain)
-        policy.actor.log_std.bias.fill_(math.log(spread))
+        policy.actor.log_std.bias.copy_(log_spread)
     if hasattr(policy, "actor_target"):
         policy.actor_target.load_state_dict(policy.actor.state_dict())

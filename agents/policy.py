@@ -43,6 +43,9 @@ TASKS = {
 }
 """Environments that policies can be for."""
 
+SLOT = {"following": "z", "contour": "xy", "cutting": "process"}
+"""Which slot a policy fills as a controller; its bases in the others come with it."""
+
 
 class _Table(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
@@ -306,7 +309,7 @@ def _stack(folder: Path, stamp: tuple[int, ...]) -> Stack:
 
     policy = Policy.load(folder)
     found = bases(policy.document, f"policy '{folder}'")
-    main = found.pop("z" if policy.task == "following" else "process")
+    main = found.pop(SLOT[policy.task])
     # What was spent on the policy comes on top of what its base was tuned with.
     made, tuned = policy.provenance, dict(main.provenance)
     steps = made.get("ledger", made).get("simulated_steps", 0) + tuned.get("simulated_steps", tuned.get("steps", 0))
@@ -318,8 +321,8 @@ def _stack(folder: Path, stamp: tuple[int, ...]) -> Stack:
 
 
 def stack_of(folder: Path) -> Stack | None:
-    """The policy in a folder as a controller: in the slot ``z``, or in the slot ``process`` with its other bases beside
-    it; None if the folder holds no policy.
+    """The policy in a folder as a controller in its slot (:data:`SLOT`), with its bases of the other slots as
+    companions; None if the folder holds no policy.
 
     Raises:
         InvalidInput: as :meth:`Policy.load`.

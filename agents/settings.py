@@ -54,8 +54,9 @@ class Settings:
 
     ``algorithm`` holds arguments of the algorithm's class, besides ``final_learning_rate`` (the rate falls to it
     geometrically) and ``noise`` (standard deviation of TD3's exploration, share of the action's range of ±1).
-    ``policy`` describes the network: ``net_arch``, ``activation``, ``spread`` (standard deviation of the first
-    actions), ``output_gain`` (factor on the first weights of the action's layer: below 1, a residual begins small).
+    ``policy`` describes the network: ``net_arch``, ``activation``, ``spread`` (standard deviation of the first actions,
+    one number or one for each), ``output_gain`` (factor on the first weights of the action's layer: below 1, a residual
+    begins small).
     """
 
     name: str  # of the algorithm
@@ -196,8 +197,10 @@ def checked(settings: Settings) -> Settings:
         **{f"policy.{k}": settings.policy[k] for k in ("spread", "output_gain") if k in settings.policy},
     }
     for key, value in positive.items():
-        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < math.inf:
-            raise InvalidInput(f"{key} = {value!r}; a number above 0")
+        several = isinstance(value, list) and key == "policy.spread"
+        for number in value if several else [value]:
+            if isinstance(number, bool) or not isinstance(number, int | float) or not 0 < number < math.inf:
+                raise InvalidInput(f"{key} = {value!r}; a number above 0{', or one for each action' * several}")
     return settings
 
 

@@ -21,21 +21,29 @@ class ContourFollowingEnv(JobEnv):
     | | action | at ±1 |
     |-|--------|-------|
     | 0 | change of the feed override | ±0.5 of the planned feed |
-    | 1 | correction of the reference to the left of the path | ±0.2 mm |
-    | 2 | correction along the path | ±0.2 mm |
+    | 1 | correction of the reference to the left of the path | ±0.5 mm |
+    | 2 | correction along the path | ±0.5 mm |
 
-    Limits of speed and acceleration of the axes hold whatever is asked.
+    Left and along are those of the path where the reference will be at the coming interpolation; with the axes' lag
+    that is some mm ahead of the nozzle. Override and corrections hold in lead-ins and cuts; in rapids and while it
+    pierces the machine keeps to the programme. Limits of speed and acceleration of the axes hold whatever is asked.
 
     ## Observation Space
 
-    `Box(-10, 10, (21,), float32)`, names in `job_interface.FEATURES["contour"]`: contour error and lag
+    `Box(-10, 10, (46,), float32)`, names in `job_interface.FEATURES["contour"]`: contour error and lag
     (sign·log(1 + |x|) in units of 10 and 100 µm), speed and planned feed now and in 50, 100 and 200 ms over the cut's
     feed, the path's direction then against now (sine, cosine), feed override, direction, whether it is cutting, beam,
-    progress, and the corrections in force. `observation="raw"` gives the same in mm and mm/s.
+    progress, the corrections in force over 0.5 mm, the rate of the contour error (sign·log(1 + |x|), 10 µm per step),
+    the direction at the reference against now (sine, cosine), and the acceleration of the planned path to the left
+    (`turn`) and along (`push`) at the reference and every 16 ms from 96 ms behind to 64 ms ahead of it, over a quarter
+    of what the axes can do: what axes with a linear lag do wrong is a weighted sum of these.
+    `observation="raw"` gives the same in mm, mm/s and mm/s².
 
     ## Rewards
 
-    Per step: −`contour`·log(1 + RMS contour error of the step/10 µm) while cutting, −`time`, −`collision` once.
+    Per step: −`contour`·RMS contour error of the step/10 µm while cutting, −`time`·share of the step that is lost
+    against the plan, −`feed`·(feed override − 1)², −`collision` once. The process is set for the planned feed, so
+    leaving it is charged either way; `feed = 0` lets the policy trade time for accuracy as it likes.
 
     ## Starting State
 
@@ -75,7 +83,7 @@ class ContourFollowingEnv(JobEnv):
 
     ## Version History
 
-    * v0: first version.
+    * v0: first version. Before release 1.0 its spaces and rewards may change; policies say for which they were made.
     """
 
     BATCH = ContourBatch

@@ -16,7 +16,8 @@ class CuttingEnv(JobEnv):
 
     ## Action Space
 
-    `Box(-1, 1, (8,), float32)`; `control="residual"` adds to the base's command, `control="direct"` is the command.
+    `Box(-1, 1, (8,), float32)`; `control="residual"` adds to the command of the base's process control,
+    `control="direct"` takes its place.
 
     | | action | residual at ±1 | direct, −1 to 1 |
     |-|--------|----------------|-----------------|
@@ -29,7 +30,8 @@ class CuttingEnv(JobEnv):
     | 6 | offset of the focus, up positive | ±1 mm | ±5 mm |
     | 7 | standoff, added to the nominal | ±0.3 mm | ±1 mm |
 
-    Values beyond what the optics, the recipe and the axes allow are limited to it.
+    Values beyond what the optics, the recipe and the axes allow are limited to it. The override holds in lead-ins and
+    cuts; rapids and piercing take the time they take.
 
     ## Observation Space
 
@@ -39,8 +41,9 @@ class CuttingEnv(JobEnv):
 
     ## Rewards
 
-    Per step: −`quality`·mm cut·(dross/a + Rz/R0)/2, −`through`·mm not cut through, −`time`, −`collision` once; a and R0
-    are the material's coefficients. The quality model is a proxy, see `plant/cut.py`.
+    Per step: −`quality`·mm cut·((dross/a + Rz/R0)/2 − 1), −`through`·mm not cut through, −`time`·share of the step that
+    is lost against the plan, −`collision` once; a and R0 are the material's coefficients. The quality model is a proxy,
+    see `plant/cut.py`.
 
     ## Starting State
 
@@ -80,7 +83,7 @@ class CuttingEnv(JobEnv):
 
     ## Version History
 
-    * v0: first version.
+    * v0: first version. Before release 1.0 its spaces and rewards may change; policies say for which they were made.
     """
 
     BATCH = CuttingBatch

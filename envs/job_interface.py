@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .plant import cut, gantry, machine
-from .plant.controller import Privileged, Process
+from .plant import cut, gantry, machine, xy_axes
+from .plant.controller import PERIOD, Privileged, Process
 from .plant.gantry import CUT, LEAD_IN, Hand, Journey, Progress, Recipe, Sums, Trail, between
 from .plant.lanes import U0, U1, UW, U, clip, doubles, flags, load, logarithm, part, singles, store, words
 
@@ -13,8 +13,8 @@ TASKS = ("contour", "cutting")
 CONTROLS = ("residual", "direct")
 OBSERVATIONS = ("features", "raw")
 
-CORRECTION = 0.2
-"""mm of the reference that an action of ±1 means."""
+CORRECTION = 0.5
+"""mm of the reference that an action of ±1 means: all that the machine lets a hand add (``gantry.Journey``)."""
 
 OVERRIDE = 0.5
 """Of the planned feed that an action of ±1 adds in residual control."""
@@ -23,10 +23,14 @@ RESIDUAL = Process(override=OVERRIDE, power=0.2, frequency=2000.0, x=0.15, y=0.1
 """What an action of ±1 adds to the base's command."""
 
 TOLERANCE = 0.01
-"""mm; contour errors are felt in multiples of it."""
+"""mm; contour errors are seen and charged in multiples of it."""
 
 AHEAD = (50.0, 100.0, 200.0)
 """ms of the plan at which the path ahead is shown."""
+
+TURNS = tuple(range(-96, 80, 16))
+"""ms from the reference at which the path's acceleration is shown: axes that follow with a delay need what lies behind
+the reference, axes that follow closely what lies ahead of it."""
 
 LIMIT = 10.0
 """Bound of every feature."""
@@ -37,16 +41,25 @@ _PATH = (
     "cutting", "beam", "progress",
 )  # fmt: skip
 FEATURES = {
-    "contour": (*_PATH, "correction_left", "correction_along"),
+    "contour": (
+        *_PATH,
+        "correction_left",
+        "correction_along",
+        "contour_rate",
+        "bend_reference",
+        "ahead_reference",
+        *(f"turn_{k:+d}" for k in TURNS),
+        *(f"push_{k:+d}" for k in TURNS),
+    ),
     "cutting": (*_PATH, "height_error", "set_height", *(f"command_{name}" for name in Process._fields)),
 }
-"""Names of the features, in order; ``raw`` observations have the same in mm, mm/s, W, Hz and rad."""
+"""Names of the features, in order; ``raw`` observations have the same in mm, mm/s, mm/s², W and Hz."""
 
 INFO = {
     "contour": (
         "time", "x", "y", "phase", "progress", "contour_error", "lag", "speed", "override", "true_gap", "gap_error",
         "measured_height", "cost", "length", "step_contour_rms", "done", "reward_contour", "reward_time",
-        "reward_collision", "weighted_contour", "weighted_time", "weighted_collision",
+        "reward_feed", "reward_collision", "weighted_contour", "weighted_time", "weighted_feed", "weighted_collision",
     ),
     "cutting": (
         "time", "x", "y", "phase", "progress", "contour_error", "lag", "speed", "override", "true_gap", "gap_error",
@@ -68,18 +81,26 @@ OBJECTIVES = {
 class ContourReward(NamedTuple):
     """Weights of the reward's terms in ContourFollowing; 0 switches one off."""
 
-    contour: float = 1.0  # per log(1 + |RMS contour error of the step|/10 µm), while cutting
-    time: float = 0.5  # per step
+    contour: float = 0.3  # per 10 µm of the step's RMS contour error, while cutting
+    time: float = 1.0  # per step that is lost against the plan
+    feed: float = 50.0  # per square of the feed's relative deviation from the plan, for which the process is set
     collision: float = 100.0  # once
 
 
 class CuttingReward(NamedTuple):
     """Weights of the reward's terms in Cutting; 0 switches one off."""
 
-    quality: float = 1.0  # per mm cut times the mean of dross and roughness over the material's scales
+    quality: float = 1.0  # per mm cut times the mean of dross and roughness over the material's scales, less 1
     through: float = 5.0  # per mm that is not cut through
-    time: float = 0.05  # per step
+    time: float = 0.05  # per step that is lost against the plan
     collision: float = 100.0  # once
+
+
+class Heading(NamedTuple):
+    """A direction, of length 1."""
+
+    x: float = 1.0
+    y: float = 0.0
 
 
 class Io(NamedTuple):
@@ -111,12 +132,16 @@ _IO, _ANY, _DECK = U(len(Io._fields)), U(2**40), U(gantry.DECK)
 _TRAIL = U(len(Trail._fields)) * UW
 _COLLIDED = machine.TALLY + U(machine.Tally._fields.index("collided")) * UW
 _STEP = 8e-3
+_BACK = 2
+"""ms that the trail reaches back."""
+_TURNS = U(len(TURNS))
 
 
 @part
-def _now(block, at):
-    """Offset of the present entry of the trail."""
-    return gantry.TRAIL + (U(np.int64(block[at + machine.CLOCK])) & gantry.TRAIL_LAST) * _TRAIL
+def _ago(block, at, ms):
+    """Offset of the trail's entry of ``ms`` (0 to :data:`_BACK`) ago."""
+    entry = U(np.int64(block[at + machine.CLOCK])) - U(ms)
+    return gantry.TRAIL + (entry & gantry.TRAIL_LAST) * _TRAIL
 
 
 @part
@@ -126,23 +151,41 @@ def _symlog(x):
     return y if x >= 0.0 else -y
 
 
+# ------------------------------------------------------------------------------------------------ the reference
+
+
+@part
+def _coming(g, b):
+    """ms of nominal time at which the reference will be at the coming interpolation, when a correction takes effect."""
+    s, p = load(Progress, g, b + gantry.PROGRESS), load(xy_axes.Params, g, b + gantry.P_XY)
+    return s.tau + s.override * p.interpolation
+
+
+@part
+def _heading(jobs, j, tau):
+    """Direction of the path at the sample nearest to ``tau``: in a corner that of one leg, not a mean of both."""
+    k = np.rint(clip(tau, 0.0, j.samples - 1.0))
+    return Heading(between(jobs, j, k, U(4)), between(jobs, j, k, U(5)))
+
+
 # --------------------------------------------------------------------------------------------------- the action
 
 
 def act(block_address, at, n, io_address, first):
     """Stage before a step: the action becomes what the hand adds to path and process."""
-    io, block = words(io_address, _IO), doubles(block_address, _ANY)
-    g = doubles(words(io[_GANTRY], _DECK)[gantry.D_BLOCK], _ANY)
+    io = words(io_address, _IO)
+    deck = words(io[_GANTRY], _DECK)
+    g, jobs = doubles(deck[gantry.D_BLOCK], _ANY), doubles(deck[gantry.D_JOBS], _ANY)
     base, actions, width = gantry.column_of(at), singles(io[_ACTIONS], _ANY), io[_WIDTH]
     for lane in range(n):
         a, i = base + lane, (first + lane) * width
         if io[_TASK] == U0:
             left = CORRECTION * clip(np.float64(actions[i + U1]), -1.0, 1.0)
             along = CORRECTION * clip(np.float64(actions[i + U(2)]), -1.0, 1.0)
-            t = load(Trail, g, a + _now(block, at))
+            t = _heading(jobs, load(Journey, g, a + gantry.P_JOURNEY), _coming(g, a))
             change = OVERRIDE * clip(np.float64(actions[i]), -1.0, 1.0)
             store(g, a + gantry.HAND, Hand(
-                dx=along * t.tx - left * t.ty, dy=along * t.ty + left * t.tx,
+                dx=along * t.x - left * t.y, dy=along * t.y + left * t.x, keep=1.0,
                 process=Process(change, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
             ))  # fmt: skip
         else:
@@ -163,7 +206,7 @@ def act(block_address, at, n, io_address, first):
                     RESIDUAL.override * u0, RESIDUAL.power * u1, RESIDUAL.frequency * u2, RESIDUAL.x * u3,
                     RESIDUAL.y * u4, RESIDUAL.z * u5, RESIDUAL.focus * u6, RESIDUAL.standoff * u7,
                 )  # fmt: skip
-            store(g, a + gantry.HAND, Hand(0.0, 0.0, h))
+            store(g, a + gantry.HAND, Hand(0.0, 0.0, 0.0 if io[_DIRECT] == U1 else 1.0, h))
 
 
 # ---------------------------------------------------------------------------------------------- the observation
@@ -176,11 +219,41 @@ def _put(out, o, x, raw, scaled):
 
 
 @part
-def _see(block, a, g, b, jobs, out, o, raw, task, trail):
+def _see_reference(g, b, jobs, j, s, t, before, out, o, raw):
+    """What a correction of the reference depends on, in the reference's own frame: the corrections in force, and how
+    the path bends and speeds up around it."""
+    p, tau = load(xy_axes.Params, g, b + gantry.P_XY), _coming(g, b)
+    h = _heading(jobs, j, tau)
+    left, along = s.dy * h.x - s.dx * h.y, s.dx * h.x + s.dy * h.y
+    _put(out, o, left, raw, left / CORRECTION)
+    _put(out, o + U1, along, raw, along / CORRECTION)
+    rate = (t.error - before.error) / (_BACK * PERIOD)
+    _put(out, o + U(2), rate, raw, _symlog(rate * _STEP / TOLERANCE))
+    bend, ahead = t.tx * h.y - t.ty * h.x, t.tx * h.x + t.ty * h.y
+    _put(out, o + U(3), bend, raw, bend)
+    _put(out, o + U(4), ahead, raw, ahead)
+    # Second differences of the path over time, as it will be travelled with the present override.
+    ms = (TURNS[1] - TURNS[0]) * s.override
+    at, over = tau + TURNS[0] * s.override, 1.0 / (1e-6 * (TURNS[1] - TURNS[0]) * (TURNS[1] - TURNS[0]))
+    x0, y0 = between(jobs, j, at - ms, U0), between(jobs, j, at - ms, U1)
+    x1, y1 = between(jobs, j, at, U0), between(jobs, j, at, U1)
+    scale = 4.0 / p.acceleration
+    for k in range(_TURNS):
+        at += ms
+        x2, y2 = between(jobs, j, at, U0), between(jobs, j, at, U1)
+        ax, ay = (x2 - 2.0 * x1 + x0) * over, (y2 - 2.0 * y1 + y0) * over
+        turn, push = ay * h.x - ax * h.y, ax * h.x + ay * h.y
+        _put(out, o + U(5) + k, turn, raw, scale * turn)
+        _put(out, o + U(5) + _TURNS + k, push, raw, scale * push)
+        x0, y0, x1, y1 = x1, y1, x2, y2
+
+
+@part
+def _see(block, a, g, b, jobs, out, o, raw, task, trail, earlier):
     """The observation of the machine at ``a`` and ``b`` into ``out`` from ``o`` on."""
     j, s = load(Journey, g, b + gantry.P_JOURNEY), load(Progress, g, b + gantry.PROGRESS)
-    hand, applied = load(Hand, g, b + gantry.HAND), load(Process, g, b + gantry.APPLIED)
-    t, feed = load(Trail, g, b + trail), max(j.feed, 1e-3)
+    applied = load(Process, g, b + gantry.APPLIED)
+    t, before, feed = load(Trail, g, b + trail), load(Trail, g, b + earlier), max(j.feed, 1e-3)
     planned = between(jobs, j, t.tau, U(3))
     _put(out, o, t.error, raw, _symlog(t.error / TOLERANCE))
     _put(out, o + U(1), t.lag, raw, _symlog(t.lag / (10.0 * TOLERANCE)))
@@ -203,9 +276,7 @@ def _see(block, a, g, b, jobs, out, o, raw, task, trail):
     progress = s.near / (j.samples - 1.0)
     _put(out, o + U(18), progress, raw, progress)
     if task == U0:
-        left, along = hand.dy * t.tx - hand.dx * t.ty, hand.dx * t.tx + hand.dy * t.ty
-        _put(out, o + U(19), left, raw, left / CORRECTION)
-        _put(out, o + U(20), along, raw, along / CORRECTION)
+        _see_reference(g, b, jobs, j, s, t, before, out, o + U(19), raw)
     else:
         x = load(Privileged, block, a + machine.SIGNALS)
         height, p = x.height - x.set_height, load(gantry.spot.Params, g, b + gantry.P_OPTICS)
@@ -250,16 +321,34 @@ def _common(block, a, g, b, trail, infos, o, m):
 
 
 @part
-def _contour_reward(infos, o, m, weights):
+def _lost(g, b):
+    """Share of a step that is lost against the plan, negative if some is gained. Charged where it is lost: a charge per
+    step would reach a discounting learner at the job's end alone."""
+    s, j = load(Progress, g, b + gantry.PROGRESS), load(Journey, g, b + gantry.P_JOURNEY)
+    return 1.0 if s.tau >= j.samples - 1.0 else 1.0 - s.override
+
+
+@part
+def _weigh(infos, o, m, weights, first, terms):
+    """Weighs the reward's ``terms``, of which the first is entry ``first``, behind them; returns their sum."""
+    total = 0.0
+    for k in range(terms):
+        weighted = -weights[k] * infos[o + (first + k) * m]
+        infos[o + (first + terms + k) * m] = weighted
+        total += weighted
+    return total
+
+
+@part
+def _contour_reward(g, b, infos, o, m, weights):
     """The terms of ContourFollowing; returns their weighted sum."""
-    felt, collided = logarithm(1.0 + infos[o + U(14) * m] / TOLERANCE), infos[o + U(12) * m]
-    infos[o + U(16) * m] = felt
-    infos[o + U(17) * m] = 1.0
-    infos[o + U(18) * m] = collided
-    infos[o + U(19) * m] = -weights[U0] * felt
-    infos[o + U(20) * m] = -weights[U1]
-    infos[o + U(21) * m] = -weights[U(2)] * collided
-    return infos[o + U(19) * m] + infos[o + U(20) * m] + infos[o + U(21) * m]
+    lost = _lost(g, b)
+    change = load(Progress, g, b + gantry.PROGRESS).override - 1.0
+    infos[o + U(16) * m] = infos[o + U(14) * m] / TOLERANCE
+    infos[o + U(17) * m] = lost
+    infos[o + U(18) * m] = change * change
+    infos[o + U(19) * m] = infos[o + U(12) * m]
+    return _weigh(infos, o, m, weights, U(16), U(4))
 
 
 @part
@@ -268,7 +357,7 @@ def _cutting_reward(g, b, infos, o, m, weights):
     f, p = load(cut.Figures, g, b + gantry.FIGURES), load(cut.Params, g, b + gantry.P_CUT)
     s, was = load(Sums, g, b + gantry.SUMS), load(Sums, g, b + gantry.BEFORE)
     r, applied = load(Recipe, g, b + gantry.P_RECIPE), load(Process, g, b + gantry.APPLIED)
-    length, collided = s.length - was.length, infos[o + U(12) * m]
+    length = s.length - was.length
     over = 1.0 / length if length > 0.0 else 0.0
     dross, rough = (s.dross - was.dross) * over, (s.roughness - was.roughness) * over
     through = (s.through - was.through) * over if length > 0.0 else 1.0
@@ -282,16 +371,12 @@ def _cutting_reward(g, b, infos, o, m, weights):
     infos[o + U(23) * m] = dross
     infos[o + U(24) * m] = rough
     infos[o + U(25) * m] = through
-    infos[o + U(26) * m] = 0.5 * length * (dross / p.dross + rough / p.rough)
+    # Less what a cut that just goes through costs: a charge on every mm would pay for putting off the cut.
+    infos[o + U(26) * m] = length * (0.5 * (dross / p.dross + rough / p.rough) - 1.0)
     infos[o + U(27) * m] = length * (1.0 - through)
-    infos[o + U(28) * m] = 1.0
-    infos[o + U(29) * m] = collided
-    total = 0.0
-    for k in range(U(4)):
-        weighted = -weights[k] * infos[o + (U(26) + k) * m]
-        infos[o + (U(30) + k) * m] = weighted
-        total += weighted
-    return total
+    infos[o + U(28) * m] = _lost(g, b)
+    infos[o + U(29) * m] = infos[o + U(12) * m]
+    return _weigh(infos, o, m, weights, U(26), U(4))
 
 
 def observe(block_address, at, n, io_address, first):
@@ -304,14 +389,14 @@ def observe(block_address, at, n, io_address, first):
     rewards, returns = doubles(io[_REWARDS] + eighth, n), doubles(io[_RETURNS] + eighth, n)
     left = doubles(io[_LEFT] + eighth, n)
     terminated, truncated = flags(io[_TERMINATED] + first, n), flags(io[_TRUNCATED] + first, n)
-    trail = _now(block, at)
+    trail, earlier = _ago(block, at, 0), _ago(block, at, _BACK)
     one, none = np.uint8(1), np.uint8(0)
     for lane in range(n):
         a, b, o = at + lane, base + lane, first + lane
-        _see(block, a, g, b, jobs, out, o * io[_SIZE], io[_RAW] == U1, io[_TASK], trail)
+        _see(block, a, g, b, jobs, out, o * io[_SIZE], io[_RAW] == U1, io[_TASK], trail, earlier)
         _common(block, a, g, b, trail, infos, o, m)
         if io[_TASK] == U0:
-            reward = _contour_reward(infos, o, m, weights)
+            reward = _contour_reward(g, b, infos, o, m, weights)
         else:
             reward = _cutting_reward(g, b, infos, o, m, weights)
         store(g, b + gantry.BEFORE, load(Sums, g, b + gantry.SUMS))

@@ -60,6 +60,7 @@ class Hand(NamedTuple):
 
     dx: float = 0.0  # mm, added to the reference
     dy: float = 0.0
+    keep: float = 1.0  # share of the law's command that stays; 0: the hand alone decides about the process
     process: Process = Process(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -73,6 +74,8 @@ class Progress(NamedTuple):
     interpolation_in: float = 0.0
     velocity_x: float = 0.0  # mm/s of the increments being issued
     velocity_y: float = 0.0
+    dx: float = 0.0  # mm, correction of the reference in force
+    dy: float = 0.0
     fresh: bool = True
 
 
@@ -179,6 +182,8 @@ _AHEAD = U(AHEAD)
 LEAST_OVERRIDE = 0.05
 _SLEW = 0.5
 """Share of the axes' acceleration that a change of the feed override may take."""
+_FADE = 0.5
+"""Share of a correction that is left at each interpolation once the cut is over."""
 
 
 # ------------------------------------------------------------------------------------------------------- the job
@@ -238,14 +243,16 @@ def apply_all(g, base, n):
                 load(spot.Params, g, a + P_OPTICS),
                 load(Process, g, a + PROCESS_WISH),
             )
-            h = load(Hand, g, a + HAND).process
+            hand = load(Hand, g, a + HAND)
+            k, h = hand.keep, hand.process
             c = Process(
-                override=clip(u.override + h.override, LEAST_OVERRIDE, r.most_override),
-                power=clip(u.power + h.power, 0.0, r.most_power),
-                frequency=clip(u.frequency + h.frequency, 0.0, p.highest),
-                x=clip(u.x + h.x, 0.0, p.galvo_range), y=clip(u.y + h.y, 0.0, p.galvo_range),
-                z=clip(u.z + h.z, 0.0, p.piezo_range), focus=clip(u.focus + h.focus, -p.piezo_range, p.piezo_range),
-                standoff=clip(u.standoff + h.standoff, -r.most_standoff, r.most_standoff),
+                override=clip(k * u.override + h.override, LEAST_OVERRIDE, r.most_override),
+                power=clip(k * u.power + h.power, 0.0, r.most_power),
+                frequency=clip(k * u.frequency + h.frequency, 0.0, p.highest),
+                x=clip(k * u.x + h.x, 0.0, p.galvo_range), y=clip(k * u.y + h.y, 0.0, p.galvo_range),
+                z=clip(k * u.z + h.z, 0.0, p.piezo_range),
+                focus=clip(k * u.focus + h.focus, -p.piezo_range, p.piezo_range),
+                standoff=clip(k * u.standoff + h.standoff, -r.most_standoff, r.most_standoff),
             )  # fmt: skip
             before = load(spot.Realised, g, a + REALISED)
             real = spot.realised(p, spot.Command(c.frequency, c.x, c.y, c.z, c.focus), before.focus)
@@ -301,7 +308,7 @@ def locate_all(g, base, n, jobs, now):
             override=s.override, over=1.0 if near >= j.samples - 1.0 else 0.0,
         ))  # fmt: skip
         store(g, a + PROGRESS, Progress(
-            s.tau, s.override, near, s.servo_in, s.interpolation_in, s.velocity_x, s.velocity_y, s.fresh
+            s.tau, s.override, near, s.servo_in, s.interpolation_in, s.velocity_x, s.velocity_y, s.dx, s.dy, s.fresh
         ))  # fmt: skip
 
 
@@ -332,17 +339,22 @@ def head_all(g, base, n, jobs):
             hand, applied = load(Hand, g, a + HAND), load(Process, g, a + APPLIED)
             x = xy_axes.sampled(p, load(xy_axes.Axis, g, a + X))
             y = xy_axes.sampled(p, load(xy_axes.Axis, g, a + Y))
-            tau, override = s.tau, s.override
+            tau, override, dx, dy = s.tau, s.override, s.dx, s.dy
             vx, vy = s.velocity_x, s.velocity_y
             if s.interpolation_in > p.servo:
                 interpolation_in = s.interpolation_in - p.servo
             else:
                 interpolation_in = p.interpolation
                 most = _SLEW * p.acceleration * p.interpolation * PERIOD / max(between(jobs, j, tau, U(3)), 1.0)
-                wanted = clip(applied.override, LEAST_OVERRIDE, between(jobs, j, tau, U(9)))
+                # Override and corrections are about cuts. Rapids and piercing take the time they take, and begin and
+                # end where the programme says, or the nozzle would never be seen to arrive.
+                phase = jobs[_at(jobs, j, np.rint(tau)) + U(7)]
+                feeds = phase == LEAD_IN or phase == CUT
+                wanted = clip(applied.override, LEAST_OVERRIDE, between(jobs, j, tau, U(9))) if feeds else 1.0
                 override += clip(wanted - override, -most, most)
                 tau = min(tau + override * p.interpolation, j.samples - 1.0)
-                dx, dy = clip(hand.dx, -j.corrections, j.corrections), clip(hand.dy, -j.corrections, j.corrections)
+                dx = clip(hand.dx, -j.corrections, j.corrections) if feeds else _FADE * dx
+                dy = clip(hand.dy, -j.corrections, j.corrections) if feeds else _FADE * dy
                 x = xy_axes.headed(p, x, between(jobs, j, tau, U0) + dx)
                 y = xy_axes.headed(p, y, between(jobs, j, tau, U1) + dy)
             period = p.servo * PERIOD
@@ -356,7 +368,9 @@ def head_all(g, base, n, jobs):
                 acceleration_y=(new_y - vy) / period, period=period,
                 feed=between(jobs, j, tau, U(3)) * override, fresh=s.fresh,
             ))  # fmt: skip
-            store(g, a + PROGRESS, Progress(tau, override, s.near, p.servo, interpolation_in, new_x, new_y, False))
+            store(g, a + PROGRESS, Progress(
+                tau, override, s.near, p.servo, interpolation_in, new_x, new_y, dx, dy, False
+            ))  # fmt: skip
             g[a + DUE] = 1.0
 
 
@@ -454,11 +468,11 @@ def _start(block_address, at, n, deck_address, tick):
     store(g, base + G_XY, xy_axes.gains(load(xy_axes.Params, g, base + P_XY), PERIOD))
     store(g, base + X, xy_axes.at_rest(x))
     store(g, base + Y, xy_axes.at_rest(y))
-    store(g, base + HAND, Hand(0.0, 0.0, Process(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)))
+    store(g, base + HAND, Hand(0.0, 0.0, 1.0, Process(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)))
     store(g, base + APPLIED, Process(1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     store(g, base + REALISED, spot.Realised(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     store(g, base + TURN, Turn(0.0, True))
-    store(g, base + PROGRESS, Progress(0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, True))
+    store(g, base + PROGRESS, Progress(0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, True))
     locate_all(g, base, U1, jobs, TRAIL)
     first = load(Trail, g, base + TRAIL)
     for i in range(TRAIL_LAST + U1):
