@@ -183,7 +183,7 @@ class Proportional:
 def test_a_plain_python_law_does_a_job_with_the_bits_of_the_compiled_one():
     python = team(python_stack(Proportional, "mine"))
     rows = [
-        job_runs.compute(who.name, FAST, who, (1000, 1003), None)["runs"].drop(columns="controller")
+        job_runs.compute(who.name, FAST, who, (1000, 1003))["runs"].drop(columns="controller")
         for who in (python, team("xi2023-improved:law.kv=50"))
     ]
     pd.testing.assert_frame_equal(*rows)
