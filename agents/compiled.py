@@ -251,7 +251,7 @@ class _Flight:
         infos = len(interface.INFO if following else job_interface.INFO[task])
         self.actions, self.observations = np.zeros((count, width), np.float32), np.zeros((count, size), np.float32)
         self.numbers = np.zeros((infos + 3, count))  # infos, rewards, returns, left: written by `observe`, never read
-        self.ends, self.terms, self.since = np.zeros((2, count), bool), np.zeros(8), np.zeros(count)
+        self.ends, self.terms, self.since = np.zeros((2, count), bool), np.ones(8), np.zeros(count)
         self.weights, self.layers, stride = _laid_out(network)
         self.work = np.zeros((count, stride), np.float32)
         n = network.normaliser

@@ -47,6 +47,10 @@ _CATALOGUE: dict[str, tuple[str, str, dict, str]] = {
         "mpc", "model-predictive: the tuned LQG under bounds on command and acceleration, planned anew each period",
         {"filter.kind": "anti-impulse", "filter.hold": 4, "guard.rise": 0.05}, "lqg",
     ),
+    "self-tuning": (
+        "self_tuning", "self-tuning predictor: learns how the sheet goes on by recursive least squares, tuned",
+        {"filter.kind": "anti-impulse", "filter.hold": 4, "guard.rise": 0.05, "filter.jump": 0.031}, "self-tuning",
+    ),
     "preview-5ms": ("preview", "knows the sheet 5 ms ahead, tuned: score 1", {}, "preview-5ms"),
     "patent2022": (
         "patent2022", "Patent2022 as printed: lift, hold, lower with factors of 0.01, planned descent", {}, "",

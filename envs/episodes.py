@@ -182,4 +182,6 @@ def weights_of(reward: dict[str, float] | None, default: Any) -> Any:
             raise InvalidInput(f"unknown reward term '{name}'; {did_you_mean(name, default._fields)}")
         if not np.isfinite(value) or value < 0:
             raise InvalidInput(f"reward.{name} = {value} is out of range; allowed: 0 and up")
+        if name == "tolerance" and value == 0:
+            raise InvalidInput("reward.tolerance = 0 is out of range; allowed: above 0, in mm")
     return default._replace(**(reward or {}))

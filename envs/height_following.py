@@ -80,8 +80,8 @@ class HeightFollowingEnv(gym.Env):
     ## Rewards
 
     `-0.3·ln(1 + |true error|/2 µm)` while the beam is over the sheet, `-0.3·(change of command/10 mm/s)²`, and `-100` for
-    a collision. `reward={"error": 0.3, "rate": 0.3, "collision": 100}` changes the weights. `info` holds each term raw and
-    weighted, besides the true gap, the measured height, the errors (mm) and `cost` (1 for a collision).
+    a collision. `reward={"error": 0.3, "rate": 0.3, "collision": 100, "tolerance": 0.002}` changes the weights, and the
+    2 µm (in mm). `info` holds each term raw and weighted, besides the true gap, the measured height, the errors (mm) and `cost` (1 for a collision).
 
     ## Starting State
 

@@ -38,7 +38,7 @@ LEAST_GAIN, LARGEST_GAIN = 0.2, 3.0
 """Limits of ``control="schedule"``."""
 
 TOLERANCE = 0.002
-"""mm; errors are felt in multiples of it."""
+"""mm; the unit of the observed errors, and of those that the reward charges unless it is told otherwise."""
 _PER_TOLERANCE = 1.0 / TOLERANCE  # multiplying is quicker than dividing
 
 LIMIT = 10.0
@@ -76,11 +76,12 @@ INFO = (
 
 
 class Reward(NamedTuple):
-    """Weights of the reward's terms; 0 switches one off."""
+    """Weights of the reward's terms (0 switches one off), and the tolerance within which an error matters little."""
 
-    error: float = 0.3  # per unit of log(1 + |true error|/2 µm), while cutting
+    error: float = 0.3  # per unit of log(1 + |true error|/tolerance), while cutting
     rate: float = 0.3  # per (change of command/10 mm/s)²
     collision: float = 100.0  # once
+    tolerance: float = TOLERANCE  # mm; the unit of the error, which is felt logarithmically beyond it
 
 
 class Io(NamedTuple):
@@ -91,7 +92,7 @@ class Io(NamedTuple):
     rewards: int  # float64, (machines,)
     returns: int  # float64, (machines,), sums of the rewards of the episodes
     infos: int  # float64, (len(INFO), machines)
-    weights: int  # float64, (3,)
+    weights: int  # float64, (4,), see Reward
     control: int
     raw: int
     size: int
@@ -274,11 +275,12 @@ def judge(block, at, n, rows, weights, tick):
     """The entries of :data:`INFO`, one row of lanes each."""
     now, before = at + machine.COMMANDS + _back(tick, 0), at + machine.COMMANDS + _back(tick, 1)
     error_weight, rate_weight, collision_weight = -weights[0], -weights[1], -weights[2]
+    per_tolerance = 1.0 / weights[3]
     for lane in range(n):
         a = at + lane
         gap, height, wanted, collided = block[a + _GAP], block[a + _HEIGHT], block[a + _SET], block[a + _COLLIDED]
         scored = block[a + _SCORED]
-        felt = logarithm(1.0 + abs(gap - wanted) * _PER_TOLERANCE) if scored > 0.5 else 0.0
+        felt = logarithm(1.0 + abs(gap - wanted) * per_tolerance) if scored > 0.5 else 0.0
         change = 0.1 * (block[now + lane] - block[before + lane])
         _put(rows, 0, lane, gap)
         _put(rows, 1, lane, height)

@@ -1,0 +1,243 @@
+"""Self-tuning predictor: learns while it runs how the sheet goes on, and feeds that forward.
+
+The sheet under the nozzle is ``head position − height``. Its rise over the next 2, 4 and 6 periods is predicted as a
+linear function of how it has just moved: differences to the last four readings and to six moving averages, from 2 to 64
+periods long. The coefficients are not given; they are estimated by recursive least squares with forgetting, so a slope,
+a wave, a vibrating sheet or several sines at once are each predicted once they have been seen for a few of their
+periods. This is the direct self-tuning scheme (Åström and Wittenmark, "On self tuning regulators", Automatica 9, 1973)
+for a disturbance that can be measured; drive and dead time enter through ``lead`` and ``sharpen`` alone.
+
+What an innovation exceeds ``gate`` times the usual one by is cut off, so a step hardly disturbs what has been learnt.
+The command is the predicted speed, ``lead`` ahead, with a share of its change, and a proportional term on the error.
+"""
+
+from typing import Annotated, NamedTuple
+
+import numpy as np
+
+from kerfgym.envs.plant.controller import PERIOD
+from kerfgym.envs.plant.lanes import clip, part
+from kerfgym.envs.plant.quantity import Quantity
+from kerfgym.envs.plant.supervisor import HOLD
+
+RECENT, AVERAGES = 4, 6
+TERMS = RECENT + AVERAGES
+NEAR, MIDDLE, FAR = 2, 4, 6
+"""Periods ahead."""
+
+RING = 8
+"""Periods that are remembered; more than FAR."""
+
+CENTRE = 4
+"""Periods by which a command is delayed before it is compared with the head's velocity."""
+
+# Places in the memory.
+READINGS = 0
+COMMANDS = READINGS + RING
+MEANS = COMMANDS + RING
+SEEN = MEANS + AVERAGES  # what predictions were made from, a row a period
+GAIN = SEEN + RING * TERMS
+SPREAD = GAIN + TERMS  # variance of the coefficients over that of an innovation
+NEARER = SPREAD + TERMS * TERMS  # coefficients, a row for each horizon
+FARTHER = NEARER + 2 * TERMS
+MEMORY = NEARER + 3 * TERMS
+
+FADE = 0.98
+"""Of the largest speed seen, per period."""
+
+LITTLE = 0.01
+"""mm; a larger error is integrated as if it were this one."""
+
+CALM = 1e-3
+"""s²: the square of ``trust`` in (mm/s per period)², for a thousand periods."""
+
+QUIET = 1e-4
+"""mm; an innovation is never taken to be smaller, which the resolution of count and encoder would not support."""
+
+
+class Params(NamedTuple):
+    """Gains of loop and estimator."""
+
+    kp: Annotated[float, Quantity("1/s", 20.0, 150.0, "proportional gain", log=True)] = 55.434
+    ki: Annotated[float, Quantity("1/s²", 0.0, 5000.0, "integral gain")] = 0.0
+    feed: Annotated[float, Quantity("1", 0.0, 1.2, "share of the predicted speed fed forward")] = 0.985
+    lead: Annotated[float, Quantity("ms", -3.0, 3.0, "how far beyond the drive's lag the speed is taken")] = -1.141
+    sharpen: Annotated[float, Quantity("ms", -3.0, 6.0, "share of its change, as a time")] = 1.971
+    memory: Annotated[
+        float, Quantity("ms", 40.0, 1000.0, "after which what was learnt is half forgotten", log=True)
+    ] = 135.31
+    prior: Annotated[
+        float, Quantity("1", 0.1, 5.0, "standard deviation of a coefficient before learning", log=True)
+    ] = 1.282
+    gate: Annotated[float, Quantity("1", 2.0, 12.0, "largest innovation that counts, over the usual one", log=True)] = (
+        6.369
+    )
+    jump: Annotated[float, Quantity("mm", 0.02, 0.1, "off the sheet's trend, that is bridged", log=True)] = 0.035
+    hold: Annotated[int, Quantity("ms", 0, 20, "longest bridge; what outlasts it is real")] = 4
+    reach: Annotated[float, Quantity("1", 1.0, 2.0, "largest speed fed forward, over the largest seen of late")] = 1.5
+    smith: Annotated[float, Quantity("1", 0.0, 1.0, "share of the commands on their way that counts as done")] = 0.344
+    lag: Annotated[float, Quantity("ms", 3.0, 7.0, "of the drive, before it is known")] = 5.395
+    trust: Annotated[
+        float, Quantity("mm/s²", 10.0, 1000.0, "acceleration that makes the drive's lag known", log=True)
+    ] = 54.218
+
+
+class State(NamedTuple):
+    """Clocks and slow quantities."""
+
+    tick: float = 0.0  # of the rings
+    known: float = 0.0  # periods since the readings are the sheet's
+    usual: float = 0.0  # mm², mean square of the farthest prediction's innovation
+    grow: float = 1.0  # of the coefficients' variance per period
+    late: float = 0.0  # covariance of the head's velocity and its command's acceleration, …
+    power: float = 0.0  # … and the latter's variance, forgotten as slowly
+    fastest: float = 0.0  # mm per period, largest speed of the sheet of late
+    integral: float = 0.0  # mm/s
+    bridged: float = 0.0  # periods since a jump; below 0: periods until the trend is known again
+
+
+@part
+def init(params):
+    """The initial state."""
+    return State(0.0, 0.0, 4e-6, 2.0 ** (1.0 / params.memory), 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@part
+def _slot(tick, back):
+    """Ring index of ``back`` periods ago."""
+    t = tick - back
+    return np.int64(t - RING * np.floor(t / RING))
+
+
+@part
+def _learn(p, m, base, now, mid, far, usual, grow):
+    """Recursive least squares: what was said ``FAR`` periods ago against what came; returns the cut innovation."""
+    row = SEEN + base * TERMS
+    power = 0.0
+    for i in range(TERMS):
+        g = 0.0
+        for j in range(TERMS):
+            g += m[SPREAD + i * TERMS + j] * m[row + j]
+        m[GAIN + i] = g
+        power += g * m[row + i]
+    scale = 1.0 / (usual / grow + power)
+    limit = p.gate * np.sqrt(usual)
+    last = 0.0
+    for k in range(3):
+        at = NEARER + k * TERMS
+        said = 0.0
+        for i in range(TERMS):
+            said += m[at + i] * m[row + i]
+        came = now if k == 0 else (mid if k == 1 else far)
+        last = clip(came - m[READINGS + base] - said, -limit, limit)
+        for i in range(TERMS):
+            m[at + i] += scale * m[GAIN + i] * last
+    trace = 0.0
+    for i in range(TERMS):
+        cut = scale * m[GAIN + i]
+        for j in range(TERMS):
+            m[SPREAD + i * TERMS + j] = grow * (m[SPREAD + i * TERMS + j] - cut * m[GAIN + j])
+        trace += m[SPREAD + i * TERMS + i]
+    # What is not excited must not grow for ever.
+    most = TERMS * p.prior * p.prior
+    if trace > most:
+        for i in range(TERMS * TERMS):
+            m[SPREAD + i] *= most / trace
+    return last
+
+
+@part
+def _lag(p, late, power):
+    """ms, from a reading to the drive's answer to it."""
+    return clip(p.lag + (late - (p.lag - CENTRE) * power) / (power + CALM * p.trust * p.trust), 1.0, 9.0)
+
+
+@part
+def lag(params, state):
+    """What the drive's lag is taken to be, ms."""
+    return _lag(params, state.late * state.grow, state.power * state.grow)
+
+
+@part
+def control(params, state, signals, tables, memory):
+    """Head velocity, mm/s."""
+    p, x, m = params, signals, memory
+    if x.fresh:
+        for i in range(MEMORY):
+            m[i] = 0.0
+        for i in range(TERMS):
+            m[SPREAD + i * TERMS + i] = p.prior * p.prior
+    # Not the filtered height: what is off the trend is told apart in the sheet, where the head's own motion does not count.
+    seen, tick = x.head_position - x.raw_height, state.tick + 1.0
+    last = m[READINGS + _slot(tick, 1.0)]
+    expected = last + (last - m[READINGS + _slot(tick, RECENT)]) / (RECENT - 1)
+    off = abs(seen - expected) > p.jump
+    bridges = off and state.bridged >= 0.0 and state.bridged < p.hold
+    measured = expected if bridges else seen
+    # One that outlasts is real; then the trend is that of the jump for a while.
+    bridged = state.bridged + 1.0 if bridges or state.bridged < 0.0 else (-float(RECENT) if off else 0.0)
+    # Far from the sheet and over a hole the reading says nothing of the sheet.
+    blind, holds = not x.captured, x.mode == HOLD
+    if x.fresh or blind:
+        measured, bridged = seen, 0.0
+        for i in range(RING):
+            m[READINGS + i] = measured
+        for i in range(AVERAGES):
+            m[MEANS + i] = measured
+    if x.fresh:
+        for i in range(RING):
+            m[COMMANDS + i] = 0.0
+    m[COMMANDS + _slot(tick, 1.0)] = x.command
+    if holds:
+        measured = m[READINGS + _slot(tick, 1.0)]
+    m[READINGS + _slot(tick, 0.0)] = measured
+    known = 0.0 if blind or x.fresh else (1.0 if holds else min(state.known + 1.0, 1e6))
+    row = SEEN + _slot(tick, 0.0) * TERMS
+    for k in range(RECENT):
+        m[row + k] = measured - m[READINGS + _slot(tick, k + 1.0)]
+    share = 0.5
+    for k in range(AVERAGES):
+        m[row + RECENT + k] = measured - m[MEANS + k]
+        m[MEANS + k] += share * (measured - m[MEANS + k])
+        share *= 0.5
+    usual = state.usual
+    if known > FAR + 2.0:
+        base = _slot(tick, FAR)
+        now, mid = m[READINGS + _slot(tick, FAR - NEAR)], m[READINGS + _slot(tick, FAR - MIDDLE)]
+        missed = _learn(p, m, base, now, mid, measured, usual, state.grow)
+        usual = max(0.99 * usual + 0.01 * missed * missed, QUIET * QUIET)
+    near, middle, far = 0.0, 0.0, 0.0
+    for i in range(TERMS):
+        near += m[NEARER + i] * m[row + i]
+        middle += m[NEARER + TERMS + i] * m[row + i]
+        far += m[FARTHER + i] * m[row + i]
+    # Head velocity is its command, later: to first order v(t) = u(t − c) − (lag − c)·u'(t − c).
+    sent, before = m[COMMANDS + _slot(tick, CENTRE)], m[COMMANDS + _slot(tick, CENTRE + 1.0)]
+    after = m[COMMANDS + _slot(tick, CENTRE - 1.0)]
+    change = 0.5 * (after - before)
+    late = state.late + (-(x.head_velocity - sent) * change if known > 20.0 else 0.0)
+    power = state.power + (change * change if known > 20.0 else 0.0)
+    behind = _lag(p, late, power)
+    # The parabola through the three: its value and slope where the command will act, and how that changes.
+    bend = (far - 2.0 * middle + near) / ((MIDDLE - NEAR) * (MIDDLE - NEAR))
+    slope = (far - near) / (FAR - NEAR)
+    off = behind + p.lead - MIDDLE
+    speed = slope + bend * off
+    ready = known > FAR + 2.0
+    # A sheet hardly moves faster than it has just moved; an estimate that has gone astray says so.
+    fastest = max(FADE * state.fastest, abs(m[row + RECENT - 1]) / RECENT)
+    most = p.reach * fastest
+    coming = clip(speed + p.sharpen * bend, -most, most) / PERIOD if ready else 0.0
+    off = behind - MIDDLE
+    rise = middle + slope * off + 0.5 * bend * off * off if ready else 0.0
+    moving = 0.0
+    for k in range(1, RING):
+        moving += clip(behind - k + 0.5, 0.0, 1.0) * m[COMMANDS + _slot(tick, k)] * PERIOD
+    error = x.head_position - measured - x.set_height + p.smith * (moving - rise)
+    answer = p.feed * coming - p.kp * error
+    # Nothing winds up while the supervisor moves the head. A step is over before summing it up could help.
+    free = ready and not x.override
+    integral = state.integral + p.ki * PERIOD * clip(error, -LITTLE, LITTLE) if free else 0.0
+    return State(
+        tick, known, usual, state.grow, late / state.grow, power / state.grow, fastest, integral, bridged
+    ), answer - integral

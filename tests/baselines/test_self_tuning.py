@@ -1,0 +1,149 @@
+"""The self-tuning predictor: its estimator against numpy's least squares, its prediction against the sheet."""
+
+import numpy as np
+import pytest
+
+from kerfgym.baselines import self_tuning as law
+from kerfgym.envs import scenarios
+from kerfgym.envs import stack as stacks
+from kerfgym.envs.plant import supervisor
+from kerfgym.envs.plant.controller import PERIOD, Sensed
+from kerfgym.experiments import rollout
+
+TERMS = law.TERMS
+
+
+def readings(sheet, commands=None, velocity=None):
+    """Signals of a head that rests while the sheet under it moves; mm, one a period."""
+    rows = []
+    for k, level in enumerate(sheet):
+        rows.append(Sensed(
+            height=1.0 - level, raw_height=1.0 - level, frequency=1e6, valid=True, set_height=1.0, head_position=1.0,
+            head_velocity=0.0 if velocity is None else velocity[k], command=0.0 if commands is None else commands[k],
+            mode=supervisor.FOLLOW, override=False, captured=True, fresh=k == 0, feed=200.0, place=0.0, lap=0.0,
+        ))  # fmt: skip
+    return rows
+
+
+def driven(params, signals):
+    """Memory, states and commands of the law over the signals."""
+    memory, state, out = np.zeros(law.MEMORY), law.init(params), []
+    for x in signals:
+        state, command = law.control(params, state, x, np.zeros(0), memory)
+        out.append(command)
+    return memory, state, np.array(out)
+
+
+def design(sheet):
+    """What predictions are made from, a row a period, built from the definition."""
+    sheet = np.asarray(sheet)
+    rows = []
+    for k in range(law.RECENT):
+        before = np.concatenate([np.full(k + 1, sheet[0]), sheet[: len(sheet) - k - 1]])
+        rows.append(sheet - before)
+    for k in range(law.AVERAGES):
+        share, mean, off = 0.5 ** (k + 1), sheet[0], []
+        for level in sheet:
+            off.append(level - mean)
+            mean += share * (level - mean)
+        rows.append(np.array(off))
+    return np.array(rows).T
+
+
+def test_the_coefficients_are_those_of_regularised_least_squares():
+    """Without forgetting and gate, recursive least squares is ridge regression with the weights that it took."""
+    rng = np.random.default_rng(1)
+    sheet = np.cumsum(rng.normal(size=150)) * 1e-3
+    p = law.Params(memory=1e12, prior=0.7, gate=1e9)
+    memory, _, _ = driven(p, readings(sheet))
+    x, far = design(sheet), law.FAR
+    # The usual innovation changes, and with it the weight of a period: it is followed here by the definition.
+    a, usual, known = np.eye(TERMS) / 0.7**2, 4e-6, 0
+    b, theta = np.zeros((TERMS, 3)), np.zeros((TERMS, 3))
+    for t in range(1, len(sheet)):
+        known += 1
+        if known <= far + 2:
+            continue
+        row = x[t - far]
+        came = np.array([sheet[t - far + h] - sheet[t - far] for h in (law.NEAR, law.MIDDLE, far)])
+        missed = came - row @ theta
+        a += np.outer(row, row) / usual
+        b += np.outer(row, came) / usual
+        theta = np.linalg.solve(a, b)
+        usual = max(0.99 * usual + 0.01 * missed[2] ** 2, law.QUIET**2)
+    found = memory[law.NEARER :][: 3 * TERMS].reshape(3, TERMS).T
+    assert found == pytest.approx(theta, rel=1e-5, abs=1e-7)
+
+
+@pytest.mark.parametrize("frequency", [2.5, 20.0, 60.0])
+def test_a_vibration_is_predicted_once_it_has_been_seen(frequency):
+    """The command is the speed that a sine will have when the drive has answered: after half a second, within 2 %."""
+    time = np.arange(700) * PERIOD
+    sheet = 0.05 * np.sin(2 * np.pi * frequency * time)
+    p = law.Params(kp=1e-9, lead=0.0, sharpen=0.0, lag=4.0, reach=5.0)
+    _, _, commands = driven(p, readings(sheet))
+    ahead = (law.NEAR + law.FAR) / 2 * PERIOD
+    # The slope between the nearest and the farthest prediction is that of the chord.
+    half = (law.FAR - law.NEAR) / 2 * PERIOD
+    phase = 2 * np.pi * frequency
+    chord = 0.05 * (np.sin(phase * (time + ahead + half)) - np.sin(phase * (time + ahead - half))) / (2 * half)
+    last = slice(500, None)
+    assert np.abs(commands[last] - chord[last]).max() < 0.02 * np.abs(chord).max()
+
+
+def test_nothing_is_fed_forward_faster_than_the_sheet_has_moved():
+    rng = np.random.default_rng(5)
+    sheet = np.where(np.arange(400) % 90 > 45, 0.3, 0.0) + 1e-3 * rng.normal(size=400)
+    _, _, commands = driven(law.Params(kp=1e-9, reach=1.0), readings(sheet))
+    fastest = np.abs(sheet[4:] - sheet[:-4]).max() / 4 / PERIOD
+    assert np.abs(commands).max() <= fastest * (1 + 1e-9)
+    assert np.abs(commands).max() > 0.3 * fastest  # or the limit would not have been met
+
+
+@pytest.mark.parametrize("late", [2, 5, 7])
+def test_the_drives_lag_is_found_from_command_and_velocity(late):
+    """A head that does what it is told ``late`` periods later: what the law takes for its lag shifts by as much."""
+    time = np.arange(500) * PERIOD
+    told = 10.0 * np.sin(2 * np.pi * 6.0 * time)
+    done = np.concatenate([np.zeros(late), told[:-late]])
+    # The signal ``command`` is the last one sent: at period t it was sent at t − 1.
+    sent = np.concatenate([[0.0], told[:-1]])
+    p = law.Params(memory=1e12, trust=1.0)
+    _, state, _ = driven(p, readings(np.zeros(500), sent, done))
+    assert law.lag(p, state) == pytest.approx(late, abs=0.15)
+
+
+def test_an_impulse_is_bridged_and_a_step_is_not():
+    """One reading that is 0.1 mm off changes nothing; a sheet that stays lower is believed after ``hold`` periods."""
+    p = law.Params(kp=50.0, jump=0.035, hold=4)
+    level = np.zeros(400)
+    impulse, step = level.copy(), level.copy()
+    impulse[300], step[300:] = 0.1, -0.1
+    _, _, commands = driven(p, readings(impulse))
+    assert np.abs(commands[290:]).max() < 1e-9
+    _, _, commands = driven(p, readings(step))
+    assert np.abs(commands[300:304]).max() < 1e-9
+    assert commands[304] < -0.9 * 50.0 * 0.1
+
+
+def test_over_a_hole_nothing_is_learnt_and_nothing_fed_forward():
+    time = np.arange(300) * PERIOD
+    signals = readings(0.1 * np.sin(2 * np.pi * 5 * time))
+    p = law.Params(kp=1e-9)
+    before, state, _ = driven(p, signals)
+    memory = before.copy()
+    for _ in range(50):
+        hole = signals[-1]._replace(height=10.0, raw_height=10.0, mode=supervisor.HOLD)
+        state, command = law.control(p, state, hole, np.zeros(0), memory)
+        assert abs(command) < 1e-6
+    assert memory[law.NEARER :] == pytest.approx(before[law.NEARER :], rel=0, abs=0)
+
+
+def test_a_vibrating_sheet_is_followed_closer_than_it_moves():
+    """No fixed loop behind this drive does: at 12 to 30 Hz the tuned PID's error exceeds the vibration."""
+    case = scenarios.suite("following")["flutter"]
+    seeds = range(200, 216)
+    own, pid = (rollout.roll(case, stacks.resolve(name), seeds) for name in ("self-tuning", "pid"))
+    square = [np.sqrt(np.mean(np.square(r.error[1000:]))) for r in (own, pid)]
+    assert square[0] < 0.4 * square[1]
+    assert not own.collided.any()
