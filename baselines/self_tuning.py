@@ -167,7 +167,7 @@ def control(params, state, signals, tables, memory):
             m[i] = 0.0
         for i in range(TERMS):
             m[SPREAD + i * TERMS + i] = p.prior * p.prior
-    # Not the filtered height: what is off the trend is told apart in the sheet, where the head's own motion does not count.
+    # Not the filtered height: what is off the trend is told apart in the sheet, where the head's motion does not count.
     seen, tick = x.head_position - x.raw_height, state.tick + 1.0
     last = m[READINGS + _slot(tick, 1.0)]
     expected = last + (last - m[READINGS + _slot(tick, RECENT)]) / (RECENT - 1)
