@@ -188,7 +188,7 @@ def _response_time(height: float, trial: Trial) -> float:
         head=Head(nominal=True, noise=1e-3, impulses=0.0),
     )  # fmt: skip
     record = rollout.roll(still, stacks.get("xi2023-improved"), seeds_of(trial))
-    below = record.error < 0.05 / np.e
+    below = record.error < 0.05 * np.exp(-1.0)
     return float(np.median(below.argmax(axis=0) + 1))
 
 
