@@ -58,28 +58,26 @@ QUIET = 1e-4
 class Params(NamedTuple):
     """Gains of loop and estimator."""
 
-    kp: Annotated[float, Quantity("1/s", 20.0, 150.0, "proportional gain", log=True)] = 55.434
+    kp: Annotated[float, Quantity("1/s", 20.0, 120.0, "proportional gain", log=True)] = 60.0
     ki: Annotated[float, Quantity("1/s²", 0.0, 5000.0, "integral gain")] = 0.0
-    feed: Annotated[float, Quantity("1", 0.0, 1.2, "share of the predicted speed fed forward")] = 0.985
-    lead: Annotated[float, Quantity("ms", -3.0, 3.0, "how far beyond the drive's lag the speed is taken")] = -1.141
-    sharpen: Annotated[float, Quantity("ms", -3.0, 6.0, "share of its change, as a time")] = 1.971
+    feed: Annotated[float, Quantity("1", 0.0, 1.2, "share of the predicted speed fed forward")] = 0.987
+    lead: Annotated[float, Quantity("ms", -3.0, 3.0, "how far beyond the drive's lag the speed is taken")] = -1.5
+    sharpen: Annotated[float, Quantity("ms", -3.0, 6.0, "share of its change, as a time")] = 2.2
     memory: Annotated[
         float, Quantity("ms", 40.0, 1000.0, "after which what was learnt is half forgotten", log=True)
-    ] = 135.31
+    ] = 120.0
     prior: Annotated[
         float, Quantity("1", 0.1, 5.0, "standard deviation of a coefficient before learning", log=True)
-    ] = 1.282
-    gate: Annotated[float, Quantity("1", 2.0, 12.0, "largest innovation that counts, over the usual one", log=True)] = (
-        6.369
-    )
+    ] = 1.2
+    gate: Annotated[float, Quantity("1", 4.0, 40.0, "largest innovation that counts, over the usual", log=True)] = 10.0
     jump: Annotated[float, Quantity("mm", 0.02, 0.1, "off the sheet's trend, that is bridged", log=True)] = 0.035
     hold: Annotated[int, Quantity("ms", 0, 20, "longest bridge; what outlasts it is real")] = 4
     reach: Annotated[float, Quantity("1", 1.0, 2.0, "largest speed fed forward, over the largest seen of late")] = 1.5
-    smith: Annotated[float, Quantity("1", 0.0, 1.0, "share of the commands on their way that counts as done")] = 0.344
-    lag: Annotated[float, Quantity("ms", 3.0, 7.0, "of the drive, before it is known")] = 5.395
+    smith: Annotated[float, Quantity("1", 0.0, 1.0, "share of the commands on their way that counts as done")] = 0.35
+    lag: Annotated[float, Quantity("ms", 3.0, 7.0, "of the drive, before it is known")] = 5.4
     trust: Annotated[
         float, Quantity("mm/s²", 10.0, 1000.0, "acceleration that makes the drive's lag known", log=True)
-    ] = 54.218
+    ] = 50.0
 
 
 class State(NamedTuple):

@@ -27,6 +27,9 @@ TRIALS, EXPLORE = 400, 120
 SEEDS = 40
 """Tune seeds per scenario and trial."""
 
+CHECKED, MORE_SEEDS = 12, 240
+"""How many of the best are checked in the end, and on how many tune seeds per scenario."""
+
 CAP = 2.0
 """Largest Ms of the following suite's ranking."""
 
@@ -162,7 +165,16 @@ def search(name: str, trials: int = TRIALS, cap: float = CAP, seed: int = 0) -> 
         fits = seen.get("peak", math.inf) <= 1.005 * cap and seen.get("collisions", 1) == 0
         return seen["score"] if fits else math.inf
 
-    for trial in sorted(study.trials, key=rank)[:20]:
+    # Few seeds flatter a candidate that fails one time in a hundred, so the best are run on more of them.
+    best = sorted((trial for trial in study.trials if math.isfinite(rank(trial))), key=rank)[:CHECKED]
+    checker = Evaluator(base, seeds=MORE_SEEDS)
+    checks: dict[int, tuple[float, int]] = {}
+
+    def checked(trial: "optuna.trial.FrozenTrial") -> float:
+        checks[trial.number] = checker.score(base.varied({k: _number(v) for k, v in trial.params.items()}))
+        return math.inf if checks[trial.number][1] else checks[trial.number][0]
+
+    for trial in sorted(best, key=checked):
         found = base.varied({k: _number(v) for k, v in trial.params.items()})
         peak = stability.sensitivity(found, threads=2).peak
         if peak <= cap:
@@ -172,8 +184,9 @@ def search(name: str, trials: int = TRIALS, cap: float = CAP, seed: int = 0) -> 
     return found, {
         "suite": f"{evaluator.suite}-1", "score_tune_um": round(trial.user_attrs["score"], 4), "ms": round(peak, 4),
         "collisions_tune": trial.user_attrs["collisions"],
+        "checked_on": f"0-{MORE_SEEDS - 1}", "score_checked_um": round(checks[trial.number][0], 4),
         "cap": cap, "trials": trials, "sampler": f"TPE {EXPLORE}, then CMA-ES", "sampler_seed": seed,
-        "tune_seeds": f"0-{evaluator.seeds - 1}", "simulated_steps": evaluator.steps,
+        "tune_seeds": f"0-{evaluator.seeds - 1}", "simulated_steps": evaluator.steps + checker.steps,
         "cpu_seconds": round(time.process_time() - start, 1), "kerfgym": __version__, "git": _git(),
         "python": platform.python_version(),
     }  # fmt: skip
