@@ -45,6 +45,9 @@ MEMORY = NEARER + 3 * TERMS
 FADE = 0.98
 """Of the largest speed seen, per period."""
 
+SWING, STRAY = 1.2, 0.05
+"""An error that exceeds this multiple of what the sheet has moved by, and so many mm, is the loop's own."""
+
 LITTLE = 0.01
 """mm; a larger error is integrated as if it were this one."""
 
@@ -58,7 +61,7 @@ QUIET = 1e-4
 class Params(NamedTuple):
     """Gains of loop and estimator."""
 
-    kp: Annotated[float, Quantity("1/s", 20.0, 120.0, "proportional gain", log=True)] = 60.0
+    kp: Annotated[float, Quantity("1/s", 20.0, 120.0, "proportional gain", log=True)] = 85.0
     ki: Annotated[float, Quantity("1/s²", 0.0, 5000.0, "integral gain")] = 0.0
     feed: Annotated[float, Quantity("1", 0.0, 1.2, "share of the predicted speed fed forward")] = 0.987
     lead: Annotated[float, Quantity("ms", -3.0, 3.0, "how far beyond the drive's lag the speed is taken")] = -1.5
@@ -91,13 +94,14 @@ class State(NamedTuple):
     power: float = 0.0  # … and the latter's variance, forgotten as slowly
     fastest: float = 0.0  # mm per period, largest speed of the sheet of late
     integral: float = 0.0  # mm/s
+    swing: float = 0.0  # mm, largest motion of the sheet of late
     bridged: float = 0.0  # periods since a jump; below 0: periods until the trend is known again
 
 
 @part
 def init(params):
     """The initial state."""
-    return State(0.0, 0.0, 4e-6, 2.0 ** (1.0 / params.memory), 0.0, 0.0, 0.0, 0.0, 0.0)
+    return State(0.0, 0.0, 4e-6, 2.0 ** (1.0 / params.memory), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @part
@@ -145,6 +149,17 @@ def _learn(p, m, base, now, mid, far, usual, grow):
 
 
 @part
+def _forget(p, m):
+    """Nothing is known of how the sheet goes on."""
+    for i in range(TERMS * TERMS):
+        m[SPREAD + i] = 0.0
+    for i in range(TERMS):
+        m[SPREAD + i * TERMS + i] = p.prior * p.prior
+    for i in range(3 * TERMS):
+        m[NEARER + i] = 0.0
+
+
+@part
 def _lag(p, late, power):
     """ms, from a reading to the drive's answer to it."""
     return clip(p.lag + (late - (p.lag - CENTRE) * power) / (power + CALM * p.trust * p.trust), 1.0, 9.0)
@@ -163,8 +178,7 @@ def control(params, state, signals, tables, memory):
     if x.fresh:
         for i in range(MEMORY):
             m[i] = 0.0
-        for i in range(TERMS):
-            m[SPREAD + i * TERMS + i] = p.prior * p.prior
+        _forget(p, m)
     # Not the filtered height: what is off the trend is told apart in the sheet, where the head's motion does not count.
     seen, tick = x.head_position - x.raw_height, state.tick + 1.0
     last = m[READINGS + _slot(tick, 1.0)]
@@ -198,6 +212,11 @@ def control(params, state, signals, tables, memory):
         m[row + RECENT + k] = measured - m[MEANS + k]
         m[MEANS + k] += share * (measured - m[MEANS + k])
         share *= 0.5
+    # An error that the sheet has not made is an oscillation: back to the proportional term, and learn anew.
+    swing = max(FADE * state.swing, abs(m[row + TERMS - 1]))
+    if known > 0.0 and abs(x.head_position - measured - x.set_height) > SWING * swing + STRAY:
+        _forget(p, m)
+        known = 1.0
     usual = state.usual
     if known > FAR + 2.0:
         base = _slot(tick, FAR)
@@ -237,5 +256,5 @@ def control(params, state, signals, tables, memory):
     free = ready and not x.override
     integral = state.integral + p.ki * PERIOD * clip(error, -LITTLE, LITTLE) if free else 0.0
     return State(
-        tick, known, usual, state.grow, late / state.grow, power / state.grow, fastest, integral, bridged
+        tick, known, usual, state.grow, late / state.grow, power / state.grow, fastest, integral, swing, bridged
     ), answer - integral

@@ -461,5 +461,6 @@ def test_the_docstring_tells_the_numbers_of_the_code():
     assert documented == set(inspect.signature(HeightFollowingEnv.__init__).parameters) - {"self"}
     weights = interface.Reward()
     assert (
-        f'reward={{"error": {weights.error:g}, "rate": {weights.rate:g}, "collision": {weights.collision:g}}}' in text
+        f'reward={{"error": {weights.error:g}, "rate": {weights.rate:g}, "collision": {weights.collision:g}, '
+        f'"tolerance": {weights.tolerance:g}}}' in text
     )
