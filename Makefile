@@ -8,8 +8,8 @@ READY := .venv/.ready
 benchmark: $(READY)  ## the standard comparison: table here, report in runs/standard/report.html
 	$(BIN)/kerfgym benchmark --name standard --overwrite
 
-test: $(READY)  ## all tests
-	$(BIN)/python -m pytest
+test: $(READY)  ## all tests, a file after the other on each core
+	$(BIN)/python -m pytest -n auto --dist loadfile
 
 train: $(READY)  ## the shipped policies anew, each in about ten CPU-minutes
 	$(BIN)/python -m kerfgym.experiments.ship
