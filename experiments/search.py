@@ -166,7 +166,7 @@ def search(name: str, trials: int = TRIALS, cap: float = CAP, seed: int = 0) -> 
         return seen["score"] if fits else math.inf
 
     # Few seeds flatter a candidate that fails one time in a hundred, so the best are run on more of them.
-    best = sorted((trial for trial in study.trials if math.isfinite(rank(trial))), key=rank)[:CHECKED]
+    finalists = sorted((trial for trial in study.trials if math.isfinite(rank(trial))), key=rank)[:CHECKED]
     checker = Evaluator(base, seeds=MORE_SEEDS)
     checks: dict[int, tuple[float, int]] = {}
 
@@ -174,7 +174,7 @@ def search(name: str, trials: int = TRIALS, cap: float = CAP, seed: int = 0) -> 
         checks[trial.number] = checker.score(base.varied({k: _number(v) for k, v in trial.params.items()}))
         return math.inf if checks[trial.number][1] else checks[trial.number][0]
 
-    for trial in sorted(best, key=checked):
+    for trial in sorted(finalists, key=checked):
         found = base.varied({k: _number(v) for k, v in trial.params.items()})
         peak = stability.sensitivity(found, threads=2).peak
         if peak <= cap:
