@@ -9,9 +9,12 @@ stage          without fault
 ``servo``      the head has the commanded speed within 0.1 ms; no limits, friction, backlash, resonance, encoder or D/A
                steps
 ``dead time``  a command acts in the period after its reading, as early as a loop of 1 kHz can
+``matching``   of jobs: the drives of X and Y have the same gain in all directions
+``axes``       of jobs: their slides have the commanded speeds at once; no limits, encoder or D/A steps
 =============  ========================================================================================================
 
-What is left with all of them idealised is the law's, the limits' of its supervisor, and the sampling's.
+Followers travel an ideal path, so the last two are stages of jobs only. What is left with all of them idealised is the
+law's, the limits' of its supervisor, and the sampling's.
 """
 
 from collections.abc import Callable
@@ -54,10 +57,34 @@ def _dead_time(fleet: Fleet, machines: Any) -> None:
     fleet.set("z.dead_time", machines, 0.0)
 
 
+MATCHING = {"x_plus": 1.0, "x_minus": 1.0, "y_plus": 1.0, "y_minus": 1.0}
+"""Relative gains of the directions."""
+
+AXES = {
+    "t1": 2e-6, "t2": 1e-6, "tau": 0.0, "speed": 1e4, "acceleration": 1e6, "dac": 0.0, "encoder": 0.0,
+}  # fmt: skip
+"""Parameters of X and Y axes without fault; the time constants are as nothing beside a control period."""
+
+
+def _on_axes(values: dict[str, float]) -> Callable[[Fleet, Any], None]:
+    def put(fleet: Fleet, machines: Any) -> None:
+        if fleet.gantries is None:
+            raise InvalidInput("axes are of jobs; a follower's path is ideal already")
+        for name, value in values.items():
+            fleet.gantries.set(f"xy.{name}", machines, value)
+
+    return put
+
+
 STAGES: dict[str, Callable[[Fleet, Any], None]] = {
     "sensor": _sensor, "table": _table, "filter": prompt.install, "servo": _servo, "dead time": _dead_time,
+    "matching": _on_axes(MATCHING), "axes": _on_axes(AXES),
 }  # fmt: skip
-"""What idealises each stage, in the order of the signal."""
+"""What idealises each stage."""
+
+JOBS = tuple(STAGES)
+FOLLOWING = tuple(stage for stage in STAGES if stage not in ("matching", "axes"))
+"""Stages of machines that do jobs, and of those that only follow the sheet."""
 
 
 def idealise(fleet: Fleet, stage: str, machines: Any) -> None:

@@ -5,6 +5,7 @@ for the axes, the stack in the slot ``process`` how fast it is cut.
 """
 
 import functools
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -112,14 +113,18 @@ def prepare(fleet: Fleet, scenario: Scenario, team: Team, machines: Any, seeds: 
     return job
 
 
-def fleet_for(scenario: Scenario, team: Team, seeds: Any, threads: int = 1) -> Fleet:
-    """A fleet with one machine per seed that has begun the scenario's job under ``team``."""
+def fleet_for(
+    scenario: Scenario, team: Team, seeds: Any, threads: int = 1, change: Callable[[Fleet], None] | None = None
+) -> Fleet:
+    """A fleet with one machine per seed that has begun the scenario's job under ``team``; ``change`` is made before."""
     seeds = np.atleast_1d(np.asarray(seeds, np.uint64))
     fleet = Fleet(len(seeds), team.z.law, heads.POOL, threads)
     fleet.use_gantries(team.xy.law, team.process.law)
     every = np.arange(len(seeds))
     prepare(fleet, scenario, team, every, seeds)
     team.install(fleet, every)
+    if change:
+        change(fleet)
     fleet.begin(every, scenarios.noise_keys(seeds))
     return fleet
 

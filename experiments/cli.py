@@ -174,7 +174,7 @@ def blame(
     controller: Annotated[UseAppendAction[list[str]], arg(aliases=["-c"], metavar="NAME")] = [],  # noqa: B006
     scenario: Annotated[UseAppendAction[list[str]], arg(aliases=["-s"], metavar="NAME|FILE")] = [],  # noqa: B006
     stage: Annotated[UseAppendAction[list[str]], arg(metavar="STAGE")] = [],  # noqa: B006
-    seeds: int = 24,
+    seeds: int | None = None,
     split: str = "test",
     name: str | None = None,
     threads: int = 2,
@@ -184,11 +184,10 @@ def blame(
     """What each stage of the machine costs a controller, and what a better controller could gain; writes runs/<name>/.
 
     Args:
-        controller: as for benchmark; may be given several times. Default: xi2023-tuned and observer.
-        scenario: of height following, name or TOML file; may be given several times. Default: the core of the suite
-            following.
-        stage: sensor, table, filter, servo or "dead time"; may be given several times. Default: all.
-        seeds: how many seeds of the split.
+        controller: as for benchmark; may be given several times. Default: xi2023-tuned and observer, for jobs wu-tuned.
+        scenario: name or TOML file; may be given several times. Default: the core of the suite following.
+        stage: sensor, table, filter, servo, "dead time"; in jobs also matching, axes; several times. Default: all.
+        seeds: how many seeds of the split. Default: 24, for jobs 8.
         split: test, tune or reserve.
         name: of the run folder. Default: blame- and date and time.
         threads: worker threads.
@@ -198,16 +197,16 @@ def blame(
     from ..envs import scenarios
     from .bars import progress
     from .blame import blame as run
-    from .grids import split_seeds
+    from .grids import Grid, split_seeds
     from .table import print_blame
 
-    chosen = [scenarios.load(s) for s in scenario or scenarios.core("following")]
+    chosen = tuple(scenarios.load(s) for s in scenario or scenarios.core("following"))
+    jobs = any(s.job for s in chosen)
+    wanted = split_seeds(seeds if seeds is not None else (8 if jobs else 24), split)
+    grid = Grid("blame", tuple(controller or (["wu-tuned"] if jobs else ["xi2023-tuned", "observer"])), chosen, wanted)
     folder = Path("runs") / (name or f"blame-{datetime.datetime.now():%Y-%m-%d-%H%M%S}")
     with progress("episodes") as told:
-        tables = run(
-            controller or ["xi2023-tuned", "observer"], chosen, folder, split_seeds(seeds, split),
-            threads=threads, overwrite=overwrite, resume=resume, told=told, **({"stages": stage} if stage else {}),
-        )  # fmt: skip
+        tables = run(grid, folder, stage, threads, overwrite, resume, told)
     print_blame(*tables)
     print(f"\n{folder / 'blame.png'}")
 

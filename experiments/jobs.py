@@ -2,7 +2,7 @@
 
 import itertools
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -28,13 +28,24 @@ SHOWN = ("x", "y", "speed", "error", "phase", "gap_error", "margin", "roughness"
 """Channels that a trace keeps."""
 
 
-def roll(scenario: Scenario, team: Team, seeds: Any, record: bool = False) -> tuple[Fleet, Any, np.ndarray | None]:
+def roll(
+    scenario: Scenario, team: Team, seeds: Any, record: bool = False, threads: int = 1,
+    change: Callable[[Fleet], None] | None = None,
+) -> tuple[Fleet, Any, np.ndarray | None]:  # fmt: skip
     """The job of a scenario under a team, one machine per seed, until all are done or have taken too long.
+
+    Args:
+        scenario: with a job.
+        team: that does it.
+        seeds: of the scenario.
+        record: keep every period.
+        threads: worker threads; they change no figure.
+        change: made to the machines before they begin.
 
     Returns:
         ``(fleet, job, channels)``: channels are float32 (periods, ``gantry.CHANNELS``, seeds) if recorded.
     """
-    fleet, job = workshop.fleet_for(scenario, team, seeds), workshop.programme(scenario, team)
+    fleet, job = workshop.fleet_for(scenario, team, seeds, threads, change), workshop.programme(scenario, team)
     assert fleet.gantries
     most = round(LONGEST * len(job.x)) + _STRIDE
     channels = fleet.gantries.start_recording(most, fleet.tick) if record else None

@@ -163,12 +163,14 @@ def print_blame(shares: Any, headroom: Any) -> None:
     table = Table(title=f"shares of the mean-square true error, {shares['unit'].iloc[0]}, 95 % intervals over seeds")
     for title in ("scenario", "controller", "stage", "share", "interval", "of all", "idealised alone", "interval"):
         table.add_column(title, justify="left" if title in ("scenario", "controller", "stage") else "right")
-    for (scenario, controller), part in shares.groupby(["scenario", "controller"], sort=False):
+    several = shares["error"].nunique() > 1
+    for (scenario, controller, error), part in shares.groupby(["scenario", "controller", "error"], sort=False):
         table.add_section()
         whole = part["share"].sum(skipna=False)
         for i, row in enumerate(part.itertuples()):
+            where = f"{scenario}, {error}" if several else scenario
             table.add_row(
-                *((scenario, controller) if i == 0 else ("", "")), row.stage, _number(row.share),
+                *((where, controller) if i == 0 else ("", "")), row.stage, _number(row.share),
                 _between(row.low, row.high), _number(100.0 * row.share / whole, "{:.1f} %"), _number(row.alone),
                 _between(row.alone_low, row.alone_high),
             )  # fmt: skip

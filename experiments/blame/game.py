@@ -3,26 +3,25 @@
 For every subset of stages the same episodes (same seeds, same random numbers) are rolled out with just these idealised
 (:mod:`kerfgym.envs.ideal`). A stage's share of the mean-square true error is its Shapley value: what idealising it
 gains, averaged over all orders in which the stages could be idealised. Shares add up to the real error less that of the
-fully idealised machine, which is what law, supervisor and sampling leave.
+fully idealised machine, which is what law, supervisor and sampling leave. Of a job there are two errors, and two games:
+of the gap and of the contour.
 """
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...envs import ideal, metrics
+from ...envs import ideal, job_metrics, metrics
 from ...envs import stack as stacks
 from ...envs.plant import filters
 from ...envs.plant.fleet import Fleet
 from ...envs.plant.quantity import InvalidInput, did_you_mean
-from ...envs.recording import Recording
 from ...envs.scenarios import Scenario
-from ...envs.stack import Stack
-from .. import rollout
-
-STAGES = tuple(ideal.STAGES)
+from ...envs.stack import Stack, Team
+from .. import jobs, rollout
+from ..ledger import Ledger
 
 BOUNDS = ("preview-5ms", "oracle")
 """Controllers that know more, whose error bounds what can be gained."""
@@ -61,6 +60,7 @@ class Blame:
 
     Attributes:
         scenario, controller: names.
+        error: of which it is, ``gap`` or ``contour``.
         seeds: of the episodes.
         stages: that were idealised.
         errors: mean-square true error (µm²) of every coalition of idealised stages, shape (2ⁿ, seeds); stage ``i`` is
@@ -70,6 +70,7 @@ class Blame:
 
     scenario: str
     controller: str
+    error: str
     seeds: tuple[int, ...]
     stages: tuple[str, ...]
     errors: np.ndarray
@@ -94,68 +95,100 @@ class Blame:
 
 def measure(
     scenario: Scenario,
-    stack: Stack,
+    stack: Stack | Team,
     seeds: Sequence[int],
-    stages: Sequence[str] = STAGES,
+    stages: Sequence[str] = (),
     bounds: Sequence[str] = BOUNDS,
     threads: int = 1,
     told: Callable[[int], None] = lambda episodes: None,
-) -> Blame:
+    ledger: Ledger | None = None,
+) -> list[Blame]:
     """Rolls out every coalition of idealised stages.
 
     Args:
-        scenario: without a job.
-        stack: of the slot ``z``.
+        scenario: of height following, or with a job.
+        stack: of the slot ``z``; for a job a team.
         seeds: of the scenario, at least 1.
-        stages: some of :data:`STAGES`.
-        bounds: names of controllers that the headroom is measured to.
+        stages: some of :func:`stages_of`; without any, all of them.
+        bounds: names of controllers of the slot ``z`` that the headroom of the gap is measured to.
         threads: worker threads; they change no figure.
         told: is told how many more episodes have been simulated.
+        ledger: to which the cost is added.
+
+    Returns:
+        One for each error: the gap's, and of a job the contour's.
 
     Raises:
-        InvalidInput: an unknown stage, or a scenario or controller of which the question makes no sense.
+        InvalidInput: an unknown stage, or a scenario of which the question makes no sense.
     """
-    check(scenario, stack, stages)
-    everyone, idle = np.arange(1 << len(stages)), _idle(stack, stages)
+    stages = check(scenario, stages)
+    everyone, idle = np.arange(1 << len(stages)), _idle(scenario, stack, stages)
     played = everyone[everyone & idle == 0]
-    errors = np.empty((len(everyone), len(seeds)))
     pairs = np.stack([np.repeat(played, len(seeds)), np.tile(np.arange(len(seeds)), len(played))])
-    for first in range(0, pairs.shape[1], rollout.CHUNK):
-        coalition, seed = pairs[:, first : first + rollout.CHUNK]
-        record = rollout.roll(scenario, stack, np.asarray(seeds)[seed], threads, _idealising(stages, coalition))
-        errors[coalition, seed] = _squares(record)
-        told(len(seed))
-    errors = errors[everyone & ~idle]  # one who adds nothing to any coalition need not play
-    known = {name: _squares(rollout.roll(scenario, stacks.get(name), seeds, threads)) for name in bounds}
-    return Blame(scenario.name, stack.name, tuple(int(s) for s in seeds), tuple(stages), errors, known)
+    found: dict[str, np.ndarray] = {}
+    cost = ledger or Ledger()
+    with cost.timed():
+        for first in range(0, pairs.shape[1], rollout.CHUNK):
+            coalition, seed = pairs[:, first : first + rollout.CHUNK]
+            change = _idealising(stages, coalition)
+            for error, squares in _squares(scenario, stack, np.asarray(seeds)[seed], threads, cost, change).items():
+                found.setdefault(error, np.empty((len(everyone), len(seeds))))[coalition, seed] = squares
+            told(len(seed))
+        known = {name: _squares(scenario, _informed(stack, name), seeds, threads, cost)["gap"] for name in bounds}
+    names = scenario.name, stack.name
+    return [
+        Blame(*names, error, tuple(int(s) for s in seeds), stages,
+              errors[everyone & ~idle],  # one who adds nothing to any coalition need not play
+              known if error == "gap" else {})
+        for error, errors in found.items()
+    ]  # fmt: skip
 
 
-def episodes(stack: Stack, seeds: int, stages: Sequence[str] = STAGES) -> int:
+def episodes(scenario: Scenario, stack: Stack | Team, seeds: int, stages: Sequence[str] = ()) -> int:
     """Episodes under ``stack`` that :func:`measure` simulates."""
-    return seeds << len(stages) - _idle(stack, stages).bit_count()
+    stages = check(scenario, stages)
+    return seeds << len(stages) - _idle(scenario, stack, stages).bit_count()
 
 
-def check(scenario: Scenario, stack: Stack, stages: Sequence[str] = STAGES) -> None:
-    """Raises :class:`InvalidInput` where there is nothing to idealise, or nothing to blame."""
+def stages_of(scenario: Scenario) -> tuple[str, ...]:
+    """What can be idealised in a scenario."""
+    return ideal.JOBS if scenario.job else ideal.FOLLOWING
+
+
+def check(scenario: Scenario, stages: Sequence[str] = ()) -> tuple[str, ...]:
+    """The stages that are idealised.
+
+    Raises:
+        InvalidInput: there is nothing to idealise, or nothing to blame.
+    """
+    known = stages_of(scenario)
     for stage in stages:
-        if stage not in STAGES:
-            raise InvalidInput(f"unknown stage '{stage}'; {did_you_mean(stage, STAGES)}")
+        if stage not in ideal.STAGES:
+            raise InvalidInput(f"unknown stage '{stage}'; {did_you_mean(stage, known)}")
+        if stage not in known:
+            raise InvalidInput(f"stage '{stage}' is of jobs; in scenario '{scenario.name}' it is ideal already")
     twice = [stage for stage in stages if stages.count(stage) > 1]
-    if twice or not stages:
-        raise InvalidInput(f"stage '{twice[0]}' is given twice" if twice else "at least one stage must be idealised")
-    if stack.slot != "z":
-        raise InvalidInput(f"controller '{stack.name}' drives slot '{stack.slot}'; blame is for height followers")
-    if scenario.job:
-        raise InvalidInput(f"scenario '{scenario.name}' is a job; blame is for scenarios of height following")
+    if twice:
+        raise InvalidInput(f"stage '{twice[0]}' is given twice")
     if scenario.head.signal:
         raise InvalidInput(f"scenario '{scenario.name}' replays a recorded signal, on which no stage has an effect")
+    return tuple(stages) or known
 
 
-def _idle(stack: Stack, stages: Sequence[str]) -> int:
-    """Stages that make no difference, as bits: a filter that takes the newest sample alone has no delay."""
-    p = filters.validated(stack.part("filter"))
-    delays = stack.pilot is not None or p.kind >= filters.LAG or p.window > 1
-    return 0 if delays or "filter" not in stages else 1 << list(stages).index("filter")
+def _idle(scenario: Scenario, stack: Stack | Team, stages: Sequence[str]) -> int:
+    """Stages that make no difference, as bits: a filter that takes the newest sample alone has no delay, and axes whose
+    directions are alike are matched."""
+    follower = stack.z if isinstance(stack, Team) else stack
+    p = filters.validated(follower.part("filter"))
+    delays = follower.pilot is not None or p.kind >= filters.LAG or p.window > 1
+    matched = all(getattr(scenario.gantry, name) == gain for name, gain in ideal.MATCHING.items())
+    idle = {"filter": not delays, "matching": matched}
+    return sum(1 << i for i, stage in enumerate(stages) if idle.get(stage))
+
+
+def _informed(stack: Stack | Team, name: str) -> Stack | Team:
+    """The controller ``name`` in place of the one that follows the height."""
+    return replace(stack, z=stacks.get(name)) if isinstance(stack, Team) else stacks.get(name)
 
 
 def _idealising(stages: Sequence[str], coalition: np.ndarray) -> Callable[[Fleet], None]:
@@ -166,7 +199,17 @@ def _idealising(stages: Sequence[str], coalition: np.ndarray) -> Callable[[Fleet
     return change
 
 
-def _squares(record: Recording) -> np.ndarray:
-    """Mean-square true error of each run, µm²; NaN of one that failed."""
+def _squares(
+    scenario: Scenario, stack: Stack | Team, seeds: Sequence[int] | np.ndarray, threads: int, ledger: Ledger,
+    change: Callable[[Fleet], None] | None = None,
+) -> dict[str, np.ndarray]:  # fmt: skip
+    """Mean-square true errors of each run, µm²; NaN of one that failed."""
+    if isinstance(stack, Team):
+        fleet, job, _ = jobs.roll(scenario, stack, seeds, threads=threads, change=change)
+        ledger.steps += fleet.tick * len(seeds)
+        figures = job_metrics.evaluate(job_metrics.Jobs.of(fleet, job))
+        return {error: figures[f"{error}_rms"] ** 2 for error in ("gap", "contour")}
+    record = rollout.roll(scenario, stack, seeds, threads, change)
+    ledger.steps += scenario.steps * len(seeds)
     rms = metrics.METRICS["rms_true"].function(record)
-    return np.where(metrics.failed(record), np.nan, rms**2)
+    return {"gap": np.where(metrics.failed(record), np.nan, rms**2)}

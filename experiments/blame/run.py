@@ -1,8 +1,9 @@
 """``kerfgym blame`` from start to end, and the part of it that a benchmark's report shows."""
 
 import hashlib
+import shutil
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,14 +11,16 @@ import pandas as pd
 
 from ...envs.plant.quantity import InvalidInput
 from ...envs.scenarios import Scenario
-from ...envs.stack import Stack, resolve
+from ...envs.stack import Stack, Team, resolve
 from .. import runs
+from ..archive import PARTS
 from ..bars import Told
+from ..grids import Grid
 from ..ledger import Ledger
 from ..results import REFERENCE, Results
 from ..tasks import Case
 from . import game, tables
-from .game import BOUNDS, STAGES, Blame
+from .game import Blame
 
 SHOWN = ("rough", "step", "impulses")
 """Scenarios of which a report shows blame, if they were run: a shape, jumps, a disturbed sensor."""
@@ -27,23 +30,21 @@ SEEDS = 24
 
 
 def blame(
-    controllers: Sequence[str],
-    chosen: Sequence[Scenario],
+    grid: Grid,
     folder: Path,
-    seeds: Sequence[int],
-    stages: Sequence[str] = STAGES,
+    stages: Sequence[str] = (),
     threads: int = 1,
     overwrite: bool = False,
     resume: bool = False,
     told: Told = lambda done, total, last: None,
     command: list[str] | None = None,
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Blames every controller in every scenario, and writes the folder.
+    """Blames every controller of a grid in every scenario, and writes the folder.
 
     Args:
-        controllers, chosen, seeds: as for a benchmark; any information class, without a job.
+        grid: controllers of any information class, scenarios, seeds.
         folder: of the run.
-        stages: some of ``game.STAGES``.
+        stages: that are idealised; without any, all that the scenarios have.
         threads: worker threads; they change no figure.
         overwrite, resume: as for :func:`runs.open_folder`.
         told: is told how many episodes are done, of how many, and where it is.
@@ -55,34 +56,25 @@ def blame(
     Raises:
         InvalidInput: bad input, before anything is written.
     """
-    for what, given in (("controller", list(controllers)), ("scenario", [s.name for s in chosen])):
-        twice = [name for name in given if given.count(name) > 1]
-        if twice:
-            raise InvalidInput(f"{what} '{twice[0]}' is given twice")
     if threads < 1:
         raise InvalidInput(f"--threads {threads} is out of range; at least 1")
-    stacks = [replace(resolve(name), name=name) for name in controllers]
-    for stack in stacks:
-        for scenario in chosen:
-            game.check(scenario, stack, stages)
+    stacks = _named(grid.known())
+    for scenario in grid.scenarios:
+        game.check(scenario, stages)
     runs.open_folder(folder, overwrite, resume)
-    started, cpu = time.time(), time.process_time()
-    found = _all(stacks, chosen, seeds, stages, threads, folder / "parts", told)
+    started, ledger = time.time(), Ledger()
+    found = _all(stacks, grid.scenarios, grid.seeds, stages, threads, folder / PARTS, told, ledger)
     shares, headroom = tables.shares(found), tables.headroom(found)
-    _write(folder, found, shares, headroom, chosen)
-    steps = sum(s.steps * (game.episodes(c, len(seeds), stages) + len(BOUNDS) * len(seeds))
-                for c in stacks for s in chosen)  # fmt: skip
+    _write(folder, found, shares, headroom, grid.scenarios)
     meta = runs.record(command) | {
-        "seeds": f"{min(seeds)}-{max(seeds)}", "seed_count": len(seeds), "scenarios": [s.name for s in chosen],
-        "controllers": [s.name for s in stacks], "stages": list(stages), "failed": sum(b.failed for b in found),
-        "wall_seconds": round(time.time() - started, 1),
-        "ledger": Ledger(steps, time.process_time() - cpu).entry(),
+        "seeds": f"{min(grid.seeds)}-{max(grid.seeds)}", "seed_count": len(grid.seeds),
+        "scenarios": [s.name for s in grid.scenarios], "controllers": list(grid.controllers),
+        "stages": list(found[0].stages), "failed": sum(b.failed for b in found),
+        "wall_seconds": round(time.time() - started, 1), "ledger": ledger.entry(),
         "parameters": {s.name: {k: p.value for k, p in s.parameters().items()} for s in stacks},
     }  # fmt: skip
     runs.write_json(folder / "run.json", meta)
-    for file in (folder / "parts").iterdir():
-        file.unlink()
-    (folder / "parts").rmdir()
+    shutil.rmtree(folder / PARTS)
     return shares, headroom
 
 
@@ -98,41 +90,47 @@ def in_report(
     summary = results.summary()
     sensor = summary[(summary["information"] == "sensor") & (summary["failed"] == 0)]["score"].dropna()
     names = dict.fromkeys([*(n for n in (REFERENCE,) if n in sensor), *sensor.sort_values().index[:1]])
-    stacks = [replace(stack, name=name) for name in names if (stack := resolve(name)).python is None]
+    stacks = _named({name: stack for name in names if (stack := resolve(name)).python is None})
     live = [s for s in chosen if not s.head.signal]
     shown = [s for s in live if s.name in SHOWN] or live[: len(SHOWN)]
     seeds = sorted(results.runs["seed"].unique())[:SEEDS]
-    found = _all(stacks, shown, seeds, STAGES, threads, parts, told)
+    found = _all(stacks, shown, seeds, (), threads, parts, told, Ledger())
     return tables.shares(found), tables.headroom(found)
 
 
+def _named(known: Mapping[str, Stack | Team]) -> list[Stack | Team]:
+    """Controllers under the words by which they were asked for."""
+    return [replace(stack, name=name) for name, stack in known.items()]
+
+
 def _all(
-    stacks: Sequence[Stack], chosen: Sequence[Scenario], seeds: Sequence[int], stages: Sequence[str], threads: int,
-    parts: Path, told: Told,
+    stacks: Sequence[Stack | Team], chosen: Sequence[Scenario], seeds: Sequence[int], stages: Sequence[str],
+    threads: int, parts: Path, told: Told, ledger: Ledger,
 ) -> list[Blame]:  # fmt: skip
     """Every controller in every scenario; what lies in ``parts`` already is not computed again."""
-    total, done, found = len(chosen) * sum(game.episodes(s, len(seeds), stages) for s in stacks), 0, []
-    for scenario in chosen:
-        for stack in stacks:
-            where = f"{stack.name} · {scenario.name}"
+    pairs = [(scenario, stack) for scenario in chosen for stack in stacks]
+    found, done, total = [], 0, sum(game.episodes(*pair, len(seeds), stages) for pair in pairs)
+    for scenario, stack in pairs:
+        where = f"{stack.name} · {scenario.name}"
 
-            def tell(more: int, where: str = where) -> None:
-                nonlocal done
-                done += more
-                told(done, total, where)
+        def tell(more: int, where: str = where) -> None:
+            nonlocal done
+            done += more
+            told(done, total, where)
 
-            tell(0)
-            key = _key(scenario, stack, seeds, stages)
-            if (file := parts / f"{key}.parquet").is_file():
-                found.append(tables.of_coalitions(pd.read_parquet(file), stack.name, tuple(stages)))
-                tell(game.episodes(stack, len(seeds), stages))
-            else:
-                found.append(game.measure(scenario, stack, seeds, stages, threads=threads, told=tell))
-                runs.write_table(parts, key, tables.coalitions(found[-1]), csv=False)
+        tell(0)
+        key = _key(scenario, stack, seeds, stages)
+        if (file := parts / f"{key}.parquet").is_file():
+            part = tables.of_coalitions(pd.read_parquet(file), stack.name, game.check(scenario, stages))
+            tell(game.episodes(scenario, stack, len(seeds), stages))
+        else:
+            part = game.measure(scenario, stack, seeds, stages, threads=threads, told=tell, ledger=ledger)
+            runs.write_table(parts, key, pd.concat(map(tables.coalitions, part), ignore_index=True), csv=False)
+        found += part
     return found
 
 
-def _key(scenario: Scenario, stack: Stack, seeds: Sequence[int], stages: Sequence[str]) -> str:
+def _key(scenario: Scenario, stack: Stack | Team, seeds: Sequence[int], stages: Sequence[str]) -> str:
     """Name of a part's file; it changes with anything that the part depends on."""
     case = Case(stack.name, scenario, tuple(int(s) for s in seeds)).key(stack)
     return hashlib.sha256(f"{case} {', '.join(stages)}".encode()).hexdigest()[:20]

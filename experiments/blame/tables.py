@@ -17,11 +17,12 @@ REST = "law"
 
 
 def shares(found: Sequence[Blame]) -> pd.DataFrame:
-    """One row per scenario, controller and stage, then :data:`REST`.
+    """One row per scenario, controller, error and stage, then :data:`REST`.
 
-    Columns: ``scenario, controller, stage, share, low, high, unit`` with the 95 % interval over seeds, and ``alone,
-    alone_low, alone_high``, what idealising this stage alone gains. The rows of a scenario and controller add up to its
-    mean-square error. Shares are NaN where a run failed, intervals also with one seed.
+    Columns: ``scenario, controller, stage, share, low, high, unit`` with the 95 % interval over seeds; ``alone,
+    alone_low, alone_high``, what idealising this stage alone gains; ``error``, of which it is, ``gap`` or ``contour``.
+    The rows of a scenario, controller and error add up to its mean square. Shares are NaN where a run failed, intervals
+    also with one seed.
     """
     rows = []
     for blame in found:
@@ -29,8 +30,9 @@ def shares(found: Sequence[Blame]) -> pd.DataFrame:
         parts = [[*blame.shares, blame.errors[-1]], [*blame.alone, none]]
         shared, alone = (_intervals(part, mean, np.eye(len(part))) for part in parts)
         for i, stage in enumerate([*blame.stages, REST]):
-            rows.append([blame.scenario, blame.controller, stage, *shared[i], UNIT, *alone[i]])
-    columns = ["scenario", "controller", "stage", "share", "low", "high", "unit", "alone", "alone_low", "alone_high"]
+            rows.append([blame.scenario, blame.controller, stage, *shared[i], UNIT, *alone[i], blame.error])
+    columns = ["scenario", "controller", "stage", "share", "low", "high", "unit", "alone", "alone_low", "alone_high",
+               "error"]  # fmt: skip
     return pd.DataFrame(rows, columns=columns)
 
 
@@ -67,7 +69,8 @@ def _intervals(values: list[np.ndarray], statistic: Statistic, combinations: np.
 
 
 def coalitions(blame: Blame) -> pd.DataFrame:
-    """Everything that was simulated, one row per run: ``scenario, controller, seed, idealised, error`` (µm²).
+    """Everything that was simulated, one row per run: ``scenario, controller, error, seed, idealised``, and its
+    mean-square error ``square`` (µm²).
 
     ``idealised`` joins the stages' names by ``+``; empty is the real machine. Rows of the controllers that know more
     carry their names.
@@ -77,17 +80,18 @@ def coalitions(blame: Blame) -> pd.DataFrame:
     runs = [(blame.controller, name, errors) for name, errors in zip(names, blame.errors, strict=True)]
     runs += [(name, "", errors) for name, errors in blame.bounds.items()]
     return pd.concat(
-        [pd.DataFrame({"scenario": blame.scenario, "controller": who, "seed": blame.seeds, "idealised": name,
-                       "error": errors}) for who, name, errors in runs],
+        [pd.DataFrame({"scenario": blame.scenario, "controller": who, "error": blame.error, "seed": blame.seeds,
+                       "idealised": name, "square": errors}) for who, name, errors in runs],
         ignore_index=True,
     )  # fmt: skip
 
 
-def of_coalitions(frame: pd.DataFrame, controller: str, stages: tuple[str, ...]) -> Blame:
-    """The inverse of :func:`coalitions`."""
-    seeds = tuple(frame["seed"].drop_duplicates().tolist())
-    errors = frame["error"].to_numpy().reshape(-1, len(seeds))
-    names = frame["controller"].to_numpy()[:: len(seeds)]
-    count = 1 << len(stages)
-    bounds = dict(zip(names[count:], errors[count:], strict=True))
-    return Blame(str(frame["scenario"].iloc[0]), controller, seeds, stages, errors[:count], bounds)
+def of_coalitions(frame: pd.DataFrame, controller: str, stages: tuple[str, ...]) -> list[Blame]:
+    """The inverse of :func:`coalitions`, of one controller in one scenario."""
+    count, found = 1 << len(stages), []
+    for error, part in frame.groupby("error", sort=False):
+        seeds = tuple(part["seed"].drop_duplicates().tolist())
+        errors, names = part["square"].to_numpy().reshape(-1, len(seeds)), part["controller"].to_numpy()[:: len(seeds)]
+        bounds = dict(zip(names[count:], errors[count:], strict=True))
+        found.append(Blame(part["scenario"].iloc[0], controller, str(error), seeds, stages, errors[:count], bounds))
+    return found

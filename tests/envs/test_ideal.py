@@ -72,7 +72,7 @@ def test_a_filter_without_delay_follows_a_slope_at_once_and_still_averages_noise
 def test_other_machines_of_the_fleet_keep_every_bit():
     controller, wavy = "xi2023-improved", scenarios.load("wavy").varied(duration=0.3)
     real = rolled(wavy, controller, seeds=range(4))
-    mixed = rolled(wavy, controller, *ideal.STAGES, seeds=range(4), only=[1, 3])
+    mixed = rolled(wavy, controller, *ideal.FOLLOWING, seeds=range(4), only=[1, 3])
     same = [(real.data[:, :, i] == mixed.data[:, :, i]).all() for i in range(4)]
     assert same == [True, False, True, False]
 
@@ -86,3 +86,5 @@ def test_a_filter_of_one_sample_has_no_delay_to_take_away():
 def test_an_unknown_stage_is_named_with_the_nearest():
     with pytest.raises(InvalidInput, match=r"unknown stage 'servos'.*servo"):
         rolled(STILL, "idle", "servos", seeds=[0])
+    with pytest.raises(InvalidInput, match="of jobs"):
+        rolled(STILL, "idle", "axes", seeds=[0])

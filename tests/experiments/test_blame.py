@@ -6,14 +6,16 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kerfgym.envs import metrics, scenarios
+from kerfgym.envs import job_metrics, metrics, scenarios
 from kerfgym.envs import stack as stacks
+from kerfgym.envs.ideal import FOLLOWING, JOBS
 from kerfgym.envs.plant.quantity import InvalidInput
-from kerfgym.experiments import benchmark, rollout
+from kerfgym.experiments import benchmark, jobs, rollout
 from kerfgym.experiments.blame import Blame, blame, measure, shapley
 from kerfgym.experiments.blame import run as runner
-from kerfgym.experiments.blame.game import STAGES
+from kerfgym.experiments.blame.game import stages_of
 from kerfgym.experiments.blame.tables import coalitions, headroom, of_coalitions, shares
+from kerfgym.experiments.grids import Grid
 
 SEEDS = range(1000, 1006)
 ROUGH = scenarios.load("rough").varied(duration=0.8, settle=0.1, name="short")
@@ -21,11 +23,16 @@ ROUGH = scenarios.load("rough").varied(duration=0.8, settle=0.1, name="short")
 
 @pytest.fixture(scope="module")
 def found():
-    return measure(ROUGH, stacks.resolve("xi2023-improved"), SEEDS)
+    return measured(ROUGH, stacks.resolve("xi2023-improved"), SEEDS)
+
+
+def measured(*words, **more):
+    (one,) = measure(*words, **more)
+    return one
 
 
 def of(blame_, stage):
-    return blame_.shares[STAGES.index(stage)].mean()
+    return blame_.shares[FOLLOWING.index(stage)].mean()
 
 
 # ------------------------------------------------------------------------------------------------------ the game
@@ -74,25 +81,46 @@ def test_a_stage_that_is_made_worse_gains_share(found):
     stack = stacks.resolve("xi2023-improved")
     flat = scenarios.load("flat").varied(duration=0.8, settle=0.1)  # where noise is all that there is
     louder = flat.varied(head={"noise": {"log_uniform": [5 * n for n in flat.head.noise.log_uniform]}})
-    before, after = (of(measure(s, stack, SEEDS, bounds=()), "sensor") for s in (flat, louder))
+    before, after = (of(measured(s, stack, SEEDS, bounds=()), "sensor") for s in (flat, louder))
     assert after > 5 * before > 0
     later = ROUGH.varied(axis={"dead_time": {"choice": [0.004]}})  # 1 or 2 ms, plus 3 or 2
-    assert of(measure(later, stack, SEEDS, bounds=()), "dead time") > 2 * of(found, "dead time") > 0
+    assert of(measured(later, stack, SEEDS, bounds=()), "dead time") > 2 * of(found, "dead time") > 0
     sluggish = ROUGH.varied(axis={"bandwidth": 30.0})
-    assert of(measure(sluggish, stack, SEEDS, bounds=()), "servo") > 2 * of(found, "servo") > 0
+    assert of(measured(sluggish, stack, SEEDS, bounds=()), "servo") > 2 * of(found, "servo") > 0
     slower = stack.varied({"filter.window": 12.0})
-    assert of(measure(ROUGH, slower, SEEDS, bounds=()), "filter") > 2 * of(found, "filter") > 0
+    assert of(measured(ROUGH, slower, SEEDS, bounds=()), "filter") > 2 * of(found, "filter") > 0
 
 
 def test_a_stage_without_effect_is_not_simulated_and_has_no_share(found):
-    quick = measure(ROUGH, stacks.resolve("xi2023-tuned"), SEEDS[:2], told=(told := []).append)
+    quick = measured(ROUGH, stacks.resolve("xi2023-tuned"), SEEDS[:2], told=(told := []).append)
     assert sum(told) == 2 * 16
-    assert not quick.shares[STAGES.index("filter")].any()
+    assert not quick.shares[FOLLOWING.index("filter")].any()
     assert (quick.errors[0] != quick.errors[-1]).all()
 
 
+def test_of_a_job_gap_and_contour_are_blamed_apart():
+    job = scenarios.load("contour-mismatch").varied(job={"size": 40.0})  # mm, diameter
+    team = stacks.team("z=xi2023-improved,xy=wu")
+    gap, contour = measure(job, team, SEEDS[:2], ["servo", "matching", "axes"], bounds=("oracle",))
+    fleet, programme, _ = jobs.roll(job, team, SEEDS[:2])
+    real = job_metrics.evaluate(job_metrics.Jobs.of(fleet, programme))
+    np.testing.assert_allclose(gap.errors[0], real["gap_rms"] ** 2)
+    np.testing.assert_allclose(contour.errors[0], real["contour_rms"] ** 2)
+    assert stages_of(job) == JOBS
+    assert (list(gap.bounds), list(contour.bounds)) == (["oracle"], [])
+    assert gap.shares[0].min() > 0
+    servo, matching, axes = contour.shares
+    assert np.abs(servo).max() < 1e-3 * matching.min()
+    # Drives that lag are of use: the loop Kv = 30 1/s alone makes the circle too small, its sampled first-order lag by
+    # R·(1 − |H|), H = K/(e^(jωT) − 1 + K), K = Kv·T, ωT = 60 mm/s · 4 ms/R.
+    k, turn = 30.0 * 0.004, 60.0 * 0.004 / 20.0
+    small = 20e3 * (1 - abs(k / (np.exp(1j * turn) - 1 + k)))
+    np.testing.assert_allclose(np.sqrt(contour.errors[0b110]), small, rtol=0.05)
+    assert axes.max() < 0
+
+
 def test_threads_change_nothing(found):
-    again = measure(ROUGH, stacks.resolve("xi2023-improved"), SEEDS, threads=2, bounds=())
+    again = measured(ROUGH, stacks.resolve("xi2023-improved"), SEEDS, threads=2, bounds=())
     np.testing.assert_array_equal(again.errors, found.errors)
 
 
@@ -102,13 +130,15 @@ def test_threads_change_nothing(found):
 def test_intervals_are_paired_and_need_two_seeds():
     random = np.random.default_rng(0)
     real, gained = random.normal(500.0, 90.0, 200), random.normal(5.0, 1.0, 200)
-    whole = Blame("s", "c", tuple(range(200)), ("servo",), np.array([real, real - gained]), {"oracle": real / 16})
+    whole = Blame(
+        "s", "c", "gap", tuple(range(200)), ("servo",), np.array([real, real - gained]), {"oracle": real / 16}
+    )
     row = shares([whole]).set_index("stage").loc["servo"]
     half = 1.96 * gained.std(ddof=1) / 200**0.5  # of the difference, not of the errors, which scatter far more
     assert (row["low"], row["high"]) == pytest.approx((row["share"] - half, row["share"] + half), abs=0.2 * half)
     gain = headroom([whole]).loc[0]
     assert (gain["ratio"], gain["low"], gain["high"]) == pytest.approx((4.0, 4.0, 4.0))
-    single = Blame("s", "c", (1,), ("servo",), np.array([[4.0], [1.0]]), {})
+    single = Blame("s", "c", "gap", (1,), ("servo",), np.array([[4.0], [1.0]]), {})
     row = shares([single]).set_index("stage").loc["servo"]
     assert row["share"] == 3.0
     assert np.isnan([row["low"], row["high"]]).all()
@@ -117,7 +147,7 @@ def test_intervals_are_paired_and_need_two_seeds():
 def test_a_failed_run_leaves_no_share_of_its_controller():
     errors = np.ones((4, 3)) * np.array([4.0, 2.0, 3.0, 1.0])[:, None]
     errors[1, 2] = np.nan
-    broken = Blame("s", "c", (1, 2, 3), ("sensor", "servo"), errors, {"oracle": np.ones(3)})
+    broken = Blame("s", "c", "gap", (1, 2, 3), ("sensor", "servo"), errors, {"oracle": np.ones(3)})
     assert broken.failed == 1
     table = shares([broken]).set_index("stage")
     assert table.loc[["sensor", "servo"], ["share", "low", "high"]].isna().all(axis=None)
@@ -127,11 +157,11 @@ def test_a_failed_run_leaves_no_share_of_its_controller():
 def test_a_part_is_read_back_as_it_was(found):
     frame = coalitions(found)
     assert len(frame) == (32 + 2) * len(SEEDS)
-    again = of_coalitions(frame, found.controller, found.stages)
+    (again,) = of_coalitions(frame, found.controller, found.stages)
     assert (again.seeds, list(again.bounds)) == (found.seeds, list(found.bounds))
     np.testing.assert_array_equal(again.errors, found.errors)
     mine = frame[(frame["controller"] == found.controller) & (frame["idealised"] == "sensor+servo")]
-    np.testing.assert_array_equal(mine["error"], found.errors[0b01001])
+    np.testing.assert_array_equal(mine["square"], found.errors[0b01001])
 
 
 # --------------------------------------------------------------------------------------------------- the commands
@@ -139,7 +169,7 @@ def test_a_part_is_read_back_as_it_was(found):
 
 def test_the_command_writes_a_run_that_resumes_and_repeats(tmp_path, monkeypatch):
     def ask(folder, **more):
-        return blame(["pid"], [ROUGH], folder, SEEDS[:2], ["servo", "dead time"], command=["x"], **more)
+        return blame(Grid("x", ("pid",), (ROUGH,), SEEDS[:2]), folder, ["servo", "dead time"], command=["x"], **more)
 
     table, room = ask(tmp_path / "a")
     files = {p.name for p in (tmp_path / "a").iterdir()}
@@ -165,16 +195,22 @@ def test_the_command_writes_a_run_that_resumes_and_repeats(tmp_path, monkeypatch
     [
         ({"stages": ["server"]}, "unknown stage 'server'.*servo"),
         ({"stages": ["servo", "servo"]}, "given twice"),
+        ({"stages": ["axes"]}, "of jobs; in scenario 'short' it is ideal already"),
         ({"controllers": ["wu"]}, "slot 'xy'"),
         ({"controllers": ["pid", "pid"]}, "given twice"),
-        ({"chosen": [scenarios.load("cut-square")]}, "is a job"),
+        ({"scenarios": [ROUGH, scenarios.load("cut-square")]}, "cannot share a table"),
         ({"threads": 0}, "--threads 0"),
     ],
 )
 def test_bad_input_is_told_before_anything_is_written(tmp_path, words, message):
-    given = {"controllers": ["pid"], "chosen": [ROUGH], "seeds": [1000], "folder": tmp_path / "x"} | words
+    given = {"controllers": ["pid"], "scenarios": [ROUGH], "stages": [], "threads": 1} | words
+
+    def ask():
+        grid = Grid("x", tuple(given["controllers"]), tuple(given["scenarios"]), (1000,))
+        blame(grid, tmp_path / "x", given["stages"], given["threads"])
+
     with pytest.raises(InvalidInput, match=message):
-        blame(**given)
+        ask()
     assert not (tmp_path / "x").exists()
 
 
