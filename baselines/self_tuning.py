@@ -34,7 +34,8 @@ CENTRE = 4
 # Places in the memory.
 READINGS = 0
 COMMANDS = READINGS + RING
-MEANS = COMMANDS + RING
+SAID = COMMANDS + RING  # farthest predictions
+MEANS = SAID + RING
 SEEN = MEANS + AVERAGES  # what predictions were made from, a row a period
 GAIN = SEEN + RING * TERMS
 SPREAD = GAIN + TERMS  # variance of the coefficients over that of an innovation
@@ -44,6 +45,9 @@ MEMORY = NEARER + 3 * TERMS
 
 FADE = 0.98
 """Of the largest speed seen, per period."""
+
+RECALL, DOUBT = 0.97, 6.0
+"""Memory of what was predicted, per period; how soon predictions that miss most of the motion are not trusted."""
 
 SWING, STRAY = 1.2, 0.05
 """An error that exceeds this multiple of what the sheet has moved by, and so many mm, is the loop's own."""
@@ -94,6 +98,8 @@ class State(NamedTuple):
     power: float = 0.0  # … and the latter's variance, forgotten as slowly
     fastest: float = 0.0  # mm per period, largest speed of the sheet of late
     integral: float = 0.0  # mm/s
+    wrong: float = 0.0  # mm², of late: square of what the farthest prediction missed, …
+    plain: float = 0.0  # … and of what was missed had nothing been predicted
     swing: float = 0.0  # mm, largest motion of the sheet of late
     bridged: float = 0.0  # periods since a jump; below 0: periods until the trend is known again
 
@@ -101,7 +107,7 @@ class State(NamedTuple):
 @part
 def init(params):
     """The initial state."""
-    return State(0.0, 0.0, 4e-6, 2.0 ** (1.0 / params.memory), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return State(0.0, 0.0, 4e-6, 2.0 ** (1.0 / params.memory), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @part
@@ -217,9 +223,12 @@ def control(params, state, signals, tables, memory):
     if known > 0.0 and abs(x.head_position - measured - x.set_height) > SWING * swing + STRAY:
         _forget(p, m)
         known = 1.0
-    usual = state.usual
+    usual, wrong, plain = state.usual, RECALL * state.wrong, RECALL * state.plain
     if known > FAR + 2.0:
         base = _slot(tick, FAR)
+        rose = measured - m[READINGS + base]
+        wrong += (rose - m[SAID + base]) * (rose - m[SAID + base])
+        plain += rose * rose
         now, mid = m[READINGS + _slot(tick, FAR - NEAR)], m[READINGS + _slot(tick, FAR - MIDDLE)]
         missed = _learn(p, m, base, now, mid, measured, usual, state.grow)
         usual = max(0.99 * usual + 0.01 * missed * missed, QUIET * QUIET)
@@ -228,6 +237,7 @@ def control(params, state, signals, tables, memory):
         near += m[NEARER + i] * m[row + i]
         middle += m[NEARER + TERMS + i] * m[row + i]
         far += m[FARTHER + i] * m[row + i]
+    m[SAID + _slot(tick, 0.0)] = far
     # Head velocity is its command, later: to first order v(t) = u(t − c) − (lag − c)·u'(t − c).
     sent, before = m[COMMANDS + _slot(tick, CENTRE)], m[COMMANDS + _slot(tick, CENTRE + 1.0)]
     after = m[COMMANDS + _slot(tick, CENTRE - 1.0)]
@@ -244,7 +254,9 @@ def control(params, state, signals, tables, memory):
     # A sheet hardly moves faster than it has just moved; an estimate that has gone astray says so.
     fastest = max(FADE * state.fastest, abs(m[row + RECENT - 1]) / RECENT)
     most = p.reach * fastest
-    coming = clip(speed + p.sharpen * bend, -most, most) / PERIOD if ready else 0.0
+    # What has not come true lately, such as how the first step goes on, is fed forward in part or not at all.
+    trusted = clip(DOUBT * (1.0 - wrong / max(plain, QUIET * QUIET)), 0.0, 1.0)
+    coming = trusted * clip(speed + p.sharpen * bend, -most, most) / PERIOD if ready else 0.0
     off = behind - MIDDLE
     rise = middle + slope * off + 0.5 * bend * off * off if ready else 0.0
     moving = 0.0
@@ -256,5 +268,16 @@ def control(params, state, signals, tables, memory):
     free = ready and not x.override
     integral = state.integral + p.ki * PERIOD * clip(error, -LITTLE, LITTLE) if free else 0.0
     return State(
-        tick, known, usual, state.grow, late / state.grow, power / state.grow, fastest, integral, swing, bridged
+        tick,
+        known,
+        usual,
+        state.grow,
+        late / state.grow,
+        power / state.grow,
+        fastest,
+        integral,
+        wrong,
+        plain,
+        swing,
+        bridged,
     ), answer - integral
