@@ -18,7 +18,7 @@ TRAINED = Path(__file__).parents[1] / "agents" / "trained"
 
 SHIPPED: dict[str, tuple[str, str, int, dict[str, Any]]] = {
     "height-following-ppo": (
-        "ppo", "kerfgym/HeightFollowing-v0", 0, {"steps": 1_500_000, "evaluation.every": 300_000},
+        "ppo", "kerfgym/HeightFollowing-v0", 0, {},
     ),
 }  # fmt: skip
 """Algorithm, environment and seed of each, and what differs from the preset."""
