@@ -173,10 +173,11 @@ def budgets(tuning: dict[str, Any], controllers: Iterable[str], reference: str) 
 
 def in_words(row: Any) -> str:
     """A row of :func:`budgets` for a table: ``400 · 634 M``, with its mark."""
-    parts = []
-    if not math.isnan(row["trials"]):
+    untuned = row["trials"] == 0 and not row["tuning_steps"] > 0
+    parts = ["not tuned"] if untuned else []
+    if not untuned and not math.isnan(row["trials"]):
         parts.append(f"{row['trials']:.0f}")
-    if not math.isnan(row["tuning_steps"]):
+    if not untuned and not math.isnan(row["tuning_steps"]):
         million = 1e-6 * row["tuning_steps"]
         parts.append(f"{million:.0f} M" if million >= 100 else f"{million:.3g} M")
     mark = row["budget"]

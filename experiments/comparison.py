@@ -1,6 +1,7 @@
 """What a benchmark's runs say about who is closer, by how much and how surely: :mod:`inference` on its tables."""
 
 import math
+import re
 from collections.abc import Iterable
 from typing import Any
 
@@ -27,7 +28,7 @@ def samples(
     values = frame[results.metric].where(~frame["failed"].astype(bool) & frame[results.metric].notna(), np.inf)
     tables = frame.assign(value=values).pivot(index=["controller", "seed"], columns="scenario", values="value")
     out = {}
-    for name in names or results.controllers:
+    for name in results.controllers if names is None else names:
         if name not in tables.index.get_level_values("controller"):
             continue
         table = tables.loc[name].reindex(columns=chosen).dropna()
@@ -36,9 +37,14 @@ def samples(
     return out
 
 
+def sound(found: dict[str, Sample]) -> list[str]:
+    """Names of those of whom no run failed."""
+    return [name for name, sample in found.items() if np.isfinite(sample.values).all() and (sample.values > 0).all()]
+
+
 def bootstrapped(found: dict[str, Sample]) -> tuple[list[str], Replicates | None]:
     """The logarithm of the scores of those without a failed run, and who they are."""
-    names = [name for name, sample in found.items() if np.isfinite(sample.values).all() and (sample.values > 0).all()]
+    names = sound(found)
     return names, replicate([found[name] for name in names], log_score) if names else None
 
 
@@ -104,10 +110,10 @@ def better(results: Any, names: Iterable[str]) -> pd.DataFrame:
     """
     found = samples(results, names)
     table = pd.DataFrame(False, index=list(found), columns=list(found))
-    sound, replicates = bootstrapped(found)
+    finite, replicates = bootstrapped(found)
     if replicates:
-        table.loc[sound, sound] = replicates.better()
-    table.loc[sound, [name for name in found if name not in sound]] = True
+        table.loc[finite, finite] = replicates.better()
+    table.loc[finite, [name for name in found if name not in finite]] = True
     return table
 
 
@@ -135,3 +141,39 @@ def by_scenario(results: Any) -> pd.DataFrame:
 def _exp(interval: Interval) -> Interval:
     with np.errstate(over="ignore"):
         return Interval(*(float(np.exp(end)) for end in interval))
+
+
+_OWN = re.compile(r"\s--(?:seed|name|workers|threads|device|storage)[ =]\S+|\s--(?:overwrite|resume)")
+"""What two trainings of one method may differ in."""
+
+
+def methods(results: Any) -> pd.DataFrame:
+    """Methods that were trained or tuned several times, a row each; none if every one was once.
+
+    Controllers are runs of one method if the commands that made them differ in nothing but the seed. Columns:
+    ``method``, its command; ``members``, their names; ``score`` and ``ratio`` with ``…_low`` and ``…_high``: of the
+    method, so its interval is over trainings as over seeds; ``best`` and ``worst``: its members' scores.
+    """
+    found = samples(results)
+    groups: dict[str, list[str]] = {}
+    for name in sound(found):
+        record = (results.meta.get("tuning") or {}).get(name) or {}
+        command = (record.get("policy") or record).get("command")
+        if command:
+            groups.setdefault(_OWN.sub("", str(command)), []).append(name)
+    rows = []
+    for method, members in groups.items():
+        seeds = [seed for seed in found[members[0]].seeds if all(seed in found[name].seeds for name in members)]
+        if len(members) < 2 or not seeds:
+            continue
+        at = {name: [found[name].seeds.index(seed) for seed in seeds] for name in members}
+        whole = Sample.of(np.stack([found[name].values[0, at[name]] for name in members]), seeds)
+        base = [found[results.reference]] if results.reference in sound(found) else []
+        replicates = replicate([whole, *base], log_score)
+        score = _exp(replicates.interval([1.0, 0.0][: 1 + len(base)]))
+        ratio = _exp(replicates.interval([-1.0, 1.0])) if base else Interval(math.nan)
+        each = [float(np.exp(log_score(run[None], (None, None, None))[0][0])) for run in whole.values]
+        rows.append((method, members, *score, *ratio, min(each), max(each)))
+    flat = [f"{figure}{end}" for figure in ("score", "ratio") for end in ("", "_low", "_high")]
+    columns = ["method", "members", *flat, "best", "worst"]
+    return pd.DataFrame(rows, columns=columns)

@@ -88,13 +88,13 @@ def overlaps(record: dict[str, Any], seeds: set[int]) -> list[str]:
 
 
 def seeds_of(record: Any) -> list[range]:
-    """Every scenario seed that a provenance names: ``tune_seeds``, ``seeds``, those of a policy's ledger, of what it
-    started from."""
+    """Every scenario seed that a provenance names: ``tune_seeds``, ``checked_on``, ``seeds``, a policy's ledger's,
+    those of what it started from."""
     if not isinstance(record, dict):
         return []
     out: list[range] = []
     for key, value in record.items():
-        if key in ("seeds", "tune_seeds"):
+        if key in ("seeds", "tune_seeds", "checked_on"):
             for text in value.values() if isinstance(value, dict) else [value]:
                 out += _spans(text)
         elif key in ("policy", "ledger", "start", "z", "xy", "process"):

@@ -123,7 +123,8 @@ class JobResults(Comparison):
     summaries: dict[str, str] = field(default_factory=dict)
 
     def summary(self) -> pd.DataFrame:
-        """One row per controller: score, ratio of the reference over it, mean of every metric over the core, budget."""
+        """One row per controller: score, ratio of the reference over it, mean of every metric over the core, budget,
+        standing (:func:`fairness.standings`)."""
         pooled = self.pooled(self.metric)
         scored = self.scored
         score = pd.Series(np.exp(np.log(pooled[scored].to_numpy(float)).mean(axis=1)), index=pooled.index)
@@ -139,4 +140,4 @@ class JobResults(Comparison):
         frame["count"] = groups.size()
         for column in ("iso_roughness", "iso_taper"):
             frame[column] = core[column].agg(lambda values: "/".join(sorted(set(values))))
-        return frame.join(budgets(self.meta.get("tuning") or {}, frame.index, self.reference))
+        return self.placed(frame.join(budgets(self.meta.get("tuning") or {}, frame.index, self.reference)))

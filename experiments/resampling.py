@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import stats
+from scipy import sparse, stats
 
 from .inference import LEVEL, TRIMMED, WORST, Interval, Sample
 
@@ -38,7 +38,8 @@ def log_score(values: np.ndarray, weights: Weights) -> tuple[np.ndarray, Weights
     mean = _over_seeds(squares, weights[1])
     with np.errstate(divide="ignore", invalid="ignore"):
         shares, level = np.where(mean > 0, 1.0 / mean, 0.0), 0.5 * np.log(mean)
-    return _of_levels(level, weights, lambda kept: 0.5 * np.einsum("brc,rsc->bs", kept * shares, squares))
+    by_level = squares.transpose(0, 2, 1).reshape(-1, values.shape[1])
+    return _of_levels(level, weights, lambda kept: 0.5 * (kept * shares).reshape(len(mean), -1) @ by_level)
 
 
 def log_cvar(values: np.ndarray, weights: Weights) -> tuple[np.ndarray, Weights]:
@@ -61,7 +62,8 @@ def _over_seeds(values: np.ndarray, weights: np.ndarray | None) -> np.ndarray:
     """Means over the seeds, (B, R, C)."""
     if weights is None:
         return values.mean(axis=1)[None]
-    return np.einsum("bs,rsc->brc", weights, values) / values.shape[1]
+    r, s, c = values.shape
+    return (weights @ values.transpose(1, 0, 2).reshape(s, r * c)).reshape(-1, r, c) / s
 
 
 def _of_levels(level: np.ndarray, weights: Weights, of_seeds: Callable) -> tuple[np.ndarray, Weights]:
@@ -77,36 +79,48 @@ def _of_levels(level: np.ndarray, weights: Weights, of_seeds: Callable) -> tuple
 def mean(values: np.ndarray, weights: Weights) -> tuple[np.ndarray, Weights]:
     """Mean of all values."""
     total = _times(values[None], weights, "brsc").sum(axis=(1, 2, 3)) / values.size
-    return total, _sums(values[None], weights, values.size)
+    return total, _sums(values.reshape(1, -1), weights, list(np.indices(values.shape).reshape(3, -1)), values.size)
 
 
 def mean_of_middle(values: np.ndarray, weights: Weights) -> tuple[np.ndarray, Weights]:
     """Interquartile mean of all values; its influences are those of a trimmed mean, the rest drawn in to its ends."""
     total = values.size
     cut = int(TRIMMED * total)
-    order = np.argsort(values, axis=None, kind="stable")
-    ranked = values.ravel()[order]
-    drawn = _times(np.ones((1, *values.shape)), weights, "brsc")
-    up_to = np.cumsum(drawn.reshape(len(drawn), -1)[:, order], axis=1)
-    kept = np.diff(np.clip(up_to, cut, total - cut), axis=1, prepend=float(cut))
     count = total - 2 * cut
+    order = np.argsort(values, axis=None, kind="stable")
+    ranked, members = values.ravel()[order], np.unravel_index(order, values.shape)
+    drawn = np.ones((1, total))
+    for own, index in zip(weights, members, strict=True):
+        if own is not None:
+            drawn = drawn * own[:, index]
+    up_to = np.cumsum(drawn, axis=1)
+    kept = np.diff(np.clip(up_to, cut, total - cut), axis=1, prepend=float(cut))
     finite = np.isfinite(ranked)
     value = kept @ np.where(finite, ranked, 0.0) / count
     lost = kept @ np.where(finite, 0.0, np.sign(ranked))
-    low, high = (ranked[np.argmax(up_to > edge, axis=1)] for edge in (cut, total - cut - 0.5))
-    within = np.clip(values, *(end[:, None, None, None] for end in (low, high)))
+    ends = [ranked[np.argmax(up_to > edge, axis=1)][:, None] for edge in (cut, total - cut - 0.5)]
+    within = np.clip(ranked, *ends)
     within = np.where(np.isfinite(within), within, 0.0)  # where the middle itself is without end, its value says so
     with np.errstate(invalid="ignore"):
-        return np.where(lost == 0, value, np.sign(lost) * np.inf), _sums(within, weights, count)
+        return np.where(lost == 0, value, np.sign(lost) * np.inf), _sums(within, weights, members, count)
 
 
-def _sums(array: np.ndarray, weights: Weights, count: int) -> Weights:
-    """Influences on a mean of ``count`` values: of each axis' members the sum over the others of ``array``, brsc."""
-    return tuple(
-        None if own is None else _times(array, (*weights[:axis], None, *weights[axis + 1 :]), "brsc")
-        .sum(axis=tuple({1, 2, 3} - {axis + 1})) * (own.shape[1] / count)
-        for axis, own in enumerate(weights)
-    )  # fmt: skip
+def _sums(values: np.ndarray, weights: Weights, members: Sequence[np.ndarray], count: int) -> Weights:
+    """Influences on a mean of ``count`` of the values (B, n), whose places on the three axes are ``members``: of each
+    axis' members the sum over the others."""
+    out: list[np.ndarray | None] = []
+    for axis, own in enumerate(weights):
+        if own is None:
+            out.append(None)
+            continue
+        others = values
+        for other, index in zip(weights, members, strict=True):
+            if other is not None and other is not own:
+                others = others * other[:, index]
+        places = (members[axis], np.arange(values.shape[1]))
+        one = sparse.csr_array((np.ones(values.shape[1]), places), shape=(own.shape[1], values.shape[1]))
+        out.append((one @ others.T).T * (own.shape[1] / count))
+    return tuple(out)
 
 
 def _times(array: np.ndarray, weights: Weights, axes: str) -> np.ndarray:
@@ -186,9 +200,10 @@ class Replicates:
         most, enough = stats.t.ppf(0.5 + level / 2, freedom), np.isinf(freedom)
         if enough.any():
             most[enough] = np.quantile(np.abs(deviations[:, enough]).max(axis=1), level, method="higher")
-        difference = self.value[first] - self.value[second]
-        found[first, second] = difference < -most * error
-        found[second, first] = difference > most * error
+        difference, least = self.value[first] - self.value[second], np.zeros(len(error))
+        np.multiply(most, error, out=least, where=error > 0)
+        found[first, second] = difference < -least
+        found[second, first] = difference > least
         return found
 
     def _studentised(self, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -58,6 +58,11 @@ class Comparison:
         """Ranks, ties, intervals, and who is not ranked and why: :func:`fairness.standings`."""
         return standings(self)
 
+    def placed(self, frame: pd.DataFrame) -> pd.DataFrame:
+        """A summary with ranks, intervals and reasons beside its figures, lists in words."""
+        more = self.standings.drop(columns=["information", "score", "ratio"]).reindex(frame.index)
+        return frame.join(more.assign(tied=more["tied"].str.join(", "), reasons=more["reasons"].str.join("; ")))
+
 
 def _geometric(table: pd.DataFrame) -> pd.Series:
     """Geometric mean of each row; NaN if one of its values is."""
@@ -99,7 +104,8 @@ class Results(Comparison):
         return super().pooled(metric)
 
     def summary(self) -> pd.DataFrame:
-        """One row per controller: score (µm), ratio, scale, stability, budget, collision and failure counts, jitter."""
+        """One row per controller: score (µm), ratio, scale, stability, budget, collision and failure counts, jitter,
+        standing (:func:`fairness.standings`)."""
         pooled, reported = self.pooled(), self.pooled("rms_reported")
         scored = self.scored
         score = _geometric(pooled[scored])
@@ -130,7 +136,7 @@ class Results(Comparison):
         for column, metric in shown:  # runs of earlier versions know nothing of the cut
             known = metric in self.runs
             frame[column] = core[metric].apply(lambda values: values.mean(skipna=False)) if known else np.nan
-        return frame
+        return self.placed(frame)
 
     def decisions(self) -> pd.DataFrame:
         """Cost of a decision, one row per controller: ``median_us``, ``p99_us`` and ``ratio`` of the latter to the

@@ -1,6 +1,7 @@
 """A benchmark's tables in words: what the terminal prints and what ``summary.md`` holds."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -9,9 +10,10 @@ from rich.table import Table
 
 from ..envs.job_metrics import METRICS
 from ..envs.material import material
-from ..envs.plant.controller import PERIOD
+from ..envs.plant.controller import INFORMATION, PERIOD
 from ..envs.plant.machine import SUBSTEPS
 from .budgets import MARKS, in_words
+from .comparison import methods
 from .jobs import JobResults
 from .margins import DELAYS, GAINS
 from .margins import in_words as margin
@@ -65,7 +67,7 @@ class Sheet:
 
 def sheets(results: Results | JobResults) -> list[Sheet]:
     """The tables of a grid: one row a controller, best score first, and what explains it."""
-    return _jobs(results) if isinstance(results, JobResults) else _following(results)
+    return (_jobs(results) if isinstance(results, JobResults) else _following(results)) + _methods(results)
 
 
 def budget_note(summary: Any) -> str:
@@ -78,36 +80,66 @@ def _number(value: float, form: str = "{:.2f}") -> str:
     return "–" if value is None or math.isnan(value) else form.format(value)
 
 
+def _between(value: float, low: float, high: float, form: str = "{:.2f}") -> str:
+    """A figure with its interval, such as ``2.42 (2.27 … 2.54)``; alone where there is none or it is exact."""
+    ends = "" if math.isnan(low) or low == high else f" ({form.format(low)} … {form.format(high)})"
+    return _number(value, form) + ends
+
+
+def _figure(row: Any, name: str, form: str = "{:.2f}") -> str:
+    return _between(row[name], row[f"{name}_low"], row[f"{name}_high"], form)
+
+
+def _rank(row: Any) -> str:
+    """``1``, ``1=`` if it is shared, a dash without one."""
+    return "–" if math.isnan(row["rank"]) else f"{row['rank']:.0f}{'=' * bool(row['tied'])}"
+
+
+def _wins(row: Any) -> str:
+    """How often it beats the reference; a dash for the reference itself."""
+    return _number(row["wins"] if row["wins_low"] < row["wins_high"] else math.nan, "{:.0%}")
+
+
+def _ranking(summary: Any, reference: str) -> list[str]:
+    """What ranks and intervals mean, and who is only shown."""
+    lines = [
+        "rank: 1 + how many of the class are significantly better, all such statements together at 95 %; = shared;",
+        f"(… …): 95 % intervals over seeds. wins: share of runs that are better than {reference}'s on the same seed.",
+    ]
+    lines += [f"not ranked: {name}: {row['reasons']}." for name, row in summary.iterrows() if row["reasons"]]
+    return lines + [f"{name}: {row['note']}." for name, row in summary.iterrows() if row["note"]]
+
+
 def _cell(table: Any, row: Any, column: str) -> float:
     return float(table.at[row, column])
 
 
+def _classes(summary: Any, cells: Callable[[Any, Any], list[str]]) -> list[list[list[str]]]:
+    """Rows of each information class, best score first."""
+    groups = [summary[summary["information"] == each].sort_values("score") for each in INFORMATION]
+    return [[cells(name, row) for name, row in group.iterrows()] for group in groups if len(group)]
+
+
 def _following(results: Results) -> list[Sheet]:
     summary, pooled, costs = results.summary(), results.pooled(), results.decisions()
-    scored = [s for s in results.core if s in pooled.columns] or list(pooled.columns)
+    scored = results.scored
     core = scored if len(scored) <= BESIDE else []
     sheet = Sheet(
         f"RMS of the true gap error, µm · {_seeds(results)}",
-        ["controller", "score", f"× {REFERENCE}", "reported", "Ms", "gain", "delay, ms", *core, "jitter", "dross, mm",
-         "Rz, µm", "collisions", "failed", "µs", "p99, µs", "budget", "class"],
+        ["controller", "rank", "score", f"× {REFERENCE}", "wins", "reported", "Ms", "gain", "delay, ms", *core,
+         "jitter", "dross, mm", "Rz, µm", "collisions", "failed", "µs", "p99, µs", "budget", "class"],
     )  # fmt: skip
-    for information in ("sensor", "preview", "privileged"):
-        section = summary[summary["information"] == information].sort_values("score")
-        if len(section):
-            sheet.sections.append([
-                [
-                    str(name), _number(row["score"]), _number(row["ratio"]), _number(row["reported"]),
-                    _number(row["ms"]), margin(row["gain_margin"], GAINS[-1]), margin(row["delay_margin"], DELAYS[-1]),
-                    *(_number(_cell(pooled, name, s), "{:.1f}") for s in core), _number(row["jitter"]),
-                    _number(row["dross"], "{:.4f}"), _number(row["roughness"]),
-                    f"{row['collisions']}/{row['collision_runs']}", str(row["failed"]),
-                    _number(_cell(costs, name, "median_us")), _number(_cell(costs, name, "p99_us")), in_words(row),
-                    information,
-                ]
-                for name, row in section.iterrows()
-            ])  # fmt: skip
+    sheet.sections = _classes(summary, lambda name, row: [
+        str(name), _rank(row), _figure(row, "score"), _figure(row, "ratio"), _wins(row), _number(row["reported"]),
+        _number(row["ms"]), margin(row["gain_margin"], GAINS[-1]), margin(row["delay_margin"], DELAYS[-1]),
+        *(_number(_cell(pooled, name, s), "{:.1f}") for s in core), _number(row["jitter"]),
+        _number(row["dross"], "{:.4f}"), _number(row["roughness"]), f"{row['collisions']}/{row['collision_runs']}",
+        str(row["failed"]), _number(_cell(costs, name, "median_us")), _number(_cell(costs, name, "p99_us")),
+        in_words(row), row["information"],
+    ])  # fmt: skip
     exempt = f" ({', '.join(results.exempt)} left out)" if results.exempt else ""
     explained = [
+        *_ranking(summary, REFERENCE),
         f"score: geometric mean over {', '.join(core) or f'these {len(scored)}'};",
         "reported: the same of what the machine itself measures;",
         f"jitter: RMS change of the command, mm/s per ms; collisions of all scenarios{exempt};",
@@ -125,32 +157,47 @@ def _following(results: Results) -> list[Sheet]:
 
 
 def _jobs(results: JobResults) -> list[Sheet]:
-    summary = results.summary().sort_values("score")
+    summary = results.summary()
     sheet = Sheet(
         f"jobs · {_seeds(results)}",
-        ["controller", f"{results.metric}, {METRICS[results.metric].unit}", f"× {results.reference}", "contour rms, µm",
-         "max, µm", "gap rms, µm", "dross, mm", "Rz, µm", "ISO 9013", "through", "kerf, mm", "u, mm", "time, s",
-         "feed, mm/s", "collisions", "failed", "budget"],
+        ["controller", "rank", f"{results.metric}, {METRICS[results.metric].unit}", f"× {results.reference}", "wins",
+         "contour rms, µm", "max, µm", "gap rms, µm", "dross, mm", "Rz, µm", "ISO 9013", "through", "kerf, mm", "u, mm",
+         "time, s", "feed, mm/s", "collisions", "failed", "budget"],
     )  # fmt: skip
     forms = {
-        "score": "{:.2f}", "ratio": "{:.2f}", "contour_rms": "{:.1f}", "contour_max": "{:.0f}", "gap_rms": "{:.1f}",
+        "contour_rms": "{:.1f}", "contour_max": "{:.0f}", "gap_rms": "{:.1f}",
         "dross": "{:.3f}", "roughness": "{:.1f}", "iso_roughness": "", "through": "{:.2f}", "kerf": "{:.3f}",
         "taper": "{:.3f}", "time": "{:.2f}", "mean_feed": "{:.1f}",
     }  # fmt: skip
-    sheet.sections = [[
-        [
-            str(name), *(_number(row[m], form) if form else str(row[m]) for m, form in forms.items()),
-            f"{row['collisions']}/{row['count']}", str(row["failed"]), in_words(row),
-        ]
-        for name, row in summary.iterrows()
-    ]]  # fmt: skip
-    over = [s for s in results.core if s in results.scenarios] or results.scenarios
+    sheet.sections = _classes(summary, lambda name, row: [
+        str(name), _rank(row), _figure(row, "score"), _figure(row, "ratio"), _wins(row),
+        *(_number(row[m], form) if form else str(row[m]) for m, form in forms.items()),
+        f"{row['collisions']}/{row['count']}", str(row["failed"]), in_words(row),
+    ])  # fmt: skip
     sheet.notes = [
-        f"score: geometric mean over {', '.join(over)} of the RMS over seeds.",
+        *_ranking(summary, results.reference),
+        f"score: geometric mean over {', '.join(results.scored)} of the RMS over seeds.",
         f"budget: trials and steps of tuning, all slots together. {budget_note(summary)}",
         *(f"quality: {label}." for label in results.labels),
     ]
     return [sheet]
+
+
+def _methods(results: Results | JobResults) -> list[Sheet]:
+    """Of methods that were trained or tuned several times, all their members together."""
+    found = methods(results)
+    if not len(found):
+        return []
+    titles = ["method", "members", "score", f"× {results.reference}", "best", "worst"]
+    rows = [
+        [
+            row["method"], str(len(row["members"])), _figure(row, "score"), _figure(row, "ratio"),
+            _number(row["best"]), _number(row["worst"]),
+        ]
+        for _, row in found.iterrows()
+    ]  # fmt: skip
+    note = "members: trainings that differ in their seed alone; intervals are over trainings and over seeds."
+    return [Sheet("methods that were trained or tuned several times", titles, [rows], [note])]
 
 
 def _seeds(results: Results | JobResults) -> str:
@@ -171,8 +218,8 @@ def print_blame(shares: Any, headroom: Any) -> None:
             where = f"{scenario}, {error}" if several else scenario
             table.add_row(
                 *((where, controller) if i == 0 else ("", "")), row.stage, _number(row.share),
-                _between(row.low, row.high), _number(100.0 * row.share / whole, "{:.1f} %"), _number(row.alone),
-                _between(row.alone_low, row.alone_high),
+                _ends(row.low, row.high), _number(100.0 * row.share / whole, "{:.1f} %"), _number(row.alone),
+                _ends(row.alone_low, row.alone_high),
             )  # fmt: skip
         table.add_row("", "", "all", _number(whole))
     console = Console(width=max(Console().width, Console(width=1000).measure(table).maximum))
@@ -183,7 +230,7 @@ def print_blame(shares: Any, headroom: Any) -> None:
     for row in headroom.itertuples():
         table.add_row(
             row.scenario, row.controller, _number(row.rms), row.bound, _number(row.bound_rms), _number(row.ratio),
-            _between(row.low, row.high),
+            _ends(row.low, row.high),
         )  # fmt: skip
     console.print(table)
     console.print(
@@ -198,7 +245,7 @@ def print_blame(shares: Any, headroom: Any) -> None:
         console.print("–: intervals are over seeds, and need two of them.")
 
 
-def _between(low: float, high: float) -> str:
+def _ends(low: float, high: float) -> str:
     return "–" if math.isnan(low) else f"{low:.2f} … {high:.2f}"
 
 

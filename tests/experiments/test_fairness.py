@@ -1,13 +1,17 @@
 """Fair play: who is ranked with whom, who is only shown, and why."""
 
+import re
+
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import stats
 
 from kerfgym.envs import stack
-from kerfgym.experiments.comparison import by_scenario
+from kerfgym.experiments.comparison import by_scenario, methods
 from kerfgym.experiments.fairness import overlaps, seeds_of
 from kerfgym.experiments.results import Results
+from kerfgym.experiments.table import sheets
 
 CORE = ("tilt", "wavy", "step")
 RECORD = {"trials": 400, "simulated_steps": 600_000_000, "tune_seeds": "0-39"}
@@ -61,6 +65,12 @@ def test_the_unfair_are_shown_with_the_reason_and_take_nobodys_rank():
     assert found.at["pid", "reasons"] == ["tuned on seeds of this run: 1000-1009,1030"]
     assert "no record of how it was tuned" in found.at["slow", "reasons"][0]
     assert np.isfinite(found.loc["pid", ["score", "score_low", "score_high", "ratio"]].astype(float)).all()
+
+
+def test_where_nobody_may_be_ranked_nobody_is():
+    found = standings(tuning={})
+    assert found["rank"].isna().all()
+    assert not found["tied"].any()
 
 
 def test_a_larger_budget_is_a_reason():
@@ -156,3 +166,43 @@ def test_the_shipped_records_name_their_seeds():
         record = stack.get(name).provenance
         assert bool(seeds_of(record)) == bool(record.get("trials"))
     assert any(10_000 in span for span in seeds_of(stack.resolve("agents/trained/height-following-ppo").provenance))
+
+
+def test_the_printed_table_has_ranks_intervals_and_reasons(capsys):
+    tuning = dict.fromkeys(LEVELS, RECORD) | {"slow": {}}
+    frame = runs().assign(rms_reported=1.0, collision=0.0, jitter=1.0)
+    sheet = sheets(Results(frame, pd.DataFrame(), pd.DataFrame(), {"tuning": tuning}, CORE))[0]
+    cells = {row[0]: row[1:4] for section in sheet.sections for row in section}
+    assert {name: row[0] for name, row in cells.items()} == {
+        "pid": "1=", "twin": "1=", "xi2023-tuned": "3", "slow": "–", "seer": "1",
+    }  # fmt: skip
+    assert re.fullmatch(r"\d+\.\d\d \(\d+\.\d\d … \d+\.\d\d\)", cells["pid"][1])
+    assert re.fullmatch(r"[12]\.\d\d \(1\.\d\d … 2\.\d\d\)", cells["pid"][2])
+    assert cells["xi2023-tuned"][2] == "1.00"
+    assert "not ranked: slow: no record of how it was tuned (a class of one's own has it in TUNING)." in sheet.notes
+    sheet.show()
+    assert "not ranked: slow" in capsys.readouterr().out
+
+
+def test_trainings_of_one_method_are_its_independent_runs():
+    trained = [f"runs/ppo-{i}/policy" for i in range(5)]
+    levels = {"xi2023-tuned": 20.0, **{name: 10.0 * 1.2**i for i, name in enumerate(trained)}, "runs/sac/policy": 9.0}
+    command = "kerfgym train {} --env kerfgym/HeightFollowing-v0 --seed {} --set algorithm.gamma=0.97 --name x{}"
+    tuning = {name: {"policy": {"command": command.format("ppo", i, i)}} for i, name in enumerate(trained)}
+    tuning["runs/sac/policy"] = {"policy": {"command": command.format("sac", 0, 9)}}
+    results = Results(runs(levels), pd.DataFrame(), pd.DataFrame(), {"tuning": tuning}, CORE)
+    (found,) = methods(results).to_dict("records")
+    assert found["method"] == "kerfgym train ppo --env kerfgym/HeightFollowing-v0 --set algorithm.gamma=0.97"
+    assert found["members"] == trained
+    assert found["score"] == pytest.approx(stats.gmean([results.standings.at[name, "score"] for name in trained]))
+    assert (found["best"], found["worst"]) == pytest.approx(
+        (results.standings.at[trained[0], "score"], results.standings.at[trained[-1], "score"])
+    )
+    alone = results.standings.loc[trained[2]]
+    assert found["ratio_high"] / found["ratio_low"] > 2 * alone["ratio_high"] / alone["ratio_low"]  # trainings differ
+    assert "methods that were trained" in methods_sheet(results).title
+
+
+def methods_sheet(results):
+    frame = results.runs.assign(rms_reported=1.0, collision=0.0, jitter=1.0)
+    return sheets(Results(frame, pd.DataFrame(), pd.DataFrame(), results.meta, CORE))[-1]
