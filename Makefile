@@ -5,8 +5,8 @@ READY := .venv/.ready
 
 .PHONY: benchmark test lint train clean
 
-benchmark: $(READY)  ## the standard comparison: table here, report in runs/standard/report.html
-	$(BIN)/kerfgym benchmark --name standard --overwrite
+benchmark: $(READY)  ## all that is shipped, compared: tables here, report in runs/standard/report.html
+	$(BIN)/kerfgym benchmark --shipped --name standard --overwrite
 
 test: $(READY)  ## all tests, a file after the other on each core
 	$(BIN)/python -m pytest -n auto --dist loadfile
