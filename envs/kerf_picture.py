@@ -20,11 +20,11 @@ _GROUND, _INK, _QUIET, _OUTLINE, _RAPID, _SPOT = "#ffffff", "#1a1d20", "#555c63"
 _EDGE = "#8b9198"
 
 # Anchors of a colour scale whose lightness rises evenly (viridis, Smith and van der Walt 2015).
-_ANCHORS = np.array([
+EVEN = np.array([
     [68, 1, 84], [72, 40, 120], [62, 74, 137], [49, 104, 142], [38, 130, 142], [31, 158, 137], [53, 183, 121],
     [109, 205, 89], [180, 222, 44], [253, 231, 37],
 ], float)  # fmt: skip
-_DIVERGING = np.array([[179, 88, 6], [241, 163, 64], [235, 235, 235], [153, 142, 195], [84, 39, 136]], float)
+DIVERGING = np.array([[179, 88, 6], [241, 163, 64], [235, 235, 235], [153, 142, 195], [84, 39, 136]], float)
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ def picture(kerf: Kerf, colour: str = "standoff", limits: tuple[float, float] | 
         raise InvalidInput(f"unknown quantity '{colour}'; {did_you_mean(colour, QUANTITIES)}")
     quantity = QUANTITIES[colour]
     values = quantity.factor * kerf.values[colour]
-    low, high = limits or _limits(values[kerf.cutting], quantity)
+    low, high = limits or limits_of(values[kerf.cutting], quantity)
     image = Image.new("RGB", (_SCALE * WIDTH, _SCALE * HEIGHT), _GROUND)
     draw = ImageDraw.Draw(image)
     everything = np.concatenate([*kerf.outlines, np.stack([kerf.x, kerf.y], axis=1)])
@@ -105,7 +105,8 @@ def picture(kerf: Kerf, colour: str = "standoff", limits: tuple[float, float] | 
     return np.asarray(image.resize((WIDTH, HEIGHT), Image.Resampling.LANCZOS))
 
 
-def _limits(values: Floats, quantity: Quantity) -> tuple[float, float]:
+def limits_of(values: Floats, quantity: Quantity) -> tuple[float, float]:
+    """Ends of a scale that shows ``values``: the 1st and 99th percentile, no nearer to each other than makes sense."""
     good = values[np.isfinite(values)]
     if len(good) == 0:
         return (-quantity.least, quantity.least) if quantity.signed else (0.0, quantity.least)
@@ -132,7 +133,7 @@ def _placing(points: Floats):
 
 
 def _shades(values: Floats, low: float, high: float, signed: bool) -> npt.NDArray[np.int64]:
-    anchors = _DIVERGING if signed else _ANCHORS
+    anchors = DIVERGING if signed else EVEN
     share = np.nan_to_num(np.clip((values - low) / max(high - low, 1e-12), 0.0, 1.0)) * (len(anchors) - 1)
     i = np.minimum(share.astype(int), len(anchors) - 2)
     u = (share - i)[:, None]

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from ..envs import job_metrics, workshop
-from ..envs.plant import gantry
+from ..envs.plant import gantry, machine
 from ..envs.plant.controller import PERIOD
 from ..envs.plant.fleet import Fleet
 from ..envs.quality import iso_range, iso_taper
@@ -25,7 +25,7 @@ LONGEST = 3.0
 
 _STRIDE = 500
 SHOWN = ("x", "y", "speed", "error", "phase", "gap_error", "margin", "roughness", "dross", "kerf_top")
-"""Channels that a trace keeps."""
+"""Channels of the axes and the cut that a trace keeps; of the head it has the reported error, command and speed."""
 
 
 def roll(
@@ -43,12 +43,13 @@ def roll(
         change: made to the machines before they begin.
 
     Returns:
-        ``(fleet, job, channels)``: channels are float32 (periods, ``gantry.CHANNELS``, seeds) if recorded.
+        ``(fleet, job, channels)``: channels are float32 (periods, ``gantry.CHANNELS`` and behind them
+        ``machine.CHANNELS``, seeds) if recorded.
     """
     fleet, job = workshop.fleet_for(scenario, team, seeds, threads, change), workshop.programme(scenario, team)
     assert fleet.gantries
     most = round(LONGEST * len(job.x)) + _STRIDE
-    channels = fleet.gantries.start_recording(most, fleet.tick) if record else None
+    kept = [fleet.gantries.start_recording(most, fleet.tick), fleet.start_recording(most)] if record else []
     python = rollout.periods(fleet, team.z, most) if team.z.python else None
     done = 0
     while done < most:
@@ -63,7 +64,8 @@ def roll(
         if (over | (fleet.column("tally.collided") > 0.5)).all():
             break
     fleet.gantries.stop_recording()
-    return fleet, job, channels[:done] if channels is not None else None
+    fleet.stop_recording()
+    return fleet, job, np.concatenate([part[:done] for part in kept], axis=1) if record else None
 
 
 def compute(
@@ -98,6 +100,9 @@ def traced(name: str, scenario: Scenario, team: Team, seed: int) -> pd.DataFrame
     assert channels is not None
     index = [gantry.CHANNELS.index(channel) for channel in SHOWN]
     frame = pd.DataFrame(channels[:, index, 0], columns=list(SHOWN))
+    head = dict(zip(machine.CHANNELS, channels[:, len(gantry.CHANNELS) :, 0].T, strict=True))
+    frame["reported_error"] = frame["gap_error"] + (head["height"] - head["gap"])
+    frame["command"], frame["velocity"] = head["command"], head["velocity"]
     frame.insert(0, "controller", name)
     frame.insert(1, "scenario", scenario.name)
     frame.insert(2, "seed", seed)

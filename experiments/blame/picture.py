@@ -3,7 +3,7 @@
 from matplotlib.figure import Figure
 from pandas import DataFrame
 
-from ..report.plots import COLOURS, GRID, INK, MARKERS
+from ..report.palette import COLOURS, GRID, INK, MARKERS
 from .tables import REST
 
 

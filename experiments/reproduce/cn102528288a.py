@@ -11,7 +11,7 @@ from ...envs import scenarios, stack
 from ...envs.panel import LEVEL, Panel
 from ...envs.plant import sensor, supervisor, z_axis
 from .. import rollout
-from ..report.plots import COLOURS, GRID, QUIET
+from ..report.palette import COLOURS, GRID, QUIET
 from .claims import Drawing, Estimate, Findings, Row, Trial, estimate, judged, study
 
 CONTROLLER = "cn102528288a"

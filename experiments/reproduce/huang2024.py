@@ -16,7 +16,7 @@ from ...envs.paths import bspline
 from ...envs.plant import cut, gantry, spot
 from ...envs.plant.quantity import InvalidInput
 from .. import calibrate, jobs
-from ..report.plots import COLOURS, GRID, QUIET
+from ..report.palette import COLOURS, GRID, QUIET
 from .claims import CALIBRATED, REPRODUCED, TREND, Drawing, Estimate, Findings, Row, Trial, estimate, judged, study
 
 METHODS = {

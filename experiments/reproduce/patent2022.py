@@ -11,7 +11,7 @@ from ...envs import stack as stacks
 from ...envs.plant.controller import PERIOD
 from ...envs.recording import Recording
 from ...envs.scenarios import Scenario
-from ..report.plots import COLOURS
+from ..report.palette import COLOURS
 from ..rollout import roll
 from ..stability import Injection
 from .claims import NOT, TREND, Drawing, Estimate, Findings, Row, Trial, estimate, judged, study

@@ -13,7 +13,7 @@ from ...envs.plant import xy_axes
 from ...envs.plant.quantity import InvalidInput
 from ...envs.workshop import drawing_of
 from .. import jobs
-from ..report.plots import COLOURS, QUIET
+from ..report.palette import COLOURS, QUIET
 from . import axes
 from .axes import IDEAL
 from .claims import CALIBRATED, NOT, REPRODUCED, TREND, Drawing, Estimate, Findings, Row, Trial, estimate, judged, study

@@ -12,7 +12,7 @@ from ...envs.scenarios import Axis, Head, Scenario
 from ...envs.stack import Stack
 from .. import identify_table1 as table1
 from .. import rollout
-from ..report.plots import COLOURS, QUIET
+from ..report.palette import COLOURS, QUIET
 from .claims import CALIBRATED, NOT, TREND, Drawing, Estimate, Findings, Row, Trial, estimate, judged, study
 from .xi2023_sensor import figure
 

@@ -5,7 +5,7 @@ from matplotlib.figure import Figure
 
 from ...envs.panel import CENTRE, LEVEL, Panel
 from ...envs.plant import supervisor
-from ..report.plots import COLOURS, GRID, QUIET
+from ..report.palette import COLOURS, GRID, QUIET
 from .claims import Drawing, Findings, Row, Trial, estimate, judged, study
 
 CONTROLLER = "xi2023-improved"

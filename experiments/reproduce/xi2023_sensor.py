@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...envs.plant import calibration, heads, sensor
-from ..report.plots import COLOURS, QUIET
+from ..report.palette import COLOURS, QUIET
 from .claims import CALIBRATED, NOT, TREND, Drawing, Estimate, Findings, Row, Trial, estimate, judged, study
 
 LOW, HIGH = 1.665, 4.053

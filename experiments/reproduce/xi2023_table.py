@@ -8,7 +8,7 @@ from ...envs import stack as stacks
 from ...envs.scenarios import Axis, Head, Scenario
 from .. import identify_table1 as table1
 from .. import rollout
-from ..report.plots import COLOURS, INK, QUIET
+from ..report.palette import COLOURS, INK, QUIET
 from .claims import CALIBRATED, NOT, TREND, Drawing, Findings, Row, Trial, estimate, judged, study
 from .xi2023_sensor import figure
 

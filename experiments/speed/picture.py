@@ -3,7 +3,7 @@
 import pandas as pd
 from matplotlib.figure import Figure
 
-from ..report.plots import COLOURS, GRID, INK, MARKERS, QUIET
+from ..report.palette import COLOURS, GRID, INK, MARKERS, QUIET
 
 CURVES = (
     "kernel, step by step",

@@ -12,8 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from .. import runs
+from ..report.palette import COLOURS, GRID, INK, QUIET
 from ..report.pictures import png
-from ..report.plots import COLOURS, GRID, INK, QUIET
 from .goals import metric
 from .outcome import Found
 from .study import Task

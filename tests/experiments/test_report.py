@@ -1,100 +1,38 @@
 """The report: opens offline, concludes what its data say, and survives what a benchmark may leave behind."""
 
+import base64
 import html.parser
+import json
 import re
-import tomllib
-from pathlib import Path
+import zlib
 
 import numpy as np
 import pandas as pd
+import plotly.graph_objects as go
 import pytest
-from PIL import Image
+from plotly.offline import get_plotlyjs
 
-import kerfgym.envs.scenarios
-from kerfgym.envs.plant import supervisor
-from kerfgym.experiments.report import page, plots
-from kerfgym.experiments.report.page import headline, pictures, remarks, times, warnings, write_following
-from kerfgym.experiments.results import Results
-
-SUITE = tomllib.loads(
-    (Path(kerfgym.envs.scenarios.__file__).parent / "suites" / "following.toml").read_text(encoding="utf-8")
-)
-
-CONTROLLERS = {
-    "xi2023-ma": ("sensor", 33.8, 1.71), "xi2023-improved": ("sensor", 33.6, 1.72),
-    "xi2023-tuned": ("sensor", 23.9, 1.9), "pid": ("sensor", 9.1, 1.95), "observer": ("sensor", 12.0, 3.1),
-    "preview-5ms": ("preview", 2.5, 1.12),
-}  # fmt: skip
-"""Name: information class, score in µm, Ms."""
-
-EXEMPT = ("long-hole", "tip-up")
-
-
-def fake(controllers=CONTROLLERS, scenarios=None, seeds=range(1000, 1008), seconds=1.5, core=None, drawing=False):
-    """Results whose scores are exactly those of ``controllers``; in ``holes`` the pid touches in one run."""
-    rng = np.random.default_rng(0)
-    scenarios = SUITE["scenarios"] if scenarios is None else scenarios
-    core = tuple(SUITE["core"]) if core is None else core
-    difficulty = {name: 2.0 ** ((i * 5) % 7 - 3.0) for i, name in enumerate(scenarios)}
-    scored = [name for name in core if name in scenarios] or scenarios
-    mean = np.exp(np.mean([np.log(difficulty[name]) for name in scored]))
-    rows, traces, curves = [], [], []
-    time = np.arange(1, round(seconds * 1000) + 1) * 1e-3
-    for number, (name, (information, score, ms)) in enumerate(controllers.items()):
-        for place, scenario in enumerate(scenarios):
-            rms = score * difficulty[scenario] / mean
-            for seed in seeds:
-                touched = scenario in EXEMPT or (scenario, name, seed) == ("holes", "pid", seeds[0])
-                rows.append({
-                    "controller": name, "information": information, "scenario": scenario, "seed": seed, "failed": False,
-                    "rms_true": rms, "p99_true": 3 * rms, "rms_reported": (0.6 + 0.2 * number) * rms,
-                    "collision": float(touched), "jitter": 0.2 * number + 0.1,
-                })  # fmt: skip
-            surface = 0.5 * np.sin(2 * np.pi * 2 * time + place)
-            error = 1.4e-3 * rms * np.sin(2 * np.pi * 2 * time + place + 0.2 * number)
-            scored_now = (time % 0.5 > 0.08) if scenario in ("holes", "edge", *EXEMPT) or drawing else time > 0
-            mode = np.full(len(time), supervisor.FOLLOW)
-            if scenario in EXEMPT:
-                mode[time > 0.8 * seconds], error[time > 0.8 * seconds] = supervisor.ALARM, 5.0
-            traces.append(pd.DataFrame({
-                "controller": name, "scenario": scenario, "seed": seeds[0], "time": time, "set_height": 0.8,
-                "gap": 0.8 + error, "height": 0.8 + error + 1e-3 * rng.standard_normal(len(time)), "surface": surface,
-                "command": 6 * np.cos(2 * np.pi * 2 * time + place) + 0.3 * rng.standard_normal(len(time)),
-                "mode": mode, "scored": scored_now.astype(float), "distance": 200 * time,
-            }))  # fmt: skip
-            if drawing:
-                turn = 2 * np.pi * time / seconds
-                traces[-1]["x"], traces[-1]["y"] = 60 + 60 * np.cos(turn), 40 + 40 * np.sin(turn) + 8 * np.sin(4 * turn)
-        frequency = np.geomspace(1, 200, 40)
-        curve = frequency**2 / np.abs(frequency**2 - 900 + 30j * frequency)
-        curves.append(pd.DataFrame({"controller": name, "frequency": frequency, "magnitude": curve * ms / curve.max()}))
-    meta = {
-        "command": "kerfgym benchmark --seeds 8", "kerfgym": "0.1.0", "git": {"commit": "0123abc", "changed": False},
-        "packages": {"numpy": "2.0"}, "machine": {"system": "Linux", "cores": 2}, "seeds": "1000-1007", "seed_count": 8,
-        "core": list(core), "ledger": {name: {"simulated_steps": 336000, "cpu_seconds": 1.5} for name in controllers},
-        "tuning": {"xi2023-tuned": {"tune_seeds": "0-39", "trials": 400}},
-        "parameters": {name: {f"law.p{i}": 0.5 * i for i in range(30)} for name in controllers},
-    }  # fmt: skip
-    return Results(
-        pd.DataFrame(rows), pd.concat(traces, ignore_index=True), pd.concat(curves, ignore_index=True), meta, core,
-        tuple(s for s in EXEMPT if s in scenarios), {name: f"what happens in {name}, ±3 mm/m" for name in scenarios},
-    )  # fmt: skip
-
-
-def some(**changes):
-    """Fewer controllers, scenarios and periods."""
-    few = {name: CONTROLLERS[name] for name in ("xi2023-tuned", "pid", "preview-5ms")}
-    return fake(**{"controllers": few, "scenarios": ["wavy", "holes"], "seconds": 0.4, **changes})
+from kerfgym.experiments.report import answer, numbers, page, scope, standing, table
+from kerfgym.experiments.report.fronts import efficient
+from kerfgym.experiments.report.kerfs import coloured, pieces
+from kerfgym.experiments.report.pack import Channel, pack, thinned
+from kerfgym.experiments.report.palette import COLOURS, looks
+from kerfgym.experiments.report.scores import figure as scores
+from kerfgym.experiments.report.spectra import spectrum
+from kerfgym.experiments.report.suite import Suite
+from kerfgym.experiments.report.training import curves
+from kerfgym.experiments.report.tuning import studies
 
 
 class Reader(html.parser.HTMLParser):
-    """Collects the resources, the visible text and the unclosed tags of a page."""
+    """Collects resources, text, figures' data and the unclosed tags of a page, and the rows of its tables by id."""
 
-    EMPTY = ("meta", "img", "br")
+    EMPTY = ("meta", "input", "br", "link")
 
     def __init__(self, text):
         super().__init__()
         self.resources, self.tags, self.ids, self.links, self.text, self.open = [], [], [], [], "", []
+        self.data, self.figure, self.tables, self.table = {}, "", {}, None
         self.feed(text)
 
     def handle_starttag(self, tag, attrs):
@@ -102,303 +40,415 @@ class Reader(html.parser.HTMLParser):
         self.tags.append(tag)
         self.resources += [attributes[key] for key in ("src", "srcset", "data", "poster") if key in attributes]
         self.ids += [attributes["id"]] if "id" in attributes else []
-        self.links += [attributes["href"]] if "href" in attributes else []
+        if "href" in attributes:
+            (self.resources if tag == "link" else self.links).append(attributes["href"])
+        if tag == "figure":
+            self.figure = attributes["id"]
+        elif tag == "table" and "id" in attributes:
+            self.table = self.tables.setdefault(attributes["id"], [])
+        elif tag == "tr" and self.table is not None:
+            self.table.append([])
+        elif tag in ("td", "th") and self.table:
+            self.table[-1].append("")
         if tag not in self.EMPTY:
             self.open.append(tag)
 
     def handle_endtag(self, tag):
         assert self.open.pop() == tag
+        if tag == "table":
+            self.table = None
 
     def handle_data(self, data):
-        if "style" not in self.open:
+        if self.open and self.open[-1] == "script" and "figure" in self.open:
+            self.data[self.figure] = self.data.get(self.figure, "") + data
+        elif not {"style", "script"} & set(self.open):
             self.text += data
+            if self.table and self.table[-1] and {"td", "th"} & set(self.open):
+                self.table[-1][-1] += f" {data.strip()}" if data.strip() else ""
+
+    def row(self, table, controller):
+        """Cells of the row that begins with a controller's name."""
+        return next(r for r in self.tables[table] if r and r[0].split()[:1] == [controller])
 
 
-def read(path):
+def read(text):
     """The page, after checks that hold for every report."""
-    text = path.read_text(encoding="utf-8")
-    reader = Reader(text)
+    plain = text.replace(get_plotlyjs().replace("</script", "<\\/script"), "")
+    assert len(text) - len(plain) > 4e6  # the library is there …
+    assert plain.count("plotly.js v") == 0  # … once
+    reader = Reader(plain)
     assert reader.open == []
-    assert all(r.startswith("data:image/png;base64,") for r in reader.resources)
+    assert all(r.startswith("data:") for r in reader.resources)
     assert all(link.startswith("#") and link[1:] in reader.ids for link in reader.links)
     assert len(reader.ids) == len(set(reader.ids))
-    assert not {"script", "link", "iframe", "object"} & set(reader.tags)
-    images = sorted((path.parent / "plots").glob("*"))
-    assert len(images) == len(reader.resources)
-    assert all(file.suffix == ".png" for file in images)
-    assert not list(path.parent.rglob(".*"))
-    for file in images:
-        with Image.open(file) as image:
-            assert image.width > 600
-            assert len(image.convert("RGB").getcolors(1 << 24)) > 20, file.name
+    assert not {"iframe", "object", "img"} & set(reader.tags)
+    assert not re.search(r"https?:|url\(|@import", re.sub(r"[A-Za-z0-9+/=]{200,}", "", plain))
+    for data in reader.data.values():
+        for view in json.loads(data).get("views", []):
+            go.Figure(view)  # plotly refuses what it does not know
     return reader
 
 
-@pytest.fixture(autouse=True)
-def _coarse(monkeypatch):
-    """Pictures of few dots, which are made faster."""
-    monkeypatch.setattr(plots, "DPI", 75)
-
-
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory):
-    """The report of a whole benchmark: path and page."""
-    path = write_following(tmp_path_factory.mktemp("run"), fake(seconds=0.5))
-    return path, read(path)
+def whole(whole_run):
+    """The page of a run that has everything."""
+    text = whole_run.path.read_text(encoding="utf-8")
+    assert len(text) < 15e6
+    return read(text)
 
 
-# The page
+def judged(results, name="following"):
+    """The suite and its standings."""
+    suite = Suite(name, results)
+    return suite, standing.all_of(suite)
 
 
-def test_nothing_is_loaded_from_elsewhere(whole):
-    path, _ = whole
-    text = re.sub(r"data:image/png;base64,[A-Za-z0-9+/=]+", "", path.read_text(encoding="utf-8"))
-    assert "http" not in text
-    assert "url(" not in text
-    assert "@import" not in text
+def headline(results, name="following"):
+    suite, found = judged(results, name)
+    return answer.headline(found[suite.metric], page.labelled(results.controllers))
 
 
-def test_every_picture_is_a_file_and_in_the_page(whole):
-    path, reader = whole
-    names = {p.stem for p in (path.parent / "plots").glob("*.png")}
-    once = {"scores", "heat", "true_and_reported", "sensitivity", "collisions", "quality"}
-    assert names == once | {f"oscilloscope-{s}" for s in SUITE["scenarios"]}
-    assert names <= set(reader.ids)
+# ---------------------------------------------------------------------------------------------------------- the page
+
+
+def test_every_section_for_which_there_are_data_is_there(whole):
+    figures = {f"{kind}-{suite}" for kind in ("scores", "heat") for suite in ("following", "ood")}
+    figures |= {f"profile-{suite}" for suite in ("following", "cutting", "ood")}
+    figures |= {f"fronts-{suite}" for suite in ("following", "cutting", "ood")} | {"scores-cutting"}
+    figures |= {"spectra", "sensitivity-following", "oscilloscope", "kerfs", "blame-following"}
+    figures |= {"quality-thin-sheet", "quality-c45-10"}
+    assert set(whole.data) == figures
+    for words in ("What this can’t tell you", "Record of the run", "Condition by condition", "What a better controller"):
+        assert words in whole.text
+
+
+def test_every_figure_carries_its_command(whole):
+    assert whole.text.count("kerfgym benchmark --seeds 6") >= len(whole.data)
+
+
+def test_the_record_holds_versions_seeds_and_parameters(whole):
+    for piece in ("0123abc", "0.1.0", "1000-1005", "600000000", "law.kp"):
+        assert piece in whole.text
+
+
+def test_a_page_without_data_for_them_has_no_such_sections(made_up, tmp_path):
+    results = made_up.following({"mine": ("sensor", 9.0, 1.9)}, ["flat"], (), traced=0)
+    results.sensitivity, results.margins, results.meta = pd.DataFrame(), pd.DataFrame(), {}
+    text = page.page(tmp_path, {"following": results}, {})
+    reader = read(text)
+    assert set(reader.data) == {"scores-following", "quality-thin-sheet"}
+    assert "The run left no record." in reader.text
+    assert "mine: no record" in reader.text
+    assert text == page.page(tmp_path, {"following": results}, {})  # the same results, the same page
+
+
+def test_all_runs_may_have_failed(made_up, tmp_path):
+    results = made_up.following(scenarios=["wavy"], core=["wavy"], seconds=0.05)
+    metrics = ["rms_true", "p99_true", "max_true", "rms_reported", "jitter", "collision", "dross", "roughness"]
+    results.runs[metrics], results.runs["failed"] = np.nan, True
+    results.traces[["gap", "height", "command", "surface", "velocity"]] = np.nan
+    results.sensitivity["magnitude"] = np.inf
+    assert "nothing to compare" in read(page.page(tmp_path, {"following": results}, {"notes": ["a note"]})).text
+
+
+def test_names_are_text_and_not_markup(made_up, tmp_path):
+    evil, other = "<script>alert(1)</script>&$x_{2$", "_a$b$c</td>"
+    controllers = {evil: ("sensor", 9.1, 1.9), other: ("sensor", 12.0, 1.9)}
+    results = made_up.following(controllers, ["<b>wavy</b>/../$a$", "b?wavy--b"], (), seconds=0.6, traced=1)
+    meta = {"command": 'kerfgym -c "<i>"', "<u>": {"</table>": ["<p>", 1, None, True]}}
+    reader = read(page.page(tmp_path, {"</script>": results}, meta))
+    assert f"{evil} follows closest" in reader.text
+    assert not {"u", "td>"} & set(reader.tags)
+
+
+# ------------------------------------------------------------------------------------------------------- the answer
 
 
 def test_the_headline_gives_the_ratio_of_the_scores(whole):
-    assert "pid follows 2.6 times closer than xi2023-tuned (9.10 against 23.9 µm)." in whole[1].text
+    assert "pid follows closest: 8.0\u00a0µm, 3.0 times closer than xi2023-tuned." in whole.text
+    assert "fine has the smallest roughness Rz: 50.0\u00a0µm, 3.4 times smoother than fast." in whole.text
 
 
-def test_every_scenario_and_its_summary_is_in_the_table(whole):
-    for scenario in SUITE["scenarios"]:
-        assert f"what happens in {scenario}" in whole[1].text
+def test_the_ceiling_is_never_ranked(made_up):
+    suite, found = judged(made_up.following())
+    assert found["rms_true"].best == "pid"
+    words = answer.remarks(suite, found["rms_true"], {n: n for n in suite.ranked}, 2.0)
+    assert any(word.startswith("preview-5ms (knows the sheet ahead, not ranked) reaches 2.0") for word in words)
 
 
-def test_the_run_is_described_and_recorded(whole):
-    text = whole[1].text
-    assert "6 controllers × 14 scenarios × 8 seeds (1000 to 1007, test split)" in text
-    for piece in ("kerfgym benchmark --seeds 8", "0123abc", "336000", "What this cannot tell you", "[A]"):
-        assert piece in text
+def test_without_the_reference_there_is_no_ratio(made_up):
+    results = made_up.following({"pid": ("sensor", 9.1, 1.9), "observer": ("sensor", 18.0, 1.8)})
+    assert headline(results) == "pid follows closest: 9.1\u00a0µm."
+    suite, found = judged(results)
+    words = answer.remarks(suite, found["rms_true"], {n: n for n in suite.ranked}, 2.0)
+    assert "The reference xi2023-tuned was not run, so there are no ratios." in words
 
 
-def test_the_table_counts_collisions_where_they_should_not_be(whole):
-    row = whole[1].text.split("information", 1)[1].split("pid", 1)[1].split("observer")[0]
-    assert "1/96" in row  # 12 scenarios of 8 runs
-    assert "2.63" in row  # 23.9 / 9.1
+def test_who_cannot_be_told_apart_is_named(made_up):
+    results = made_up.following({"a": ("sensor", 9.0, 1.9), "b": ("sensor", 9.05, 1.9)})
+    assert headline(results) == "a follows closest, 9.0\u00a0µm, but cannot be told apart from b."
 
 
-def test_the_same_results_give_the_same_page(tmp_path):
-    results = some(scenarios=["wavy"])
-    first, second = (write_following(tmp_path / name, results).read_bytes() for name in "ab")
-    assert first == second
+def test_who_may_not_be_ranked_does_not_win(made_up):
+    results = made_up.following()
+    del results.meta["tuning"]["pid"]
+    suite, found = judged(results)
+    assert found["rms_true"].best == "xi2023-tuned"
+    assert not found["rms_true"].frame.at["pid", "rank"] > 0
+    cells = {g.title: g for g in table.groups(suite, found)}["score"].columns[0].cells
+    assert (cells["pid"].text, cells["xi2023-tuned"].text) == ("–", "1")
 
 
-# The headline
+def test_nobody_of_the_sensor_class(made_up):
+    results = made_up.following({"preview-5ms": ("preview", 2.5, 1.1)})
+    suite, found = judged(results)
+    assert found["rms_true"].ranked == ["preview-5ms"]  # of its own class
+    results.meta["tuning"] = {}
+    assert "nothing to compare" in headline(results)
 
 
-def test_the_ceiling_is_never_ranked():
-    found = headline(fake(seconds=0.01))
-    assert "preview" not in found
-    assert any("preview-5ms" in remark and "2.50 µm" in remark for remark in remarks(fake(seconds=0.01)))
+def test_what_speaks_against_the_winner_is_said(made_up):
+    results = made_up.following({"xi2023-tuned": ("sensor", 24.0, 1.9), "pid": ("sensor", 8.0, 2.4)})
+    results.margins.loc[results.margins["controller"] == "pid", "gain"] = 0.0
+    suite, found = judged(results)
+    assert answer.caveats(suite, found["rms_true"], {n: n for n in suite.ranked}, 2.0) == [
+        "it touched the sheet in 1 of 18 runs of all scenarios",
+        "its sensitivity peak Ms is 2.40, over the limit of 2",
+        "its loop does not settle after a step on every corner plant",
+    ]
 
 
-def test_without_the_reference_there_is_no_ratio():
-    results = some(controllers={"pid": ("sensor", 9.1, 1.9), "observer": ("sensor", 12.0, 1.8)})
-    assert headline(results).startswith("pid follows closest: 9.10 µm against 12.0 µm of observer, the next")
-    assert "The reference xi2023-tuned was not run, so there are no ratios." in remarks(results)
+@pytest.mark.parametrize(("ratio", "low", "high", "words"), [
+    (3.012, 2.226, 3.666, "3.01 (2.23–3.67) times closer"), (23.4, 20.2, 27.9, "23 (20–28) times closer"),
+    (1.03, 1.02, 1.04, "2.91 (1.96–3.85) % closer"), (2.0, np.nan, np.nan, "2.0 times closer"),
+])  # fmt: skip
+def test_how_much_better_in_words(ratio, low, high, words):
+    assert answer.better(ratio, low, high, "closer") == words
 
 
-def test_a_single_controller_is_compared_with_nobody():
-    results = some(controllers={"pid": ("sensor", 9.1, 1.9)})
-    assert headline(results) == "pid follows with an RMS error of 9.10 µm."
+def test_seeds_that_tuning_saw_are_a_warning(made_up):
+    assert page.warnings([Suite("following", made_up.following(traced=0))]) == []
+    seen = page.warnings([Suite("following", made_up.following(seeds=range(30, 36), traced=0))])
+    assert seen == [
+        "Height following: 6 of 6 seeds belong to the tune split; a controller that was fitted to them is flattered."
+    ]
 
 
-def test_the_reference_may_win():
-    results = some(controllers={"xi2023-tuned": ("sensor", 9.0, 1.9), "pid": ("sensor", 12.0, 1.9)})
-    assert headline(results).startswith("xi2023-tuned, the reference, follows closest: 9.00 µm against 12.0 µm of pid")
+# --------------------------------------------------------------------------------------------------------- the table
 
 
-def test_nobody_of_the_sensor_class():
-    assert "nothing to compare" in headline(some(controllers={"preview-5ms": ("preview", 2.5, 1.1)}))
+def test_the_table_says_what_the_runs_say(whole):
+    row = whole.row("table-following", "pid")
+    text = " ".join(row)
+    assert row[1] == " 1"
+    assert row[2].split()[0] == f"{np.log(24 / 8) / np.log(24 / 2):.2f}"  # 0 is the reference, 1 the ceiling
+    assert row[3].split()[0] == "8.0"
+    assert row[4].split()[0] == "3.00"
+    assert "1/18" in text  # touched
+    assert "1.95" in text  # Ms
+    assert whole.row("table-following", "xi2023-tuned")[-3:] == [" 400", " 600", " 350"]
+    assert "0.15 %" in " ".join(whole.row("table-following", "xi2023-tuned"))  # of the period
 
 
-def test_an_ms_over_the_limit_is_said():
-    results = some(controllers={"xi2023-tuned": ("sensor", 23.9, 1.9), "pid": ("sensor", 9.1, 2.4)})
-    assert "Its sensitivity peak Ms is 2.40, over the limit of 2." in remarks(results)
-    assert "pid touched the sheet in 1 of the 16 runs in which it should not." in remarks(results)
+def test_jobs_have_contour_quality_time_and_ranges(whole):
+    heads = " ".join(whole.tables["table-cutting"][1])
+    for title in ("contour" if False else "RMS", "dross", "Rz", "through", "kerf", "job", "energy", "touched"):
+        assert title in heads
+    assert "range 3" in " ".join(whole.row("table-cutting", "fine"))
 
 
-@pytest.mark.parametrize(("ratio", "words"), [(1.043, "1.04"), (2.626, "2.6"), (12.4, "12")])
-def test_ratios_in_words(ratio, words):
-    assert times(ratio) == words
+def test_the_best_and_who_is_tied_are_marked(made_up):
+    results = made_up.following({
+        "a": ("sensor", 9.0, 1.9), "b": ("sensor", 9.05, 1.9), "c": ("sensor", 30.0, 1.9), "p": ("preview", 1.0, 1.0),
+    })  # fmt: skip
+    suite, found = judged(results)
+    column = {g.title: g for g in table.groups(suite, found)}["score"].columns
+    cells = next(c for c in column if c.title == "true RMS").cells
+    assert {name: cell.mark for name, cell in cells.items()} == {"a": "best", "b": "tied", "c": "", "p": ""}
 
 
-def test_seeds_that_tuning_saw_are_a_warning():
-    assert warnings(some()) == []
-    seen = warnings(some(seeds=range(30, 38)))
-    assert any("8 of 8 seeds belong to the tune split" in text for text in seen)
-    assert any("xi2023-tuned was tuned on seeds of this run" in text for text in seen)
-
-
-# What a benchmark may leave behind
-
-
-def test_failed_runs_are_shown_and_take_the_score(tmp_path):
-    results = some(core=("wavy",))
-    metrics = ["rms_true", "p99_true", "rms_reported", "jitter"]
+def test_failed_runs_take_the_score(made_up):
+    results = made_up.following()
     bad = (results.runs["controller"] == "pid") & (results.runs["scenario"] == "wavy") & (results.runs["seed"] == 1003)
-    results.runs.loc[bad, metrics] = np.nan
+    results.runs.loc[bad, ["rms_true", "p99_true", "dross"]] = np.nan
     results.runs.loc[bad, "failed"] = True
-    trace = (results.traces["controller"] == "pid") & (results.traces["time"] > 0.2)
-    results.traces.loc[trace, ["gap", "height", "command"]] = np.nan
-    reader = read(write_following(tmp_path, results))
-    assert "Without a score, because runs failed: pid." in reader.text
-    assert "xi2023-tuned follows with an RMS error of 23.9 µm" in reader.text
-    assert "failed" in reader.text
+    suite, found = judged(results)
+    assert found["rms_true"].best == "xi2023-tuned"
+    words = " ".join(answer.remarks(suite, found["rms_true"], {n: n for n in suite.ranked}, 2.0))
+    assert "Without a score, because runs failed: pid." in words
+    plot = scores(found["rms_true"], looks(suite.ranked), {n: n for n in suite.ranked}).views[""]
+    assert any("no score: 1 failed runs" in note.text for note in plot.layout.annotations)
 
 
-def test_all_runs_may_have_failed(tmp_path):
-    results = some()
-    results.runs[["rms_true", "p99_true", "rms_reported", "jitter", "collision"]] = np.nan
-    results.runs["failed"] = True
-    results.traces[["gap", "height", "command", "surface"]] = np.nan
-    results.sensitivity["magnitude"] = np.inf
-    assert "nothing to compare" in read(write_following(tmp_path, results)).text
+def test_beyond_the_distribution_the_error_is_compared_with_that_within(whole):
+    row = whole.row("table-beyond", "pid")
+    assert row[1:4] == [" 8.00", " 40.0 × 5.0", " 1.20"]  # within, beyond, × reference
+    heads = whole.tables["table-beyond"][0]
+    assert " 400 mm/s µm" in heads
+    assert " set height 0.3 mm µm" in heads
 
 
-def test_one_controller_in_one_scenario(tmp_path):
-    results = some(controllers={"mine": ("sensor", 9.1, 1.9)}, scenarios=["flat"], core=())
-    text = read(write_following(tmp_path, results)).text
-    assert "mine follows with an RMS error of 9.10 µm." in text
-    assert "RMS while cutting, in the scenario 'flat'." in text
-    assert "No run touched the sheet." in text
+def test_headroom_has_a_table(whole):
+    assert whole.row("table-headroom", "rough") == [" rough", " pid", " 8.00", " 2.00", " × 4.0 3.5–4.5"]
 
 
-def test_without_sensitivity_and_traces_and_record(tmp_path):
-    results = some()
-    results.sensitivity = pd.DataFrame({"controller": [], "frequency": [], "magnitude": []})
-    results.traces, results.meta = pd.DataFrame(), {}
-    text = read(write_following(tmp_path, results)).text
-    assert "The sensitivity was not measured" in text
-    assert "Its sensitivity peak Ms was not measured." in text
-    assert "The run left no record." in text
-
-
-def test_names_are_text_and_not_markup(tmp_path):
-    evil, other = "<script>alert(1)</script>&$x_{2$", "_a$b$c"
-    controllers = {evil: ("sensor", 9.1, 1.9), other: ("sensor", 12.0, 1.9), "xi2023-tuned": ("sensor", 24.0, 1.9)}
-    results = some(controllers=controllers, scenarios=["<b>wavy</b>/../$a$", "b?wavy--b"], core=())
-    results.meta = {"command": 'kerfgym -c "<i>"', "<u>": {"</table>": ["<p>", 1, None, True]}}
-    path = write_following(tmp_path, results)
-    reader = read(path)
-    assert f"{evil} follows 2.6 times closer" in reader.text
-    assert not {"b", "i", "u"} & set(reader.tags)
-    assert all(file.parent == tmp_path / "plots" for file in tmp_path.rglob("*.png"))
-
-
-def test_many_controllers_of_all_classes(tmp_path):
-    kinds = ("sensor", "preview", "privileged")
-    controllers = {f"{kind}-{i}": (kind, 5.0 + i, 1.5) for i in range(5) for kind in kinds}
-    results = some(controllers=controllers, scenarios=["wavy"])
-    styles = list(plots.looks(results).values())
-    assert len({(look.colour, str(look.line)) for look in styles}) == len(controllers)
-    assert list(plots.ranked(results)) == ["sensor", "preview", "privileged"]
-    read(write_following(tmp_path, results))
+# ------------------------------------------------------------------------------------------------------- the figures
 
 
 def test_colours_follow_the_order_of_appearance():
-    whole = plots.looks(some())
-    assert [look.colour for look in whole.values()] == list(plots.COLOURS[:3])
-    assert whole["pid"] == plots.looks(some(scenarios=["wavy"]))["pid"]
+    names = [f"c{i}" for i in range(50)]
+    found = looks(names)
+    assert [found[name].colour for name in names[: len(COLOURS)]] == list(COLOURS)
+    assert len({(look.colour, look.dash) for look in found.values()}) == 50
 
 
-# Pictures over time
+def test_names_of_files_are_shortened_as_long_as_they_stay_apart():
+    names = ["runs/a/policy", "agents/trained/x-ppo", "pid:law.kp=80", "z=runs/b/policy,xy=wu", "runs/c/tuned.toml"]
+    assert list(page.labelled(names).values()) == ["a", "x-ppo", "pid:law.kp=80", "z=runs/b/policy,xy=wu", "c"]
+    assert list(page.labelled(["one/x/policy", "two/x/policy"]).values()) == ["one/x/policy", "two/x/policy"]
 
 
-def test_a_drawing_is_shown_as_a_contour(tmp_path):
-    results = fake(scenarios=["drawing"], core=("drawing",), drawing=True)
-    assert plots.contour_controllers(results) == ["pid", "xi2023-tuned", "observer", "xi2023-improved"]
-    text = read(write_following(tmp_path, results)).text
-    assert (tmp_path / "plots" / "contour.png").is_file()
-    assert "Along the drawing" in text
+def test_the_map_is_coloured_by_the_ratio_to_the_reference(whole):
+    view = json.loads(whole.data["heat-following"])["views"][0]["data"][0]
+    colours, text = np.array(view["z"], float) if isinstance(view["z"], list) else decoded(view["z"]), view["text"]
+    assert view["y"] == ["pid", "xi2023-tuned", "preview-5ms"]
+    np.testing.assert_allclose(colours[0], np.log2(8 / 24))
+    np.testing.assert_allclose(colours[1], 0.0)
+    np.testing.assert_allclose(colours[2], -3.0)  # further than what is shown
+    assert text[0][:2] == ["5.66", "11.3"]  # 8 µm · 2^∓½
 
 
-def test_contour_colours_are_symmetric_and_rapid_moves_are_left_out():
-    results = some(scenarios=["drawing"], core=("drawing",), drawing=True)
-    figure = plots.contour(results)
-    (lines, *_) = [c for sub in figure.subfigs[0].axes for c in sub.collections if c.get_array() is not None]
-    assert lines.norm.vmin == -lines.norm.vmax
-    trace = results.traces[results.traces["controller"] == "pid"]
-    scored = trace["scored"].to_numpy() > 0.5
-    error = 1e3 * (trace["gap"] - trace["set_height"]).to_numpy()
-    shown = np.asarray(lines.get_array())
-    assert len(shown) == scored.sum()
-    np.testing.assert_allclose(shown, error[scored])
+def decoded(array):
+    """An array as plotly stores it."""
+    flat = np.frombuffer(base64.b64decode(array["bdata"]), array["dtype"])
+    return flat.reshape([int(n) for n in str(array.get("shape", len(flat))).split(",")])
 
 
-def test_no_contour_without_places():
-    assert "contour" not in {picture.name for picture in pictures(some())}
-    results = some()
-    results.traces["x"] = results.traces["y"] = np.nan
-    assert "contour" not in {picture.name for picture in pictures(results)}
+def test_the_front_holds_those_that_nobody_beats():
+    points = pd.DataFrame({"x": [1.0, 2.0, 3.0, 2.0, np.inf], "y": [3.0, 2.0, 1.0, 2.5, 0.0]}, index=list("abcde"))
+    assert efficient(points) == ["a", "b", "c"]
 
 
-def test_the_oscilloscope_shows_the_second_in_which_the_errors_differ():
-    results = some(controllers={"a": ("sensor", 9.0, 1.9), "b": ("sensor", 9.0, 1.9)}, scenarios=["wavy"], seconds=4.0)
-    here = (results.traces["controller"] == "b") & results.traces["time"].between(2.2, 2.9)
-    results.traces.loc[here, "gap"] += 0.2
-    first, last = plots.oscilloscope(results, "wavy").axes[0].get_xlim()
-    assert last - first <= 1.0
-    assert first < 2.2
-    assert last > 2.9
+def test_the_spectrum_holds_the_whole_mean_square():
+    t = np.arange(4096) * 1e-3
+    error = 3.0 * np.sin(2 * np.pi * 62.5 * t)
+    frequency, density = spectrum(error, np.ones(len(t), bool))
+    assert frequency[np.argmax(density)] == 62.5
+    assert np.sum(density**2) * (frequency[1] - frequency[0]) == pytest.approx(np.mean(error**2), rel=1e-3)
+    assert spectrum(error, t < 0.3) is None  # too short
 
 
-def test_the_oscilloscope_shows_the_first_alarm():
-    figure = plots.oscilloscope(fake(seconds=4.0, scenarios=["flat", "tip-up"]), "tip-up")
-    first, last = figure.axes[0].get_xlim()
-    assert first < 3.2 < last
-    assert "6 of 6 controllers in alarm" in figure.get_suptitle()
-    low, high = figure.axes[1].get_ylim()
-    assert high - low < 1000  # the retracted head does not set the scale
+def test_packed_signals_come_back_within_half_a_step():
+    rng = np.random.default_rng(0)
+    signals = [np.cumsum(rng.standard_normal(500)), 1e-9 * np.arange(500.0), np.full(500, 7.0), 1e6 * rng.random(500)]
+    signals[0][[0, 17, 499]] = [np.nan, np.inf, np.nan]
+    packed = pack([Channel(s, 1e-3) for s in signals])
+    split = np.frombuffer(zlib.decompress(base64.b64decode(packed["data"])), np.uint8).reshape(2, -1)
+    whole = np.cumsum((split[0].astype(np.int64) | split[1].astype(np.int64) << 8).reshape(4, -1), axis=1)
+    whole = (whole + 32768) % 65536 - 32768
+    for signal, row, low, step in zip(signals, whole, packed["low"], packed["step"], strict=True):
+        known = np.isfinite(signal)
+        assert (row[~known] == -32768).all()
+        np.testing.assert_allclose(low + step * (row[known] + 32767), signal[known], atol=0.51 * step, rtol=1e-8)
+        assert step == pytest.approx(max(1e-3, np.ptp(signal[known]) / 65000))
+
+
+def test_thinned_signals_keep_their_extremes():
+    signal = np.zeros(1000)
+    signal[[333, 666]] = 5.0, -7.0
+    thin = thinned(signal, 10)
+    assert len(thin) == 100
+    assert (thin.max(), thin.min()) == (5.0, -7.0)
+    assert thinned(np.full(100, np.nan), 5).shape == (20,)
+
+
+def test_the_oscilloscope_begins_where_the_errors_differ():
+    t = np.arange(4000) * 1e-3
+    a, b = 9 * np.sin(12 * t), 9 * np.sin(12 * t) + 200 * ((t > 2.2) & (t < 2.9))
+    counted = np.ones(len(t), bool)
+    first, last = scope.interesting([(a, counted), (b, counted)], 1e-3)
+    assert last - first <= 1000
+    assert first < 2200
+    assert last > 2900
+
+
+def test_the_oscilloscope_begins_at_the_first_alarm(made_up):
+    suite = Suite("following", made_up.following(scenarios=["tip-up"], core=(), seconds=4.0, traced=1))
+    run = scope.widget([suite], {})["groups"][0]["scenarios"][0]["seeds"][0]
+    assert run["window"][0] < 3.2 < run["window"][1]
+    assert run["controllers"]["pid"]["alarm"] == pytest.approx(3.201)
+    assert run["idle"] == [[pytest.approx(0.001), pytest.approx(0.101)], [pytest.approx(3.201), 4.0]]
 
 
 def test_fast_vibrations_are_shown_over_a_shorter_time():
-    results = some(scenarios=["wavy"], seconds=2.0)
-    results.traces["gap"] = 0.8 + 0.01 * np.sin(2 * np.pi * 60 * results.traces["time"])
-    first, last = plots.oscilloscope(results, "wavy").axes[0].get_xlim()
-    assert last - first == pytest.approx(0.25, abs=0.002)
+    error = 10 * np.sin(2 * np.pi * 60 * np.arange(2000) * 1e-3)
+    first, last = scope.interesting([(error, np.ones(2000, bool))], 1e-3)
+    assert last - first == pytest.approx(250, abs=2)
 
 
-def test_a_missing_trace_is_said_in_words():
-    assert "no trace of 'flat'" in plots.oscilloscope(some(), "flat").texts[0].get_text()
+def test_signals_leave_room_for_the_rest_of_the_page(made_up, monkeypatch):
+    suite = Suite("following", made_up.following())
+    count = lambda: [len(s["seeds"]) for s in scope.widget([suite], {})["groups"][0]["scenarios"]]  # noqa: E731
+    assert count() == [2, 2, 2]
+    monkeypatch.setattr(scope, "ROOM", 1)
+    assert count() == [1, 1, 1]  # the first seed is always there
+
+
+def test_pieces_of_a_kerf_keep_the_worst_error_and_the_mean_quality(made_up):
+    run = made_up.cutting().traces
+    x, y, cuts, through, values = pieces(*coloured(run[run["controller"] == "fine"]))
+    assert len(x) <= 2003
+    assert np.abs(values["standoff"]).max() == pytest.approx(40.0, rel=1e-3)
+    np.testing.assert_allclose(values["roughness"], 50.0)
+    assert cuts[0] == 0.0
+    assert (np.hypot(x, y)[cuts > 0.5] == pytest.approx(30.0)).all()
+    right = x / np.hypot(x, y) > 0.91
+    assert (through[right & (cuts > 0.5)] == 0).all()
+
+
+def test_a_follower_along_a_drawing_has_a_kerf_too(made_up):
+    results = made_up.following({"pid": ("sensor", 8.0, 1.9)}, ["drawing"], ["drawing"], drawing=True)
+    *_, values = coloured(results.traces[results.traces["seed"] == 1000])
+    assert set(values) == {"standoff", "dross", "roughness"}
+    assert np.isfinite(values["dross"]).sum() == (results.traces["scored"] > 0.5).sum() / 2
+
+
+def test_studies_and_trainings_are_found_beside_their_controllers(tmp_path):
+    tuned = pd.DataFrame({
+        "parameter": ["law.kp"], "value": [50.0], "side": [1], "moved": [60.0], "rms_true": [1.1], "ms": [2.0],
+    })  # fmt: skip
+    (tmp_path / "study").mkdir()
+    tuned.to_parquet(tmp_path / "study" / "sensitivity.parquet")
+    (tmp_path / "ppo" / "policy").mkdir(parents=True)
+    (tmp_path / "ppo" / "policy" / "policy.json").write_text("{}")
+    (tmp_path / "ppo" / "evaluations.csv").write_text("steps,cpu_seconds,score\n100,1,9\n200,2,7\n")
+    names = ["pid", f"{tmp_path}/study/tuned.toml", f"{tmp_path}/ppo/policy"]
+    assert list(studies(names)) == names[1:2]
+    found = curves(names)
+    assert list(found) == names[2:]
+    assert found[names[2]][0]["score"].tolist() == [9, 7]
+
+
+# ------------------------------------------------------------------------------------------------------- the numbers
 
 
 @pytest.mark.parametrize(("value", "text"), [
     (9.104, "9.10"), (23.94, "23.9"), (104.4, "104"), (99.96, "100"), (-3.0, "−3.00"), (np.nan, "–"), (np.inf, "∞"),
+    (0.05065, "0.0506"), (12345.6, "12\u202f346"), (0.0, "0.00"),
 ])  # fmt: skip
 def test_numbers_have_three_digits(value, text):
-    assert plots.number(value) == text
+    assert numbers.number(value) == text
 
 
-def test_pictures_have_distinct_names():
-    taken = set()
-    assert [page._stem(name, taken) for name in ("o-a/b", "o-a b", "o-A-B")] == ["o-a-b", "o-a-b-2", "o-A-B-3"]
+def test_an_interval_tells_how_many_digits_are_known():
+    assert numbers.fixed(7.912, numbers.known(6.65, 10.47, 7.912)) == "7.9"
+    assert numbers.fixed(0.050650, numbers.known(0.050592, 0.050720, 0.05065)) == "0.05065"
+    assert numbers.span(6.65, 10.47, 1) == "6.7–10.5" or numbers.span(6.65, 10.47, 1) == "6.6–10.5"
+    assert numbers.span(-0.4, 0.3, 1) == "−0.4 to 0.3"
 
 
-def test_margins_cost_and_budget_have_a_table_that_marks_what_is_unequal(tmp_path):
-    results = some()
-    names = results.controllers
-    results.margins = pd.DataFrame({"controller": names, "gain": [2.0, 3.456, np.inf], "delay_ms": [5.0, 0.0, np.inf]})
-    results.meta["decisions"] = {names[0]: {"median_us": 0.25, "p99_us": 1.5, "ratio": 0.0015}}
-    results.meta["tuning"] = {
-        "xi2023-tuned": {"trials": 400, "simulated_steps": 6e8}, "pid": {"trials": 4000, "simulated_steps": 6e9},
-    }  # fmt: skip
-    text = Reader(write_following(tmp_path, results).read_text(encoding="utf-8")).text
-    for words in ("3.46", "> 16", "> 64", "none", "0.15 %", "4000 · 6000 M", "larger", "Ratios not at equal budgets"):
-        assert words in text, words
-    equal = some()
-    equal.meta["tuning"] = {name: {"trials": 400, "simulated_steps": 6e8} for name in equal.controllers}
-    text = Reader(write_following(tmp_path, equal).read_text(encoding="utf-8")).text
-    assert "All ratios are at equal budgets" in text
-    assert "of the period" not in text
+@pytest.mark.parametrize(("share", "text"), [
+    (0.5, "50 %"), (0.9996, "> 99.9 %"), (1.0, "100 %"), (0.0003, "< 0.1 %"), (0.995, "99.5 %"), (np.nan, "–"),
+])  # fmt: skip
+def test_shares_are_never_rounded_to_certainty(share, text):
+    assert numbers.percent(share) == text

@@ -1,0 +1,217 @@
+"""The answer in words: who is best in following, dross, roughness and time, by how much, and how sure that is."""
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from ..comparison import figures
+from .numbers import fixed, known, listed, number, percent, span, times
+from .palette import Look
+from .standing import CARDS, Standing
+from .suite import KNOWS, Suite
+
+BARS = 6
+"""Controllers in a card's picture, at most."""
+
+MATRIX = {
+    "following error": ("rms_true", "gap_rms"), "contour error": ("contour_rms",), "dross": ("dross",),
+    "roughness Rz": ("roughness",), "time": ("time",),
+}  # fmt: skip
+"""Columns of the answer for several suites, and the metrics that answer them."""
+
+
+_ENDS = ("score_low", "score_high", "score")
+
+
+def headline(standing: Standing, labels: dict[str, str]) -> str:
+    """The main finding of a suite in a sentence."""
+    suite, best = standing.suite, standing.best
+    if best is None:
+        return "No controller that may be ranked has a score, so there is nothing to compare."
+    name, score = labels[best], estimate(standing, best)
+    does = "follows" if suite.following else f"has the smallest {CARDS.get(standing.metric, (standing.metric,))[0]}"
+    if len(standing.ranked) == 1 and suite.reference not in standing.order:
+        return f"{name} {does} with an error of {score}." if suite.following else f"{name}: {score}."
+    if standing.tied:
+        others = listed(labels[n] for n in standing.tied)
+        lead = f"{name} {does}{' closest' if suite.following else ''}, {score}, but cannot be told apart from {others}"
+    else:
+        lead = f"{name} {does}{' closest' if suite.following else ''}: {score}"
+    ratio = float(standing.frame.at[best, "ratio"])
+    if best == suite.reference or not math.isfinite(ratio):
+        return f"{lead}."
+    word = CARDS.get(standing.metric, ("", "better"))[1]
+    if abs(ratio - 1) < 0.005:
+        return f"{lead}, as {labels[suite.reference]}."
+    if ratio < 1:
+        return f"{lead}; {labels[suite.reference]}, which may not be ranked here, is {times(1 / ratio)} times {word}."
+    return f"{lead}, {times(ratio)} times {word} than {labels[suite.reference]}."
+
+
+def estimate(standing: Standing, name: str) -> str:
+    """A figure with its unit."""
+    row = standing.frame.loc[name]
+    places = known(float(row["score_low"]), float(row["score_high"]), float(row["score"]))
+    return f"{fixed(float(row['score']), places)}\u00a0{standing.unit}"
+
+
+def remarks(suite: Suite, standing: Standing, labels: dict[str, str], limit_ms: float) -> list[str]:
+    """Sentences that belong to the headline: what it rests on, what speaks against it, what is missing."""
+    out, best, summary = [], standing.best, suite.summary
+    what = "the true gap" if suite.following else "the runs"
+    out.append(f"Figures are of {what}, RMS over {len(suite.seeds)} seed{'s' * (len(suite.seeds) != 1)}, "
+               f"{suite.scored_in_words}.")  # fmt: skip
+    if best is not None and suite.following is not None:
+        row = summary.loc[best]
+        if row["collision_runs"] > 0 and not row["collisions"]:
+            out.append(f"{labels[best]} touched the sheet in none of the {int(row['collision_runs'])} runs in which it "
+                       "should not.")  # fmt: skip
+        peak = float(row["ms"])
+        if math.isnan(peak):
+            out.append("Its sensitivity peak Ms was not measured.")
+        elif peak <= limit_ms:
+            out.append(f"Its sensitivity peak Ms is {number(peak)}, within the limit of {limit_ms:g}.")
+    if suite.reference not in summary.index:
+        out.append(f"The reference {suite.reference} was not run, so there are no ratios.")
+    elif not math.isfinite(float(summary.at[suite.reference, "score"])):
+        out.append(f"The reference {suite.reference} has no score because runs failed, so there are no ratios.")
+    for information, names in suite.classes.items():
+        for name in names:
+            if information != "sensor" and name in standing.order:
+                knows = KNOWS.get(information, "not ranked")
+                out.append(f"{labels[name]} ({knows}) reaches {estimate(standing, name)}.")
+    missing = [labels[name] for name in suite.ranked if not math.isfinite(float(summary.at[name, "score"]))]
+    if missing:
+        out.append(f"Without a score, because runs failed: {', '.join(missing)}.")
+    notes = {str(note) for note in standing.frame["note"] if note}
+    if notes and all(standing.frame["note"]):
+        out.append(f"There is {notes.pop() if len(notes) == 1 else 'no interval'}.")
+    return out
+
+
+def caveats(suite: Suite, standing: Standing, labels: dict[str, str], limit_ms: float) -> list[str]:
+    """What speaks against the one in front."""
+    best, out = standing.best, []
+    if best is None:
+        return []
+    row, several = suite.summary.loc[best], len(suite.results.scenarios) > len(suite.scored)
+    touched = int(row["collisions"])
+    if touched:
+        many = int(row["collision_runs" if suite.following else "count"])
+        out.append(f"it touched the sheet in {touched} of {many} runs{' of all scenarios' if several else ''}")
+    if suite.following is not None:
+        if float(row["ms"]) > limit_ms:
+            out.append(f"its sensitivity peak Ms is {number(float(row['ms']))}, over the limit of {limit_ms:g}")
+        if float(row["gain_margin"]) == 0:
+            out.append("its loop does not settle after a step on every corner plant")
+    return out
+
+
+def cards(
+    suite: Suite, standings: dict[str, Standing], look: dict[str, Look], labels: dict[str, str]
+) -> list[dict[str, Any]]:
+    """One for each metric that the page answers for and in which the controllers differ; the suite's own first."""
+    wanted = [m for m in (suite.metric, *(c for c in CARDS if c != suite.metric)) if m in standings and m in CARDS]
+    return [_card(standings[m], look, labels) for m in wanted[:5] if standings[m].varies or m == suite.metric]
+
+
+def matrix(cards_by_suite: dict[str, list[dict[str, Any]]]) -> tuple[list[str], dict[str, list[dict[str, Any] | None]]]:
+    """Cards of several suites in rows: the columns that any of them has, and each suite's card in every column."""
+    rows = {
+        suite: [next((c for c in found if c["metric"] in metrics), None) for metrics in MATRIX.values()]
+        for suite, found in cards_by_suite.items()
+    }
+    there = [any(row[i] for row in rows.values()) for i in range(len(MATRIX))]
+    columns = [name for name, any_ in zip(MATRIX, there, strict=True) if any_]
+    return columns, {s: [c for c, any_ in zip(row, there, strict=True) if any_] for s, row in rows.items()}
+
+
+def _card(standing: Standing, look: dict[str, Look], labels: dict[str, str]) -> dict[str, Any]:
+    title, word = CARDS[standing.metric]
+    best = standing.best
+    card: dict[str, Any] = {
+        "metric": standing.metric, "title": title, "unit": standing.unit, "best": None, "lines": [],
+        "summary": standing.suite.metrics[standing.metric].summary, "bars": [], "tied": [],
+    }  # fmt: skip
+    if best is None:
+        card["lines"].append("Nobody that may be ranked has a figure.")
+        return card
+    row = standing.frame.loc[best]
+    low, high, value = (float(row[c]) for c in ("score_low", "score_high", "score"))
+    places = known(low, high, value)
+    card |= {
+        "best": labels[best], "name": best, "colour": look[best].colour, "value": fixed(value, places),
+        "span": span(low, high, places), "tied": [labels[n] for n in standing.tied],
+        "bars": _bars(standing, look, labels),
+    }  # fmt: skip
+    suite = standing.suite
+    if best != suite.reference and suite.reference in standing.order:
+        card["lines"].append(_against(standing, best, suite.reference, word, labels))
+    rivals = [n for n in standing.ranked[1:] if n not in standing.tied and n != suite.reference]
+    if standing.tied:
+        card["lines"].append(f"Cannot be told apart from {listed(card['tied'])}.")
+    elif rivals:
+        card["lines"].append(_against(standing, best, rivals[0], word, labels))
+    return card
+
+
+def _against(standing: Standing, best: str, other: str, word: str, labels: dict[str, str]) -> str:
+    """How much better the best is than another, on the same seeds, and how often in single runs."""
+    r = standing.suite.results
+    pair = SimpleNamespace(
+        runs=r.runs[r.runs["controller"].isin([best, other])], controllers=[best, other],
+        scored=standing.suite.scored, metric=standing.metric, reference=other,
+    )  # fmt: skip
+    row = figures(pair).loc[best]
+    ratio, low, high = (float(row[c]) for c in ("ratio", "ratio_low", "ratio_high"))
+    if not math.isfinite(ratio):
+        return ""
+    there = labels[other] + (", the next" if other != standing.suite.reference else "")
+    if ratio < 1:
+        fair = "" if other in standing.ranked else ", not ranked,"
+        return f"{labels[other]}{fair} is {better(1 / ratio, 1 / high, 1 / low, word)}."
+    often = f", {word} in {percent(float(row['wins']))} of single runs" if math.isfinite(float(row["wins"])) else ""
+    return f"{better(ratio, low, high, word)} than {there}{often}."
+
+
+def better(ratio: float, low: float, high: float, word: str) -> str:
+    """How much, with its interval: ``3.01 times closer (2.23–3.67)``; in per cent where it is little."""
+    if ratio < 1.2:
+        share, first, last = (100 * (1 - 1 / value) for value in (ratio, low, high))
+        places = min(known(first, last, share), 2)
+        sure = f" ({span(first, last, places)})" if math.isfinite(first + last) else ""
+        return f"{fixed(share, places)}{sure} % {word}"
+    places = min(max(known(low, high, ratio), 1 if ratio < 10 else 0), 2)
+    sure = f" ({span(low, high, places)})" if math.isfinite(low) else ""
+    return f"{fixed(ratio, places)}{sure} times {word}"
+
+
+def _bars(standing: Standing, look: dict[str, Look], labels: dict[str, str]) -> list[dict[str, Any]]:
+    """Places of the first few on a common axis, per cent of its width: the best, the reference, the ceiling."""
+    suite = standing.suite
+    keep = [n for n in (*standing.ranked[: BARS - 2], suite.reference, suite.ceiling) if n in standing.order]
+    keep += [n for n in standing.ranked if n not in keep][: max(0, BARS - len(set(keep)))]
+    names = [n for n in standing.order if n in set(keep)]
+    frame = standing.frame.loc[names, ["score", "score_low", "score_high"]].astype(float)
+    frame["score_low"] = frame["score_low"].where(np.isfinite(frame["score_low"]), frame["score"])
+    frame["score_high"] = frame["score_high"].where(np.isfinite(frame["score_high"]), frame["score"])
+    low, high = float(frame["score_low"].min()), float(frame["score_high"].clip(upper=3 * frame["score"].max()).max())
+    if not low > 0:
+        return []
+    log = high > 3 * low
+    put = (lambda v: math.log(v)) if log else (lambda v: v)
+    width = put(high) - put(low) or 1.0
+
+    def place(value: float) -> float:
+        return round(100 * min(max((put(value) - put(low)) / width, 0.0), 1.0), 2)
+
+    return [
+        {
+            "label": labels[n], "name": n, "colour": look[n].colour, "ranked": n in standing.ranked,
+            "at": place(row["score"]), "low": place(row["score_low"]), "high": place(row["score_high"]),
+            "value": fixed(row["score"], known(*(float(standing.frame.at[n, c]) for c in _ENDS))),
+        }
+        for n, row in frame.iterrows()
+    ]  # fmt: skip

@@ -1,0 +1,109 @@
+"""Controller × scenario: where each is weak, and what each scenario demands."""
+
+import numpy as np
+import pandas as pd
+import plotly.graph_objects as go
+
+from .figure import Figure
+from .numbers import number
+from .palette import DIVERGING
+from .suite import Suite
+
+SHOWN = {
+    "rms_true": "true gap error, RMS", "max_true": "true gap error, largest", "rms_reported": "reported error, RMS",
+    "contour_rms": "contour error, RMS", "contour_max": "contour error, largest", "gap_rms": "standoff error, RMS",
+    "dross": "dross", "roughness": "roughness Rz", "time": "time of the job", "jitter": "command jitter",
+}  # fmt: skip
+"""Metrics that may be chosen, and their names."""
+
+FURTHEST = 3.0
+"""Doublings at the ends of the colours: eight times better or worse."""
+
+
+def figure(suite: Suite, labels: dict[str, str]) -> Figure | None:
+    """The map of every metric, and of the share of runs with a collision; None for a single scenario."""
+    if len(suite.scenarios) < 2:
+        return None
+    first = [suite.metric, *(m for m in SHOWN if m != suite.metric)]
+    wanted = [m for m in first if m in suite.metrics]
+    views = {f"{SHOWN[m]}, {suite.metrics[m].unit}": _errors(suite, m, labels) for m in wanted}
+    if (suite.results.runs["collision"] > 0).any():
+        views["collisions, share of runs"] = _collisions(suite, labels)
+    against = f"{suite.reference} in the same scenario" if suite.reference in suite.ranked else "the scenario's median"
+    return Figure(
+        f"heat-{suite.name}", "Where the error comes from",
+        f"Numbers are over all seeds of a scenario; colours compare with {against}: blue is better, orange worse, "
+        f"{2**FURTHEST:g} times at the ends. Columns right of the line make no score"
+        f"{'; an asterisk marks scenarios that are built to defeat followers' if suite.exempt else ''}.",
+        views, "show", height=110 + 34 * len(suite.ranked), least=130 + 62 * len(suite.scenarios),
+    )  # fmt: skip
+
+
+def _errors(suite: Suite, metric: str, labels: dict[str, str]) -> go.Figure:
+    table = suite.pooled(metric).loc[suite.ranked, suite.scenarios].astype(float)
+    base = table.loc[suite.reference] if suite.reference in table.index else table.median()
+    with np.errstate(divide="ignore", invalid="ignore"):
+        doublings = np.log2(table.to_numpy() / base.to_numpy()[None, :])
+    if suite.metrics[metric].better == "higher":
+        doublings = -doublings
+    text = [[_cell(v) for v in row] for row in table.to_numpy()]
+    ends = np.arange(-FURTHEST, FURTHEST + 1)
+    bar = {
+        "tickvals": ends, "title": {"text": "×", "side": "top"},
+        "ticktext": [f"{2.0 ** abs(e):g} {'better' if e < 0 else 'worse'}" if e else "same" for e in ends],
+    }  # fmt: skip
+    return _map(suite, table, np.clip(np.nan_to_num(doublings, nan=np.nan), -FURTHEST, FURTHEST), text, labels, {
+        "colorscale": DIVERGING, "zmin": -FURTHEST, "zmax": FURTHEST, "colorbar": bar,
+    }, suite.metrics[metric].unit)  # fmt: skip
+
+
+def _cell(value: float) -> str:
+    return "failed" if not np.isfinite(value) else "< 0.001" if 0 < value < 0.0005 else number(value)
+
+
+def _collisions(suite: Suite, labels: dict[str, str]) -> go.Figure:
+    groups = suite.results.runs.groupby(["controller", "scenario"], sort=False)["collision"]
+    hits, sizes = groups.sum().unstack(), groups.size().unstack()
+    rates = (hits / sizes).loc[suite.ranked, suite.scenarios]
+    text = [
+        ["" if hits.at[c, s] == 0 else f"{hits.at[c, s]:.0f}/{sizes.at[c, s]:.0f}" for s in suite.scenarios]
+        for c in suite.ranked
+    ]
+    bar = {"tickformat": ".0%", "title": {"text": "runs", "side": "top"}}
+    scale = [(0.0, "#f7f7f5"), (0.02, "#fde0c5"), (0.3, "#f4a35f"), (1.0, "#a63603")]
+    return _map(
+        suite, rates, rates.to_numpy(float), text, labels, {"colorscale": scale, "zmin": 0, "zmax": 1, "colorbar": bar},
+        "of the runs",
+    )  # fmt: skip
+
+
+def _map(
+    suite: Suite, table: pd.DataFrame, colours: np.ndarray, text: list, labels: dict[str, str], more: dict, unit: str
+) -> go.Figure:
+    columns = [s + ("*" if s in suite.exempt else "") for s in suite.scenarios]
+    rows = [labels[c] for c in suite.ranked]
+    more["colorbar"] |= {"thickness": 10, "outlinewidth": 0, "tickfont": {"size": 11}, "x": 1.01, "xpad": 4}
+    plot = go.Figure(go.Heatmap(
+        z=colours, x=columns, y=rows, text=text, texttemplate="%{text}", textfont={"size": 12}, xgap=1, ygap=1,
+        customdata=table.to_numpy(float), hoverongaps=False,
+        hovertemplate="%{y}<br>%{x}: %{customdata:.4g} " + unit + "<extra></extra>", **more,
+    ))  # fmt: skip
+    shapes = []
+    for here, after in zip(suite.scenarios, suite.scenarios[1:], strict=False):
+        if (here in suite.scored) != (after in suite.scored):
+            at = suite.scenarios.index(after) - 0.5
+            shapes.append(_rule(x0=at, x1=at, y0=0, y1=1, yref="paper"))
+    below = 0
+    for names in list(suite.classes.values())[:-1]:
+        below += len(names)
+        shapes.append(_rule(x0=0, x1=1, xref="paper", y0=below - 0.5, y1=below - 0.5))
+    plot.update_layout(
+        xaxis={"side": "top", "tickangle": -40, "fixedrange": True, "showgrid": False},
+        yaxis={"autorange": "reversed", "fixedrange": True, "showgrid": False}, shapes=shapes,
+        margin={"t": 70, "b": 10, "l": 10, "r": 10},
+    )  # fmt: skip
+    return plot
+
+
+def _rule(**place: object) -> dict[str, object]:
+    return {"type": "line", "line": {"color": "#1a1d20", "width": 1.2}, **place}

@@ -1,0 +1,56 @@
+"""What this cannot tell you."""
+
+from ...envs.material import material
+from ...envs.scenarios import SPLITS
+from .suite import Suite
+
+
+def sentences(suites: list[Suite], learned: list[str]) -> list[tuple[str, str]]:
+    """What the run's figures do not show: what it is about, and why.
+
+    Args:
+        suites: of the run.
+        learned: labels of controllers that were trained.
+    """
+    followers, jobs = any(s.following for s in suites), [s for s in suites if s.jobs]
+    labels = list(dict.fromkeys(label for s in jobs for label in s.jobs.labels))  # type: ignore[union-attr]
+    if followers:
+        labels = list(dict.fromkeys([material("thin-sheet").label, *labels]))
+    seeds = min(len(s.seeds) for s in suites)
+    out = [
+        ("No machine has been near this.", "All of it is simulation. Nothing here has been validated on a real "
+         "machine, and numbers of the model that are marked [A] in its source are assumptions, neither measured nor "
+         "published. Controllers whose figures are near one another may swap places if those are wrong."),
+        ("The true gap cannot be seen on a machine.", "Scores are of the true gap. A real machine knows the reported "
+         "height only, so it could not measure this score, and a slow filter looks better in its report than it is."),
+        ("Dross and roughness are proxies.", "They follow the trends known of laser cuts; heat that builds up in "
+         f"corners, the gas' dynamics and striations as such are not in the model. {'; '.join(labels)}. Calibrated is "
+         "not validated: a fit to published numbers says nothing of numbers that were not published."),
+        ("Intervals are about the draw of seeds.", f"They hold for other machines, sheets and noise of the same kind, "
+         f"drawn as these {seeds} were. They know nothing of errors of the model, of other scenarios, or of another "
+         "tuning of the same controller."),
+        ("The gap is the mean under the nozzle.", "Sensor and score see the same footprint of ±2 mm; only holes and "
+         "edges are felt wider. A real head feels ripples shorter than its plate less than is assumed here."),
+    ]  # fmt: skip
+    if followers:
+        out += [
+            ("The axes are ideal in the following suites.", "Constant feed, no slow-down in corners, also along a "
+             "drawing. Jobs have axes with following error."),
+            ("Ms and the margins are measured, not proved.", "Worst of 16 corner plants; Ms with a sine of 20 µm at 40 "
+             "frequencies, the margins with a step of 0.1 mm. Where limits and thresholds act, a larger step leaves "
+             "less."),
+            ("Presets were tuned on tune seeds.", f"Those of the tune split ({SPLITS['tune'][0]} to "
+             f"{SPLITS['tune'][-1]}), on the same family of sheets and plants. Another controller may gain as much "
+             "from tuning; only equal budgets compare laws."),
+        ]  # fmt: skip
+    if jobs:
+        out.append((
+            "The interpolator runs 5 ms ahead.", "So a feed override comes into force 5 ms after it was decided; a "
+            "machine with a longer buffer would do worse with what decides late.",
+        ))  # fmt: skip
+    if learned:
+        out.append((
+            "A learned policy is one training.", f"{', '.join(learned)}: the interval does not hold the luck of the "
+            "training seed. Another training of the same recipe may end elsewhere.",
+        ))  # fmt: skip
+    return out

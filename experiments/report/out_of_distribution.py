@@ -1,0 +1,73 @@
+"""Out of distribution: how much of a controller's advantage is left where nothing was tuned or trained."""
+
+from typing import Any
+
+import numpy as np
+
+from .numbers import number, part, times
+from .suite import Suite
+
+NAME = "ood"
+
+SHIFTS = {
+    "fast": "400 mm/s", "noisy": "3 × noise", "late": "dead time 3 ms", "soft": "drive 40 Hz", "stiff": "drive 150 Hz",
+    "low": "set height 0.3 mm", "spatter": "3 × impulses",
+}  # fmt: skip
+"""First word of a scenario's name, and what lies beyond the range there."""
+
+
+def table(suites: list[Suite], labels: dict[str, str]) -> dict[str, Any] | None:
+    """Rows for the page: within and beyond the distribution, and the factor of each shift; None without the suite."""
+    beyond = next((s for s in suites if s.name == NAME), None)
+    if beyond is None:
+        return None
+    within = next((s for s in suites if s.name == "following"), None)
+    here = beyond.pooled("rms_true")
+    there = within.pooled("rms_true") if within else None
+    summary, rows = beyond.summary, []
+    shifts = [shift for shift in SHIFTS if any(s.split("-")[0] == shift for s in beyond.scenarios)]
+    for name in beyond.ranked:
+        score = float(summary.at[name, "score"])
+        base = float(within.summary["score"].get(name, np.nan)) if within else np.nan
+        cells = []
+        for shift in shifts:
+            of_shift = [s for s in beyond.scenarios if s.split("-")[0] == shift]
+            value = float(np.exp(np.mean(np.log(here.loc[name, of_shift].to_numpy(float)))))
+            plain = np.nan
+            if there is not None and name in there.index:
+                twins = [s.split("-", 1)[1] for s in of_shift]
+                if set(twins) <= set(there.columns):
+                    plain = float(np.exp(np.mean(np.log(there.loc[name, twins].to_numpy(float)))))
+            ratio = value / plain
+            cells.append({
+                "text": number(value) if np.isfinite(value) else "failed", "value": value,
+                "worse": f"× {times(ratio)}" if np.isfinite(ratio) else "", "bad": bool(ratio > 3),
+            })  # fmt: skip
+        against = float(summary["ratio"].get(name, np.nan))
+        rows.append({
+            "name": name, "label": labels[name], "within": number(base), "within_value": base,
+            "beyond": number(score) if np.isfinite(score) else "failed", "beyond_value": score,
+            "worse": f"× {times(score / base)}" if np.isfinite(score / base) else "–", "ratio": number(against),
+            "cells": cells, "collisions": part(summary.at[name, "collisions"], summary.at[name, "collision_runs"]),
+            "touched": bool(summary.at[name, "collisions"] > 0), "information": summary.at[name, "information"],
+        })  # fmt: skip
+    return {
+        "rows": rows, "shifts": [SHIFTS[s] for s in shifts], "paired": within is not None, "unit": "µm",
+        "reference": beyond.reference, "said": _said(beyond, within, rows),
+    }  # fmt: skip
+
+
+def _said(beyond: Suite, within: Suite | None, rows: list[dict[str, Any]]) -> str:
+    """Who is first here, and whether it is the same as within the distribution."""
+    fair = [row for row in rows if row["information"] == "sensor" and np.isfinite(row["beyond_value"])]
+    if not fair:
+        return "No controller that uses the sensor only has a figure here."
+    best = min(fair, key=lambda r: r["beyond_value"])
+    text = f"Where nothing was tuned or trained, {best['label']} is closest of those that use the sensor only"
+    both = [row for row in fair if np.isfinite(row["within_value"])]
+    if within is None or not both:
+        return text + "."
+    first = min(both, key=lambda r: r["within_value"])
+    if first is best:
+        return text + ", as within the distribution."
+    return f"{text}; within the distribution it is {first['label']}."

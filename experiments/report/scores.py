@@ -1,0 +1,127 @@
+"""Scores: every controller's error with its interval, classes apart, the reported error beside it."""
+
+import math
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+
+from .figure import Figure, logarithmic
+from .heat import SHOWN
+from .numbers import fixed, known, number, span
+from .palette import INK, QUIET, Look
+from .standing import Standing
+from .suite import Suite
+
+
+def figure(standing: Standing, look: dict[str, Look], labels: dict[str, str]) -> Figure | None:
+    """Points with intervals on a logarithmic axis; None if nobody has a score."""
+    suite, frame = standing.suite, standing.frame
+    if not standing.order:
+        return None
+    metric = suite.metrics[suite.metric]
+    at, headings, bottom = _rows(suite)
+    ends = frame.loc[standing.order, ["score", "score_low", "score_high"]].to_numpy(float)
+    reported = suite.summary["reported"] if suite.following else None
+    if reported is not None:
+        ends = np.concatenate([ends.ravel(), reported.loc[standing.order].to_numpy(float)])
+    ends = ends[np.isfinite(ends) & (ends > 0)]
+    low, high = float(ends.min()) / 1.25, min(float(ends.max()) * 1.25, 8 * float(frame["score"][standing.order].max()))
+    plot = go.Figure()
+    annotations = []
+    for name, y in at.items():
+        value, first, last = (float(frame.at[name, c]) for c in ("score", "score_low", "score_high"))
+        if not math.isfinite(value):
+            words = f"no score: {int(suite.summary.at[name, 'failed'])} failed runs"
+            annotations.append(_text(math.log10(low), y, words))
+            continue
+        fair, colour = name in standing.ranked, look[name].colour
+        places = known(first, last, value)
+        if math.isfinite(first):
+            plot.add_scatter(
+                x=[first, min(last, high)], y=[y, y], mode="lines", line={"color": colour, "width": 3 if fair else 1.5},
+                hoverinfo="skip", showlegend=False,
+            )  # fmt: skip
+        if reported is not None and math.isfinite(float(reported[name])):
+            plot.add_scatter(
+                x=[float(reported[name])], y=[y], mode="markers", showlegend=False,
+                marker={"symbol": "line-ns-open", "size": 11, "color": colour, "line": {"width": 2}},
+                hovertemplate=f"{labels[name]}, reported: {number(float(reported[name]))} {metric.unit}<extra></extra>",
+            )  # fmt: skip
+        plot.add_scatter(
+            x=[value], y=[y], mode="markers", showlegend=False,
+            marker={"symbol": look[name].symbol + ("" if fair else "-open"), "size": 11, "color": colour,
+                    "line": {"width": 2 if not fair else 0, "color": colour}},
+            hovertemplate=f"{labels[name]}: {fixed(value, places)} {metric.unit} ({span(first, last, places)})"
+            "<extra></extra>",
+        )  # fmt: skip
+        annotations.append({**_text(1.0, y, fixed(value, places), 6), "xref": "paper", "font": {
+            "size": 13, "color": INK}})  # fmt: skip
+    for information, y in headings.items():
+        words = "sensor only" if information == "sensor" else f"{information}, not ranked"
+        annotations.append({**_text(0.0, y, words), "xref": "paper"})
+    if suite.reference in standing.order:
+        plot.add_vline(
+            float(frame.at[suite.reference, "score"]), line={"color": INK, "width": 1, "dash": "4px,3px"}, layer="below"
+        )
+    plot.update_layout(
+        xaxis={**logarithmic(low, high), "title": f"{SHOWN.get(metric.name, metric.name)} ({metric.unit}, log scale)",
+               "fixedrange": True},
+        yaxis={"tickvals": list(at.values()), "ticktext": [labels[n] for n in at], "range": [bottom + 0.4, 0.7],
+               "showgrid": False, "ticks": "", "fixedrange": True, "showline": False},
+        annotations=annotations, margin={"r": 64, "t": 34}, hovermode="closest",
+    )  # fmt: skip
+    _score_axis(plot, standing, low, high)
+    beside = " The upright stroke is what the machine itself reports." if reported is not None else ""
+    return Figure(
+        f"scores-{suite.name}", _title(standing, labels),
+        f"Points are RMS over seeds, {suite.scored_in_words}, with 95 % intervals; shorter is better, and equal "
+        f"distances are equal ratios.{beside} Intervals of two controllers may overlap though the difference is sure: "
+        "both met the same sheets and machines, and are compared on those. Hollow points are not ranked.",
+        {"": plot}, height=round(110 + 30 * (0.5 - bottom)),
+    )  # fmt: skip
+
+
+def _title(standing: Standing, labels: dict[str, str]) -> str:
+    if standing.best is None:
+        return "Nobody may be ranked here"
+    if standing.tied:
+        return f"{labels[standing.best]} and {len(standing.tied)} more cannot be told apart at the top"
+    return f"{labels[standing.best]} is ahead of everyone it may be compared with"
+
+
+def _score_axis(plot: go.Figure, standing: Standing, low: float, high: float) -> None:
+    """0 at the reference and 1 at the ceiling, above."""
+    suite, frame = standing.suite, standing.frame
+    if suite.ceiling not in standing.order or suite.reference not in standing.order:
+        return
+    zero, one = (math.log10(float(frame.at[n, "score"])) for n in (suite.reference, suite.ceiling))
+    ticks = [s / 4 for s in range(-8, 9) if math.log10(low) <= zero + s / 4 * (one - zero) <= math.log10(high)]
+    plot.add_scatter(x=[None], y=[None], xaxis="x2", showlegend=False, hoverinfo="skip")
+    plot.update_layout(xaxis2={
+        "overlaying": "x", "side": "top", "matches": None, "range": [math.log10(low), math.log10(high)],
+        "tickvals": [zero + s * (one - zero) for s in ticks], "ticktext": [f"{s:g}".replace("-", "−") for s in ticks],
+        "fixedrange": True, "showgrid": False, "tickfont": {"size": 11, "color": QUIET},
+        "title": {"text": "score", "font": {"size": 11, "color": QUIET}, "standoff": 0},
+    })  # fmt: skip
+
+
+def _text(x: float, y: float, words: str, shift: int = 0) -> dict[str, Any]:
+    return {
+        "x": x, "y": y, "text": words, "showarrow": False, "xanchor": "left",
+        "font": {"size": 11.5, "color": QUIET}, "xshift": shift,
+    }  # fmt: skip
+
+
+def _rows(suite: Suite) -> tuple[dict[str, float], dict[str, float], float]:
+    """Height of each controller's row and of each class's heading, best at the top, and the lowest edge."""
+    at, headings, y = {}, {}, 0.0
+    for information, names in suite.classes.items():
+        if len(suite.classes) > 1 or information != "sensor":
+            headings[information] = y
+            y -= 0.85
+        for name in names:
+            at[name] = y
+            y -= 1.0
+        y -= 0.25
+    return at, headings, y

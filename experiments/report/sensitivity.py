@@ -1,0 +1,67 @@
+"""|S|: how much of a small motion of the sheet is left in the gap, frequency by frequency."""
+
+import numpy as np
+import plotly.graph_objects as go
+
+from ..stability import CORNERS
+from .figure import Figure, line, logarithmic
+from .numbers import number
+from .palette import INK, QUIET, Look
+from .suite import Suite
+
+LIMIT_MS = 2.0
+"""Largest Ms that tuning allows."""
+
+
+def figure(suite: Suite, look: dict[str, Look], labels: dict[str, str]) -> Figure | None:
+    """Magnitude against frequency; None if it was not measured."""
+    results = suite.following
+    if results is None or not len(results.sensitivity):
+        return None
+    plot = go.Figure()
+    peaks = {}
+    for name in suite.ranked:
+        frame = results.sensitivity[results.sensitivity["controller"] == name]
+        f, s = frame["frequency"].to_numpy(float), frame["magnitude"].to_numpy(float)
+        good = np.isfinite(s)
+        if not good.any():
+            continue
+        plot.add_scatter(
+            x=f[good].astype("f4"), y=s[good].astype("f4"), name=labels[name], line=line(look[name]), mode="lines",
+            hovertemplate="%{y:.2f} at %{x:.3g} Hz", legendgroup=name,
+        )  # fmt: skip
+        at = int(np.argmax(np.where(good, s, -np.inf)))
+        peaks[name] = float(s[at]) if good.all() else float("inf")
+        plot.add_scatter(
+            x=[f[at]], y=[s[at]], mode="markers", showlegend=False, legendgroup=name, hoverinfo="skip",
+            marker={"color": look[name].colour, "symbol": look[name].symbol, "size": 8},
+        )  # fmt: skip
+    if not peaks:
+        return None
+    plot.add_hline(LIMIT_MS, line={"color": INK, "width": 1, "dash": "4px,3px"})
+    plot.add_hline(1.0, line={"color": QUIET, "width": 0.8})
+    plot.add_annotation(
+        x=0, xref="paper", y=np.log10(LIMIT_MS), text=f"limit of tuning, Ms = {LIMIT_MS:g}", showarrow=False,
+        xanchor="left", yanchor="bottom", font={"size": 11, "color": INK},
+    )  # fmt: skip
+    found = [p for p in peaks.values() if np.isfinite(p)]
+    magnitude = results.sensitivity["magnitude"].to_numpy(float)
+    lowest = float(magnitude[np.isfinite(magnitude) & (magnitude > 0)].min())
+    frequencies = results.sensitivity["frequency"].to_numpy(float)
+    plot.update_layout(
+        xaxis={**logarithmic(float(frequencies.min()), float(frequencies.max())),
+               "title": "frequency of the sheet's motion (Hz)"},
+        yaxis={**logarithmic(lowest / 1.2, max([LIMIT_MS, *found]) * 1.3), "title": "|S|, worst corner plant"},
+        hovermode="x",
+    )  # fmt: skip
+    over = [labels[name] for name, peak in peaks.items() if peak > LIMIT_MS]
+    title = f"Ms above {LIMIT_MS:g}: {', '.join(over)}" if over else f"Every measured Ms is within {LIMIT_MS:g}"
+    best = min(peaks, key=lambda n: peaks[n])
+    return Figure(
+        f"sensitivity-{suite.name}", title,
+        f"Measured by injection: how much of a sine of 20 µm on the sheet shows in the true gap, for the worst of "
+        f"{len(CORNERS)} corner plants. Below 1 the motion is followed, above 1 it is made larger. The marked peak is "
+        f"Ms; above {LIMIT_MS:g} a loop has little margin for a machine that differs from its model. Lowest here: "
+        f"{labels[best]}, {number(peaks[best])}.",
+        {"": plot}, height=440,
+    )  # fmt: skip

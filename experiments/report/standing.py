@@ -1,0 +1,94 @@
+"""Who stands where in one metric: figures with intervals, ranks, ties (:func:`fairness.standings`)."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+
+from ..fairness import standings
+from .suite import Suite
+
+CARDS = {
+    "rms_true": ("following error", "closer"), "contour_rms": ("contour error", "closer"),
+    "gap_rms": ("standoff error", "closer"), "dross": ("dross", "less"), "roughness": ("roughness Rz", "smoother"),
+    "time": ("time of the job", "faster"),
+}  # fmt: skip
+"""Metrics that the page answers for: their names, and the word for less of them."""
+
+BESIDE = ("rms_reported", "jitter", "taper", "energy")
+"""Others whose intervals the table shows."""
+
+SAME = 0.005
+"""Metrics in which all are within this share of each other say nothing."""
+
+
+@dataclass(frozen=True)
+class Standing:
+    """One metric of a suite; ``frame`` as :func:`fairness.standings` gives it."""
+
+    suite: Suite
+    metric: str
+    frame: pd.DataFrame
+
+    @property
+    def unit(self) -> str:
+        """Of the metric."""
+        return self.suite.metrics[self.metric].unit
+
+    @cached_property
+    def ranked(self) -> list[str]:
+        """Who may be ranked and has a figure, of the least informed class, best first."""
+        for names in self.suite.classes.values():
+            fair = self.frame.loc[names]
+            fair = fair[fair["rank"].notna() & np.isfinite(fair["score"].astype(float))]
+            if len(fair):
+                return list(fair.sort_values("score", kind="stable").index)
+        return []
+
+    @cached_property
+    def order(self) -> list[str]:
+        """All that have a figure, best first."""
+        good = self.frame[np.isfinite(self.frame["score"].astype(float))]
+        return list(good.sort_values("score", kind="stable").index)
+
+    @property
+    def best(self) -> str | None:
+        """The first of those that may be ranked."""
+        return self.ranked[0] if self.ranked else None
+
+    @cached_property
+    def tied(self) -> list[str]:
+        """Who cannot be told apart from the best."""
+        return [name for name in self.ranked if name in set(self.frame.at[self.best, "tied"])] if self.best else []
+
+    @cached_property
+    def varies(self) -> bool:
+        """Whether the controllers differ."""
+        score = self.frame["score"].astype(float)
+        score = score[np.isfinite(score)]
+        return len(score) > 1 and bool(score.max() > (1 + SAME) * score.min())
+
+    def scale(self, name: str, column: str = "ratio") -> float:
+        """0 of the reference, 1 of the ceiling, in the logarithm, of a ratio of :attr:`frame`; NaN without either."""
+        ceiling = self.suite.ceiling
+        if ceiling not in self.frame.index:
+            return float("nan")
+        with np.errstate(divide="ignore", invalid="ignore"):
+            top = np.log(float(self.frame.at[ceiling, "ratio"]))
+            return float(np.log(float(self.frame.at[name, column])) / top)
+
+
+def all_of(suite: Suite) -> dict[str, Standing]:
+    """Standings of the suite's metric, and of the others that the page compares."""
+    wanted = [suite.metric, *(m for m in (*CARDS, *BESIDE) if m != suite.metric and m in suite.metrics)]
+    found = {}
+    for metric in wanted:
+        r = suite.results
+        view = SimpleNamespace(
+            runs=r.runs, controllers=r.controllers, scenarios=r.scenarios, scored=suite.scored, meta=r.meta,
+            metric=metric, reference=suite.reference,
+        )  # fmt: skip
+        found[metric] = Standing(suite, metric, standings(view))
+    return found

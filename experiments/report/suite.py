@@ -1,0 +1,146 @@
+"""One grid of a run as the page sees it: followers and jobs with the same questions."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pandas as pd
+
+from ...envs import job_metrics, metrics
+from ...envs.plant.controller import INFORMATION
+from ..jobs import JobResults
+from ..results import CEILING, REFERENCE, Results
+
+TITLES = {
+    "following": "Height following", "ood": "Out of distribution", "contour": "Contours", "cutting": "Cutting",
+    "repeated": "Repeated passes", "drawing": "Along a drawing",
+}  # fmt: skip
+
+KNOWS = {
+    "sensor": "sees only what the machine measures",
+    "preview": "knows the sheet ahead, not ranked",
+    "privileged": "knows the true gap, not ranked",
+}
+"""Information classes in words."""
+
+
+@dataclass(frozen=True)
+class Suite:
+    """A grid's results by the name of their suite."""
+
+    name: str
+    results: Results | JobResults
+
+    @property
+    def jobs(self) -> JobResults | None:
+        """The results, if they are of jobs."""
+        return self.results if isinstance(self.results, JobResults) else None
+
+    @property
+    def following(self) -> Results | None:
+        """The results, if they are of height followers."""
+        return self.results if isinstance(self.results, Results) else None
+
+    @property
+    def title(self) -> str:
+        """A heading."""
+        return TITLES.get(self.name, self.name)
+
+    @property
+    def metric(self) -> str:
+        """What is scored."""
+        return self.results.metric if isinstance(self.results, JobResults) else "rms_true"
+
+    @property
+    def reference(self) -> str:
+        """Against whom ratios are taken."""
+        return self.results.reference if isinstance(self.results, JobResults) else REFERENCE
+
+    @property
+    def ceiling(self) -> str:
+        """Who makes score 1; empty if nobody does."""
+        return "" if self.jobs else CEILING
+
+    @cached_property
+    def metrics(self) -> dict[str, metrics.Metric | job_metrics.Metric]:
+        """The metrics that its runs have."""
+        registered = job_metrics.METRICS.values() if self.jobs else metrics.METRICS.values()
+        return {metric.name: metric for metric in registered if metric.name in self.results.runs}
+
+    @cached_property
+    def summary(self) -> pd.DataFrame:
+        """See :meth:`Results.summary` and :meth:`JobResults.summary`."""
+        return self.results.summary()
+
+    @property
+    def exempt(self) -> tuple[str, ...]:
+        """Scenarios that are built to defeat followers."""
+        return self.results.exempt if isinstance(self.results, Results) else ()
+
+    @cached_property
+    def scenarios(self) -> list[str]:
+        """Core scenarios, then the ordinary, then those in which collisions are expected."""
+        names = self.results.scenarios
+        first = [s for s in self.results.core if s in names]
+        last = [s for s in names if s in self.exempt and s not in first]
+        return first + [s for s in names if s not in first and s not in last] + last
+
+    @cached_property
+    def scored(self) -> list[str]:
+        """The scenarios that make the score: the core ones that were run, or all if none of them was."""
+        ran = self.results.scenarios
+        return [s for s in self.results.core if s in ran] or ran
+
+    @property
+    def scored_in_words(self) -> str:
+        """Over what the score is taken: ``geometric mean over the 7 core scenarios``, ``in the scenario 'wavy'`` …"""
+        if len(self.scored) == 1:
+            return f"in the scenario '{self.scored[0]}'"
+        core = "core " if set(self.scored) <= set(self.results.core) else ""
+        return f"geometric mean over the {len(self.scored)} {core}scenarios"
+
+    @cached_property
+    def classes(self) -> dict[str, list[str]]:
+        """Controllers of each information class, least informed class first, best score first, without one last."""
+        known = [*INFORMATION, *dict.fromkeys(self.summary["information"])]
+        out = {}
+        for information in dict.fromkeys(known):
+            group = self.summary[self.summary["information"] == information]
+            if len(group):
+                out[information] = list(group["score"].sort_values(kind="stable", na_position="last").index)
+        return out
+
+    @cached_property
+    def ranked(self) -> list[str]:
+        """All controllers, class by class."""
+        return [name for names in self.classes.values() for name in names]
+
+    @cached_property
+    def seeds(self) -> list[int]:
+        """Scenario seeds that were run."""
+        return sorted({int(seed) for seed in self.results.runs["seed"]})
+
+    @property
+    def traces(self) -> pd.DataFrame:
+        """Every period of the shown runs."""
+        return self.results.traces
+
+    @cached_property
+    def traced(self) -> list[str]:
+        """Scenarios of which there are traces, in order."""
+        if "scenario" not in self.traces:
+            return []
+        there = set(self.traces["scenario"].unique())
+        return [s for s in self.scenarios if s in there]
+
+    def pooled(self, metric: str) -> pd.DataFrame:
+        """Over the seeds, controllers × scenarios: RMS of an error, largest of a maximum, mean of all else; NaN where a
+        run failed."""
+        runs = self.results.runs.groupby(["controller", "scenario"], sort=False)[metric]
+        if "rms" in metric:
+            table = runs.apply(lambda v: float(np.sqrt(np.mean(np.square(v.to_numpy(float))))))
+        elif metric.startswith("max_") or metric.endswith("_max"):
+            table = runs.apply(lambda v: float(v.max(skipna=False)))
+        else:
+            table = runs.apply(lambda v: float(v.mean(skipna=False)))
+        return table.unstack().reindex(index=self.results.controllers, columns=self.scenarios)

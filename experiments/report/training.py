@@ -1,0 +1,61 @@
+"""Training curves of the policies that took part."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import plotly.graph_objects as go
+
+from .figure import Figure, line
+from .palette import Look
+
+
+def curves(controllers: list[str]) -> dict[str, tuple[pd.DataFrame, dict[str, Any]]]:
+    """Evaluations and record of the training of those controllers that are policies' folders and have them.
+
+    ``runs/x/policy`` has them one folder up, a shipped policy beside itself.
+    """
+    out = {}
+    for name in controllers:
+        folder = Path(name.rpartition("=")[2] if name.startswith(("z=", "xy=", "process=")) else name)
+        for place in (folder, folder.parent):
+            table = place / "evaluations.csv"
+            if (folder / "policy.json").is_file() and table.is_file():
+                frame, record = pd.read_csv(table), place / "run.json"
+                if {"steps", "score"} <= set(frame) and len(frame):
+                    out[name] = (frame, json.loads(record.read_text(encoding="utf-8")) if record.is_file() else {})
+                break
+    return out
+
+
+def figure(
+    found: dict[str, tuple[pd.DataFrame, dict[str, Any]]], look: dict[str, Look], labels: dict[str, str]
+) -> Figure | None:
+    """Score on tune seeds against simulated steps; None if no policy left its evaluations."""
+    if not found:
+        return None
+    plot = go.Figure()
+    words = []
+    for name, (frame, record) in found.items():
+        best = int(frame["score"].idxmin())
+        plot.add_scatter(
+            x=frame["steps"], y=frame["score"], mode="lines+markers", name=labels[name], line=line(look[name]),
+            marker={"symbol": look[name].symbol, "size": [11 if i == best else 6 for i in frame.index]},
+            customdata=frame.get("cpu_seconds"),
+            hovertemplate="%{y:.3g} after %{x:.3s} steps" + (
+                ", %{customdata:.0f} CPU-s" if "cpu_seconds" in frame else ""),
+        )  # fmt: skip
+        algorithm = f" ({record['algorithm']}, seed {record['seed']})" if {"algorithm", "seed"} <= set(record) else ""
+        words.append(f"{labels[name]}{algorithm}: {frame['score'][best]:.3g} after {frame['steps'][best] / 1e6:.3g} M")
+    plot.update_layout(
+        xaxis={"title": "simulated steps of training", "tickformat": "~s", "rangemode": "tozero"},
+        yaxis={"title": "score on tune seeds (lower is better)"},
+    )
+    return Figure(
+        "training", "Training curves",
+        f"Evaluations without exploration, on tune seeds; the large point is the policy that was kept. "
+        f"{'; '.join(words)} steps. One training is one draw: another seed of training would end elsewhere, and "
+        "nothing here says how far.",
+        {"": plot}, height=380,
+    )  # fmt: skip
