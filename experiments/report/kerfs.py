@@ -108,7 +108,7 @@ def pieces(
     quality; a piece is cut if any of it is, and through if all of it is."""
     way = np.append(0.0, np.cumsum(np.hypot(np.diff(x), np.diff(y))))
     marks = np.searchsorted(way, np.linspace(0.0, way[-1], PIECES + 1)[:-1], "right") - 1
-    marks = np.unique(np.concatenate([marks, np.flatnonzero(np.diff(cutting.astype(int))) + 1]))
+    marks = np.unique(np.concatenate([[0], marks, np.flatnonzero(np.diff(cutting.astype(int))) + 1]))
     out = {}
     for name, array in values.items():
         known = np.where(np.isfinite(array), array, 0.0)

@@ -4,6 +4,7 @@ Every section has a module of its own, which gives nothing where the run holds n
 order. ``report.html`` is the frame, ``report.css`` its looks, the scripts sort the tables and draw the figures.
 """
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
@@ -166,7 +167,7 @@ def labelled(names: list[str]) -> dict[str, str]:
 
 def _short(name: str) -> str:
     head, colon, rest = name.partition(":")
-    if "/" not in head or "=" in head:
+    if not re.fullmatch(r"[\w.\- ]*(/[\w.\- ]*)+", head):
         return name
     parts = [p for p in PurePosixPath(head).parts if p not in ("/", ".")]
     if parts and parts[-1] in ("policy", "tuned.toml") and len(parts) > 1:

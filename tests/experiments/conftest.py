@@ -28,10 +28,9 @@ def following(
 ):  # fmt: skip
     """Followers whose scores are exactly those of ``controllers``; in ``holes`` the pid touches in its first run.
 
-    Each has the same good and bad luck, on other seeds.
+    Everybody has good and bad luck of his own.
     """
-    luck = np.geomspace(0.9, 1.1, len(seeds))
-    luck /= np.sqrt(np.mean(luck**2))
+    luck = _luck(len(controllers), len(seeds))
     difficulty = {name: 2.0 ** (i - 0.5) for i, name in enumerate(scenarios)}
     scored = [name for name in core if name in scenarios] or scenarios
     mean = np.exp(np.mean([np.log(difficulty[name]) for name in scored]))
@@ -39,7 +38,7 @@ def following(
     for number, (name, (information, score, ms)) in enumerate(controllers.items()):
         for scenario in scenarios:
             for i, seed in enumerate(seeds):
-                rms = score * difficulty[scenario] / mean * luck[(i + number) % len(luck)]
+                rms = score * difficulty[scenario] / mean * luck[number, i]
                 touched = (scenario, name, seed) == ("holes", "pid", seeds[0])
                 rows.append({
                     "controller": name, "information": information, "scenario": scenario, "seed": seed, "failed": False,
@@ -66,6 +65,12 @@ def following(
     )  # fmt: skip
 
 
+def _luck(controllers, seeds):
+    """Factors of 5 % more or less, whose mean square over the seeds is 1."""
+    luck = np.exp(0.05 * np.random.default_rng(1).standard_normal((controllers, seeds)))
+    return luck / np.sqrt(np.mean(luck**2, axis=1, keepdims=True))
+
+
 def _followed(name, number, scenario, seed, seconds, size, drawing):
     """A trace: a sine of 20 Hz on the gap; in ``tip-up`` an alarm after 80 % of the time."""
     time = np.arange(1, round(seconds * 1000) + 1) * 1e-3
@@ -87,14 +92,15 @@ def _followed(name, number, scenario, seed, seconds, size, drawing):
 def cutting(controllers=(("fast", 170.0), ("fine", 50.0)), scenarios=("cut-square",), seeds=SEEDS):
     """Teams with exactly these roughnesses, the first the reference; each metric else is 1 for the first, 2 for the
     second … The trace cuts a circle after a rapid of 20 ms; at its right the cut does not go through."""
+    luck = _luck(len(controllers), len(seeds))
     rows, traces = [], []
     for number, (name, roughness) in enumerate(controllers, 1):
         for scenario in scenarios:
             for i, seed in enumerate(seeds):
-                figures = {metric: number * (1 + 0.01 * i) for metric in job_metrics.METRICS}
+                figures = {metric: number * luck[number - 1, i] for metric in job_metrics.METRICS}
                 rows.append({
                     "controller": name, "information": "sensor", "scenario": scenario, "seed": seed, "failed": False,
-                    **figures, "roughness": roughness, "collision": 0.0, "iso_roughness": "3", "iso_taper": "1",
+                    **figures, "roughness": roughness * luck[number - 1, i], "collision": 0.0, "iso_roughness": "3", "iso_taper": "1",
                 })  # fmt: skip
             ms = np.arange(1200)
             turn = 2 * np.pi * np.clip(ms - 20, 0, None) / 1180
