@@ -1,5 +1,7 @@
 """Quality of a cut against following error: how much better a follower must be before the cut shows it."""
 
+import functools
+
 import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
@@ -52,6 +54,7 @@ def threshold(frame: pd.DataFrame) -> float:
     return float(np.interp(SHOWS, change, frame["error"]))
 
 
+@functools.cache
 def figure(name: str, thickness: float | None = None) -> Figure:
     """Change of dross and roughness against the RMS standoff error, and where it begins to show."""
     steel = material(name, thickness)

@@ -42,9 +42,9 @@ def following(
                 touched = (scenario, name, seed) == ("holes", "pid", seeds[0])
                 rows.append({
                     "controller": name, "information": information, "scenario": scenario, "seed": seed, "failed": False,
-                    "rms_true": rms, "p99_true": 3 * rms, "max_true": 5 * rms, "rms_reported": (0.6 + 0.2 * number) * rms,
-                    "collision": float(touched), "jitter": 0.2 * number + 0.1, "dross": 0.05 + 1e-4 * rms,
-                    "roughness": 20 + 0.05 * rms,
+                    "rms_true": rms, "p99_true": 3 * rms, "max_true": 5 * rms,
+                    "rms_reported": (0.6 + 0.2 * number) * rms, "collision": float(touched),
+                    "jitter": 0.2 * number + 0.1, "dross": 0.05 + 1e-4 * rms, "roughness": 20 + 0.05 * rms,
                 })  # fmt: skip
             for seed in list(seeds)[:traced]:
                 traces.append(_followed(name, number, scenario, seed, seconds, 1e-3 * score, drawing))
@@ -100,7 +100,8 @@ def cutting(controllers=(("fast", 170.0), ("fine", 50.0)), scenarios=("cut-squar
                 figures = {metric: number * luck[number - 1, i] for metric in job_metrics.METRICS}
                 rows.append({
                     "controller": name, "information": "sensor", "scenario": scenario, "seed": seed, "failed": False,
-                    **figures, "roughness": roughness * luck[number - 1, i], "collision": 0.0, "iso_roughness": "3", "iso_taper": "1",
+                    **figures, "roughness": roughness * luck[number - 1, i], "collision": 0.0,
+                    "iso_roughness": "3", "iso_taper": "1",
                 })  # fmt: skip
             ms = np.arange(1200)
             turn = 2 * np.pi * np.clip(ms - 20, 0, None) / 1180

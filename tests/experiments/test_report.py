@@ -206,7 +206,7 @@ def test_who_may_not_be_ranked_does_not_win(made_up):
 
 def test_nobody_of_the_sensor_class(made_up):
     results = made_up.following({"preview-5ms": ("preview", 2.5, 1.1)})
-    suite, found = judged(results)
+    _, found = judged(results)
     assert found["rms_true"].ranked == ["preview-5ms"]  # of its own class
     results.meta["tuning"] = {}
     assert "nothing to compare" in headline(results)

@@ -1,4 +1,4 @@
-"""The report in a real Chromium without network: nothing complains, nothing is asked for, and what can be used works."""
+"""The report in a real Chromium without network: nothing complains, nothing is asked for, what can be used works."""
 
 import shutil
 import types
@@ -124,8 +124,8 @@ def test_the_oscilloscope_shows_what_was_recorded(opened, page):
     run = traces[(traces["scenario"] == "holes") & (traces["seed"] == 1001) & (traces["controller"] == "xi2023-tuned")]
     drawn = plotted(page, "oscilloscope")
     signals = [
-        run["surface"], 1e3 * (run["gap"] - run["set_height"]), 1e3 * (run["height"] - run["set_height"]), run["command"],
-        run["velocity"],
+        run["surface"], 1e3 * (run["gap"] - run["set_height"]), 1e3 * (run["height"] - run["set_height"]),
+        run["command"], run["velocity"],
     ]  # fmt: skip
     assert len(drawn["data"]) == len(signals)
     for trace, signal, step in zip(drawn["data"], signals, (1e-4, 0.05, 0.05, 0.01, 0.01), strict=True):
