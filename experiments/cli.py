@@ -84,8 +84,8 @@ def benchmark(
 
     Args:
         controller: built-in name with overrides (pid:law.kp=80,filter.window=9), or module:attr or file.py:attr of your
-            own, or a team for jobs (z=pid,xy=wu,process=huang2024-dynamic); may be given several times. A follower goes
-            into every suite, what drives axes or process into those of jobs. Default: the suite's standard ones.
+            own, or a team for jobs (z=pid,xy=wu,process=huang2024-dynamic); may be given several times. Of several
+            suites it runs in those in which it has something to drive. Default: the suite's standard ones.
         scenario: name or TOML file; may be given several times. Default: the whole suite.
         suite: whose scenarios are run; may be given several times (following, contour, cutting, ood, repeated), each is
             a table of its own. Default: that of the scenarios given, or following.
@@ -93,7 +93,7 @@ def benchmark(
             --suite on following, contour and cutting.
         path: drawing or programme (DXF, SVG, G-code). In the suites contour and cutting it is the part that is cut; in
             following the nozzle travels its contours, on a wavy, tilted sheet unless --scenario says otherwise.
-        seeds: how many seeds of the split. Default: 200, for jobs and along a drawing 20.
+        seeds: how many seeds of the split. Default: what each suite says, 200 for followers, 20 for jobs and drawings.
         split: test, tune or reserve.
         name: of the run folder. Default: date and time.
         jobs: worker processes.
@@ -143,7 +143,7 @@ def _show(folder: Path, grids: dict[str, Any], markdown: bool) -> None:
 
 
 def report(
-    run: Annotated[Positional[tuple[str, ...]], arg(metavar="RUN")] = (),
+    run: Annotated[Positional[tuple[str, ...]], arg(metavar="RUN ...")] = (),
     name: str | None = None,
     markdown: bool = False,
     overwrite: bool = False,

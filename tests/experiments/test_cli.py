@@ -142,6 +142,12 @@ def test_a_benchmark_from_end_to_end_and_again_with_the_same_figures(here, capsy
     main([*words, "--overwrite"])
     assert [(folder / file).read_bytes() for file in ("runs.csv", "summary.csv")] == figures
 
+    capsys.readouterr()
+    main(["report", "first", "--markdown"])
+    printed = capsys.readouterr().out
+    assert printed.strip() == (folder / "summary.md").read_text(encoding="utf-8").strip()
+    assert "| mine.py:Mine |" in printed
+
 
 @pytest.fixture
 def asked(monkeypatch, here):
@@ -274,6 +280,19 @@ def test_words_that_are_not_the_commands_are_refused(here, capsys, words):
         main(words)
     assert error.value.code == 2
     assert not (here / "runs").exists()
+
+
+# ------------------------------------------------------------------------------------------------------------- report
+
+
+def test_a_report_of_no_run_or_of_none_that_is_there_says_what_is_there(here, capsys):
+    assert "name at least one run; runs/ holds none" in refused(capsys, "report")
+    (here / "runs" / "first").mkdir(parents=True)
+    (here / "runs" / "first" / "run.json").write_text("{}", encoding="utf-8")
+    assert "name at least one run; in runs/ there are first" in refused(capsys, "report")
+    assert "no run folder 'runs/frist'; did you mean 'first'?" in refused(capsys, "report", "frist")
+    assert "run 'runs/first' is not a benchmark's" in refused(capsys, "report", "first")
+    assert "run 'runs/first' is not a benchmark's" in refused(capsys, "report", "runs/first")
 
 
 # ------------------------------------------------------------------------------------------------------------- render
