@@ -226,9 +226,12 @@ def _together(frames: list[pd.DataFrame]) -> pd.DataFrame:
 
 
 def _rows(runs: pd.DataFrame, who: str, pairs: set[tuple[str, int]]) -> pd.DataFrame:
-    mine = runs[runs["controller"] == who]
-    mine = mine[[(s, int(n)) in pairs for s, n in zip(mine["scenario"], mine["seed"], strict=True)]]
+    mine = _within(runs[runs["controller"] == who], pairs)
     return mine.sort_values(["scenario", "seed"]).reset_index(drop=True)
+
+
+def _within(frame: pd.DataFrame, pairs: set[tuple[str, int]]) -> pd.DataFrame:
+    return frame[pd.MultiIndex.from_frame(frame[["scenario", "seed"]]).isin(pairs)]
 
 
 def _part(frame: pd.DataFrame, names: dict[str, str], pairs: set[tuple[str, int]], shared: list[str]) -> pd.DataFrame:
@@ -237,7 +240,7 @@ def _part(frame: pd.DataFrame, names: dict[str, str], pairs: set[tuple[str, int]
         return frame
     frame = frame[frame["controller"].isin(list(names))]
     if "seed" in frame:
-        frame = frame[[(s, int(n)) in pairs for s, n in zip(frame["scenario"], frame["seed"], strict=True)]]
+        frame = _within(frame, pairs)
     elif "scenario" in frame:
         frame = frame[frame["scenario"].isin(shared)]
     return frame.assign(controller=frame["controller"].map(names))

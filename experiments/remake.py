@@ -42,24 +42,22 @@ def remake(
         raise InvalidInput("several runs need a folder for their report")
     if into is not None and into.resolve() in [folder.resolve() for folder in folders]:
         raise InvalidInput(f"'{into}' is one of the runs themselves; use another --name")
-    with Bars(quiet) as bars:
-        with bars.busy("reading"):
-            found, broken = _loaded(folders)
-        if into is None:
-            (joined,) = found
-            folder = joined.folder
-        else:
-            joined = merge.merge(found, runs.record(command))
-            joined.meta["notes"].extend(broken)
-            folder = runs.open_folder(into, overwrite)
-        with bars.busy("writing tables and report"):
-            record = None
-            if into is not None:
-                record = archive.save_tables(folder, joined.grids, joined.meta, joined.texts)
-            digest.write(folder, joined.grids, joined.meta)
-            write_report(folder, joined.grids, joined.meta)
-            if record:
-                runs.write_json(folder / "run.json", record)
+    found, broken = _loaded(folders)
+    if into is None:
+        (joined,) = found
+        folder = joined.folder
+    else:
+        joined = merge.merge(found, runs.record(command))
+        joined.meta["notes"].extend(broken)
+        folder = runs.open_folder(into, overwrite)
+    with Bars(quiet) as bars, bars.busy("writing tables and report"):
+        record = None
+        if into is not None:
+            record = archive.save_tables(folder, joined.grids, joined.meta, joined.texts)
+        digest.write(folder, joined.grids, joined.meta)
+        write_report(folder, joined.grids, joined.meta)
+        if record:
+            runs.write_json(folder / "run.json", record)
     return folder, joined
 
 
