@@ -1,6 +1,5 @@
 """The ``kerfgym`` command."""
 
-import datetime
 import errno
 import os
 import sys
@@ -107,7 +106,7 @@ def benchmark(
         overwrite: replace an existing run folder.
         resume: finish an interrupted run.
     """
-    from . import archive, grids
+    from . import archive, grids, runs
     from . import benchmark as bench
 
     planned = grids.plan(suite, controller, scenario, path=path, seeds=seeds, split=split, everything=shipped)
@@ -116,7 +115,7 @@ def benchmark(
 
         for note in drawn(str(path)).notes:
             print(f"kerfgym: {path}: {note}", file=sys.stderr)
-    folder = Path("runs") / (name or datetime.datetime.now().strftime("%Y-%m-%d-%H%M%S"))
+    folder = runs.named(name, resume=resume)
     try:
         results = bench.run_grids(
             planned, folder, with_ms=ms, with_cost=cost, with_blame=blame, workers=jobs, backend=backend,
@@ -160,12 +159,10 @@ def report(
         markdown: print the summary as Markdown, for an issue, instead of the tables; it is also in summary.md.
         overwrite: replace an existing run folder.
     """
+    from . import runs
     from .remake import remake, tell
 
-    into = Path("runs") / name if name else None
-    if len(run) > 1 and into is None:
-        into = Path("runs") / f"report-{datetime.datetime.now():%Y-%m-%d-%H%M%S}"
-    folder, found = remake(run, into, overwrite)
+    folder, found = remake(run, runs.named(name, "report-") if name or len(run) > 1 else None, overwrite)
     tell(found)
     _show(folder, found.grids, markdown)
 
@@ -195,6 +192,7 @@ def blame(
         resume: finish an interrupted run.
     """
     from ..envs import scenarios
+    from . import runs
     from .bars import progress
     from .blame import blame as run
     from .grids import Grid, split_seeds
@@ -204,7 +202,7 @@ def blame(
     jobs = any(s.job for s in chosen)
     wanted = split_seeds(seeds if seeds is not None else (8 if jobs else 24), split)
     grid = Grid("blame", tuple(controller or (["wu-tuned"] if jobs else ["xi2023-tuned", "observer"])), chosen, wanted)
-    folder = Path("runs") / (name or f"blame-{datetime.datetime.now():%Y-%m-%d-%H%M%S}")
+    folder = runs.named(name, "blame-", resume)
     with progress("episodes") as told:
         tables = run(grid, folder, stage, threads, overwrite, resume, told)
     print_blame(*tables)
@@ -258,11 +256,12 @@ def reproduce(
         overwrite: replace an existing run folder.
         resume: finish an interrupted run.
     """
+    from . import runs
     from .bars import progress
     from .reproduce import page
     from .reproduce.run import reproduce as run
 
-    folder = Path("runs") / (name or f"reproduce-{datetime.datetime.now():%Y-%m-%d-%H%M%S}")
+    folder = runs.named(name, "reproduce-", resume)
     with progress("studies") as told:
         parts = run(names, folder, seeds, jobs, overwrite, resume, told)
     page.show(parts)
@@ -318,11 +317,12 @@ def tune(
         overwrite: replace an existing run folder.
         resume: finish an interrupted run.
     """
+    from . import runs
     from .bars import progress
     from .tune import command
     from .tune import tune as run
 
-    folder = Path("runs") / (name or f"tune-{datetime.datetime.now():%Y-%m-%d-%H%M%S}")
+    folder = runs.named(name, "tune-", resume)
     task = command.task(
         what, controller, suite, trials, sampler, metric, ms, jitter, overshoot, limit, seed, seeds, storage, name
     )
@@ -391,7 +391,7 @@ def speed(
     for what, value in (("--rounds", rounds), ("--torch-threads", torch_threads)):
         if value < 1:
             raise InvalidInput(f"{what} {value} is out of range; at least 1")
-    folder = Path("runs") / (name or f"speed-{datetime.datetime.now():%Y-%m-%d-%H%M%S}")
+    folder = runs.named(name, "speed-")
     runs.open_folder(folder, overwrite)
     with status() as progress:
         tables = measure(folder, rounds, train, torch_threads, progress)

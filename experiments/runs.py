@@ -1,6 +1,7 @@
 """Run folders: ``runs/<name>/`` with ``run.json``, results as Parquet and CSV, plots and report; written atomically."""
 
 import contextlib
+import datetime
 import json
 import os
 import platform
@@ -99,6 +100,21 @@ def _processor() -> str:
             if line.startswith("model name"):
                 return line.split(":", 1)[1].strip()
     return platform.processor() or platform.machine()
+
+
+def named(name: str | None, kind: str = "", resume: bool = False) -> Path:
+    """The run folder of a name; without one it is called after kind, date and time.
+
+    Raises:
+        InvalidInput: it is to be resumed and has no name.
+    """
+    if name:
+        return Path("runs") / name
+    if resume:
+        left = sorted({p.parent.name for mark in UNFINISHED for p in Path("runs").glob(f"*/{mark}")
+                       if not (p.parent / "run.json").is_file()})  # fmt: skip
+        raise InvalidInput(f"--resume needs --name; unfinished in runs/: {', '.join(left) or 'none'}")
+    return Path("runs") / f"{kind}{datetime.datetime.now():%Y-%m-%d-%H%M%S}"
 
 
 def open_folder(path: Path, overwrite: bool = False, resume: bool = False) -> Path:

@@ -282,6 +282,15 @@ def test_words_that_are_not_the_commands_are_refused(here, capsys, words):
     assert not (here / "runs").exists()
 
 
+@pytest.mark.parametrize("words", [["benchmark"], ["tune"], ["reproduce"], ["blame"]])
+def test_what_goes_on_has_a_name(here, capsys, words):
+    assert "--resume needs --name; unfinished in runs/: none" in refused(capsys, *words, "--resume")
+    for name, mark in (("half", "parts"), ("done", "parts"), ("other", "plots")):
+        (here / "runs" / name / mark).mkdir(parents=True)
+    (here / "runs" / "done" / "run.json").write_text("{}", encoding="utf-8")
+    assert refused(capsys, *words, "--resume").endswith("unfinished in runs/: half\n")
+
+
 # ------------------------------------------------------------------------------------------------------------- report
 
 
