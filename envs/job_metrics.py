@@ -48,7 +48,9 @@ class Metric:
 METRICS: dict[str, Metric] = {}
 
 
-def _metric(unit: str, better: str = "lower") -> Callable[[Callable[[Jobs], np.ndarray]], Callable[[Jobs], np.ndarray]]:
+def metric(unit: str, better: str = "lower") -> Callable[[Callable[[Jobs], np.ndarray]], Callable[[Jobs], np.ndarray]]:
+    """Registers a function (jobs → one number per machine) under its name; its docstring is shown."""
+
     def register(function: Callable[[Jobs], np.ndarray]) -> Callable[[Jobs], np.ndarray]:
         name = function.__name__
         METRICS[name] = Metric(name, unit, better, (function.__doc__ or "").strip(), function)
@@ -61,7 +63,7 @@ def evaluate(jobs: Jobs) -> dict[str, np.ndarray]:
     """Every metric by name; a failed run has no figure but its collision and what it covered."""
     broken = failed(jobs)
     kept = ("collision", "covered")
-    figures = {name: metric.function(jobs) for name, metric in METRICS.items()}
+    figures = {name: each.function(jobs) for name, each in METRICS.items()}
     return {name: f if name in kept else np.where(broken, np.nan, f) for name, f in figures.items()}
 
 
@@ -71,86 +73,86 @@ def failed(jobs: Jobs) -> np.ndarray:
     return ~finite | (jobs.sums["length"] <= 0) | (jobs.covered < 0.98)
 
 
-@_metric("µm")
+@metric("µm")
 def contour_rms(jobs: Jobs) -> np.ndarray:
     """RMS distance of the actual from the commanded path while cutting"""
     return 1e3 * np.sqrt(jobs.mean("contour2"))
 
 
-@_metric("µm")
+@metric("µm")
 def contour_max(jobs: Jobs) -> np.ndarray:
     """Largest distance of the actual from the commanded path while cutting"""
     return 1e3 * jobs.sums["contour_worst"]
 
 
-@_metric("µm")
+@metric("µm")
 def gap_rms(jobs: Jobs) -> np.ndarray:
     """RMS of the true standoff error while cutting"""
     return 1e3 * np.sqrt(jobs.mean("gap2"))
 
 
-@_metric("µm")
+@metric("µm")
 def gap_max(jobs: Jobs) -> np.ndarray:
     """Largest true standoff error while cutting"""
     return 1e3 * jobs.sums["gap_worst"]
 
 
-@_metric("mm")
+@metric("mm")
 def dross(jobs: Jobs) -> np.ndarray:
     """Height of the dross, mean along the cut"""
     return jobs.mean("dross")
 
 
-@_metric("µm")
+@metric("µm")
 def roughness(jobs: Jobs) -> np.ndarray:
     """Roughness Rz, mean along the cut"""
     return 1e3 * jobs.mean("roughness")
 
 
-@_metric("1", "higher")
+@metric("1", "higher")
 def through(jobs: Jobs) -> np.ndarray:
     """Share of the cut that goes through the sheet"""
     return jobs.mean("through")
 
 
-@_metric("mm")
+@metric("mm")
 def kerf(jobs: Jobs) -> np.ndarray:
     """Width of the kerf at the top, mean along the cut"""
     return jobs.mean("kerf")
 
 
-@_metric("mm")
+@metric("mm")
 def taper(jobs: Jobs) -> np.ndarray:
     """Perpendicularity u, mean along the cut"""
     return jobs.mean("taper")
 
 
-@_metric("s")
+@metric("s")
 def time(jobs: Jobs) -> np.ndarray:
     """Time of the whole job: rapids, piercing, cutting"""
     return jobs.sums["time"]
 
 
-@_metric("mm/s", "higher")
+@metric("mm/s", "higher")
 def mean_feed(jobs: Jobs) -> np.ndarray:
     """Length cut over the time spent cutting"""
     with np.errstate(invalid="ignore", divide="ignore"):
         return jobs.sums["length"] / jobs.sums["cutting"]
 
 
-@_metric("kJ")
+@metric("kJ")
 def energy(jobs: Jobs) -> np.ndarray:
     """Energy of the beam"""
     return 1e-3 * jobs.sums["energy"]
 
 
-@_metric("1", "higher")
+@metric("1", "higher")
 def covered(jobs: Jobs) -> np.ndarray:
     """Share of the job's cuts that was travelled"""
     return jobs.covered
 
 
-@_metric("1")
+@metric("1")
 def collision(jobs: Jobs) -> np.ndarray:
     """1 if the nozzle touched the sheet"""
     return jobs.collided.astype(float)

@@ -31,7 +31,9 @@ class Metric:
 METRICS: dict[str, Metric] = {}
 
 
-def _metric(unit: str, better: str = "lower") -> Callable:
+def metric(unit: str, better: str = "lower") -> Callable:
+    """Registers a function (recording → one number per machine) under its name; its docstring's first line is shown."""
+
     def register(function: Callable[[Recording], np.ndarray]) -> Callable[[Recording], np.ndarray]:
         name, doc = function.__name__, (function.__doc__ or "").split("\n")[0]
         METRICS[name] = Metric(name, unit, better, doc, function)
@@ -50,7 +52,7 @@ def get(name: str) -> Metric:
 def evaluate(recording: Recording) -> dict[str, np.ndarray]:
     """Every metric of a recording, by name; a failed run has no figure but its collision."""
     broken = failed(recording)
-    figures = {name: metric.function(recording) for name, metric in METRICS.items()}
+    figures = {name: each.function(recording) for name, each in METRICS.items()}
     return {name: f if name == "collision" else np.where(broken, np.nan, f) for name, f in figures.items()}
 
 
@@ -74,37 +76,37 @@ def _largest(error: np.ndarray, mask: np.ndarray, share: float) -> np.ndarray:
     return np.where(count > 0, 1e3 * value, np.nan)
 
 
-@_metric("µm")
+@metric("µm")
 def rms_true(r: Recording) -> np.ndarray:
     """RMS of the true gap error while cutting"""
     return _rms(r.error, r.scored)
 
 
-@_metric("µm")
+@metric("µm")
 def p99_true(r: Recording) -> np.ndarray:
     """99th percentile of the true gap error's magnitude while cutting"""
     return _largest(r.error, r.scored, 0.99)
 
 
-@_metric("µm")
+@metric("µm")
 def max_true(r: Recording) -> np.ndarray:
     """Largest true gap error while cutting"""
     return _largest(r.error, r.scored, 1.0)
 
 
-@_metric("µm")
+@metric("µm")
 def rms_reported(r: Recording) -> np.ndarray:
     """RMS of the reported (measured, filtered) error while cutting"""
     return _rms(r.reported_error, r.scored)
 
 
-@_metric("µm")
+@metric("µm")
 def p99_reported(r: Recording) -> np.ndarray:
     """99th percentile of the reported error's magnitude while cutting"""
     return _largest(r.reported_error, r.scored, 0.99)
 
 
-@_metric("µm")
+@metric("µm")
 def max_reported(r: Recording) -> np.ndarray:
     """Largest reported error while cutting"""
     return _largest(r.reported_error, r.scored, 1.0)
@@ -117,13 +119,13 @@ def _settling(r: Recording, band: float) -> np.ndarray:
     return np.where(last < len(outside), last * PERIOD, np.inf)
 
 
-@_metric("s")
+@metric("s")
 def settling_20um(r: Recording) -> np.ndarray:
     """Time after which the true error stays within ±0.02 mm to the end; infinite if it never does"""
     return _settling(r, 0.02)
 
 
-@_metric("s")
+@metric("s")
 def settling_10um(r: Recording) -> np.ndarray:
     """Time after which the true error stays within ±0.01 mm to the end; infinite if it never does"""
     return _settling(r, 0.01)
@@ -134,13 +136,13 @@ def _after_first_arrival(r: Recording) -> np.ndarray:
     return np.maximum.accumulate(r.error <= 0.01, axis=0)
 
 
-@_metric("mm")
+@metric("mm")
 def overshoot(r: Recording) -> np.ndarray:
     """Largest excursion below the set height after first reaching it"""
     return np.where(_after_first_arrival(r), np.maximum(-r.error, 0.0), 0.0).max(axis=0)
 
 
-@_metric("mm")
+@metric("mm")
 def undershoot(r: Recording) -> np.ndarray:
     """Largest excursion above the set height after first reaching it"""
     return np.where(_after_first_arrival(r), np.maximum(r.error, 0.0), 0.0).max(axis=0)
@@ -158,55 +160,55 @@ def _cut(r: Recording) -> np.ndarray:
     return out
 
 
-@_metric("mm")
+@metric("mm")
 def dross(r: Recording) -> np.ndarray:
     """Height of the dross on thin sheet, mean along the cut (proxy, assumed coefficients)"""
     return _cut(r)[cut.Figures._fields.index("dross")]
 
 
-@_metric("µm")
+@metric("µm")
 def roughness(r: Recording) -> np.ndarray:
     """Roughness Rz on thin sheet, mean along the cut (proxy, assumed coefficients)"""
     return 1e3 * _cut(r)[cut.Figures._fields.index("roughness")]
 
 
-@_metric("1")
+@metric("1")
 def collision(r: Recording) -> np.ndarray:
     """1 if the nozzle touched the sheet"""
     return r.collided.astype(float)
 
 
-@_metric("mm", "higher")
+@metric("mm", "higher")
 def min_gap(r: Recording) -> np.ndarray:
     """Smallest true gap over sheet"""
     return r.lowest
 
 
-@_metric("mm/s")
+@metric("mm/s")
 def z_travel(r: Recording) -> np.ndarray:
     """Z travel of the motor per second"""
     return np.abs(r["velocity"].astype(np.float64)).mean(axis=0)
 
 
-@_metric("mm/s per ms")
+@metric("mm/s per ms")
 def jitter(r: Recording) -> np.ndarray:
     """RMS change of the command from period to period"""
     return np.sqrt(np.mean(np.diff(r["command"].astype(np.float64), axis=0) ** 2, axis=0))
 
 
-@_metric("mm/s²")
+@metric("mm/s²")
 def rms_acceleration(r: Recording) -> np.ndarray:
     """RMS acceleration of the motor"""
     return np.sqrt(np.mean(r["acceleration"].astype(np.float64) ** 2, axis=0))
 
 
-@_metric("mm/s³")
+@metric("mm/s³")
 def rms_jerk(r: Recording) -> np.ndarray:
     """RMS jerk of the motor, from its acceleration once per period"""
     return np.sqrt(np.mean((np.diff(r["acceleration"].astype(np.float64), axis=0) / PERIOD) ** 2, axis=0))
 
 
-@_metric("1")
+@metric("1")
 def held(r: Recording) -> np.ndarray:
     """Share of the time in which the supervisor overrode the law"""
     return r["override"].astype(np.float64).mean(axis=0)

@@ -129,8 +129,8 @@ class Head(_Section):
     burst: Annotated[Number, _q("pF", 0, 5, "largest burst")] = 0.1
     burst_length: Annotated[Number, _q("s", 0.001, 10, "mean length of a burst")] = 0.02
     plasma: Annotated[Number, _q("pF", 0, 5, "constant offset while cutting")] = 0.0
-    oscillator: Literal["eq3", "eq1"] = "eq3"
-    nominal: bool = False
+    oscillator: Literal["eq3", "eq1"] = "eq3"  # preset: without or with the series capacitors of Xi2023 eq. 1
+    nominal: bool = False  # the nominal head, instead of one drawn from the pool
     table: str | None = None  # CSV with frequency_Hz and height_mm, in place of the head's own calibration
     signal: str | None = None  # CSV with frequency_Hz, one row each ms, in place of what the sensor would count
 
@@ -170,7 +170,7 @@ class Holes(_Section):
     pitch: Annotated[Number, _q("mm", 30, 1e5, "distance of their middles on average")]
     jitter: Annotated[Number, _q("mm", -1e4, 1e4, "of each middle")] = 0.0
     length: Annotated[Number, _q("mm", 0.5, 1e4, "along the path")]
-    round: bool = False
+    round: bool = False  # as wide across as long, instead of a slot
     rise: Annotated[Number, _q("mm", 0, 20, "a part standing proud instead of a void; 0: a void")] = 0.0
     count: Annotated[int, _q("", 1, sheet.FEATURES, "at most", whole=True)] = sheet.FEATURES
 
@@ -190,7 +190,7 @@ class Bulge(_Section):
 class Profile(_Section):
     """A measured surface: CSV with the columns ``position_mm`` and ``height_mm``."""
 
-    file: str
+    file: str  # relative to the scenario's
     spacing: Annotated[float, _q("mm", 0.01, 100, "to which it is resampled")] = 0.1
 
 
@@ -198,7 +198,7 @@ class Profile(_Section):
 class Map(_Section):
     """A measured surface: CSV with the columns ``x_mm``, ``y_mm`` and ``height_mm``, a regular grid."""
 
-    file: str
+    file: str  # relative to the scenario's
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -246,16 +246,16 @@ class Job(_Section):
 
     part: str = "square"  # a built-in part, or a file: DXF, SVG, G-code
     size: Annotated[float, _q("mm", 0, 1500, "first size of a built-in part; 0: its own")] = 0.0
-    layers: tuple[str, ...] = ()
-    units: str | None = None
-    material: str = "c45-10"
+    layers: tuple[str, ...] = ()  # of a DXF; none: all
+    units: str | None = None  # mm, cm, m or inches, instead of what the drawing says
+    material: str = "c45-10"  # a file of envs/materials
     thickness: Annotated[float, _q("mm", 0, 50, "of a material that comes in several; 0: its thinnest")] = 0.0
     feed: Annotated[float, _q("mm/s", 0, 2000, "of the cuts; 0: the material's recipe")] = 0.0
     kerf: Annotated[float, _q("mm", 0, 5, "compensated; 0: the path is the drawing")] = 0.0
     lead_in: Annotated[float, _q("mm", 0, 50, "from the waste into a closed contour")] = 3.0
     clearance: Annotated[float, _q("mm", 0, 6, "above the cutting height in rapids")] = 4.0
-    frog_leap: bool = True
-    pierce: bool = True
+    frog_leap: bool = True  # rise and fall during the rapid instead of before and after
+    pierce: bool = True  # each cut begins with a pierce
     override: Annotated[float, _q("1", 1, 3, "largest feed override that the process control may ask for")] = 2.0
     power: Annotated[float, _q("1", 0, 2, "largest power, of the nominal one")] = 1.2
     pressure: Annotated[Number, _q("1", 0.1, 3, "of the gas, of the nominal one")] = 1.0
@@ -266,7 +266,7 @@ class Gantry(_Section):
     """The X and Y axes, see ``plant/xy_axes.py``; defaults are Wu's."""
 
     preset: Literal["wu", "modern"] = "wu"
-    literal: bool = False
+    literal: bool = False  # Wu's difference equation, which sums sampled speeds
     x_plus: Annotated[Number, _q("1", 0.2, 5, "gain of +x, of the nominal one")] = 1.0
     x_minus: Annotated[Number, _q("1", 0.2, 5, "gain of −x")] = 1.0
     y_plus: Annotated[Number, _q("1", 0.2, 5, "gain of +y")] = 1.0
@@ -286,7 +286,7 @@ class Optics(_Section):
     piezo_range: Annotated[float, _q("mm", 0.01, 50, "±", "Huang2024")] = 5.0
     hysteresis: Annotated[Number, _q("1", 0, 0.3, "width of the piezo's loop over its stroke")] = 0.02
     highest: Annotated[float, _q("Hz", 1, 1e5, "frequency of the dither", "Huang2024")] = 4000.0
-    shape: Literal["circular", "hat", "elliptical"] = "circular"
+    shape: Literal["circular", "hat", "elliptical"] = "circular"  # of the dither (Huang2024 eq. 12)
     along: bool = False  # x of the dither along the path instead of along the machine's x
 
 
@@ -294,17 +294,17 @@ class Optics(_Section):
 class Scenario(_Section):
     """A frozen scenario; see the module's text."""
 
-    name: str
-    summary: str = ""
-    version: int = 1
+    name: str  # in tables and plots
+    summary: str = ""  # what happens, in a line
+    version: int = 1  # of the suite that it belongs to
     duration: Annotated[float, _q("s", 0.05, 600, "of an episode")] = 3.0
     settle: Annotated[float, _q("s", 0, 60, "at the start, not scored")] = 0.3
     feed: Annotated[Number, _q("mm/s", 0, 2000, "along the path")] = 200.0
     set_height: Annotated[Number, _q("mm", 0.05, 9, "")] = Choice(choice=(0.5, 0.8, 1.0))
     start_above: Annotated[Number, _q("mm", 0, 30, "head above the set height at the start")] = 0.0
-    guard: bool = False
-    exempt: bool = False
-    path: str | None = None
+    guard: bool = False  # the supervisor's hole and edge guard is on
+    exempt: bool = False  # built to defeat followers: collisions are expected and not counted
+    path: str | None = None  # a drawing (DXF, SVG, G-code) along whose contours the nozzle travels
     circle: Circle | None = None
     axis: Axis = Axis()
     head: Head = Head()

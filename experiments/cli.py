@@ -399,19 +399,22 @@ def speed(
     print(f"\n{folder}")
 
 
+COMMANDS: dict[str, Any] = {
+    "list": list_, "benchmark": benchmark, "report": report, "blame": blame, "tune": tune, "train": train,
+    "reproduce": reproduce, "render": render, "speed": speed,
+}  # fmt: skip
+"""Every command by its name."""
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Entry point of the command."""
     words = sys.argv[1:] if arguments is None else arguments
     if words == ["--version"]:
         print(f"kerfgym {__version__}")
         return
-    commands: dict[str, Any] = {
-        "list": list_, "benchmark": benchmark, "report": report, "blame": blame, "tune": tune, "train": train,
-        "reproduce": reproduce, "render": render, "speed": speed,
-    }  # fmt: skip
     try:
         tyro.extras.subcommand_cli_from_dict(
-            commands, prog="kerfgym", description="Testbed for laser-cutting machine control.", args=words
+            COMMANDS, prog="kerfgym", description="Testbed for laser-cutting machine control.", args=words
         )
     except InvalidInput as error:
         print(f"kerfgym: error: {error}", file=sys.stderr)
