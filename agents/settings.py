@@ -32,6 +32,9 @@ ENVIRONMENTS = {
 }
 """Name in file names and native VecEnv of each environment."""
 
+PROVENANCE = "provenance"
+"""Table of a settings file that tells where it comes from."""
+
 ACTIVATIONS = ("tanh", "relu")
 """Of the network's layers; what a policy artefact can hold."""
 
@@ -95,6 +98,19 @@ class Settings:
     def flat(self) -> dict[str, Any]:
         """Every value by dotted name."""
         return dict(_flat(asdict(self), ""))
+
+    def value(self, key: str) -> Any:
+        """What a dotted name stands for: the value set or, of the algorithm, its default; None if there is neither."""
+        found = self.flat()
+        table, _, last = key.partition(".")
+        if key in found or table != "algorithm":
+            return found.get(key)
+        argument = _arguments(self.name).get(last)
+        return argument.default if argument else None
+
+    def plain(self) -> dict[str, Any]:
+        """As a settings file holds it."""
+        return {key: getattr(self, key) for key in ("name", "env", *known(self, ""))}
 
 
 def _flat(table: dict[str, Any], before: str) -> Any:
@@ -224,6 +240,39 @@ def preset(name: str, env: str, changes: dict[str, Any] | None = None) -> Settin
         InvalidInput: unknown algorithm, environment or setting.
     """
     values = tomllib.loads(preset_file(name, env).read_text(encoding="utf-8"))
+    return checked(Settings(name, env, **values)).varied(changes or {})
+
+
+def from_file(path: Path, name: str, env: str | None = None, changes: dict[str, Any] | None = None) -> Settings:
+    """Settings of a file: a preset, the ``settings.toml`` of a training, or what a search has found.
+
+    Args:
+        path: of the file; if it says for which algorithm and environment it is, it is for no others.
+        name: of the algorithm.
+        env: id of the environment; none: the file's.
+        changes: by dotted name.
+
+    Raises:
+        InvalidInput: not such a file, or for another algorithm or environment, or an unknown setting.
+    """
+    try:
+        values = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InvalidInput(f"cannot read '{path}': {error.strerror}") from None
+    except ValueError as error:  # neither text nor TOML
+        raise InvalidInput(f"'{path}' is not TOML: {error}") from None
+    for what, kind, asked in (("name", "algorithm", name), ("env", "environment", env)):
+        mine = values.pop(what, None)
+        if mine is not None and asked is not None and mine != asked:
+            raise InvalidInput(f"'{path}' is for {kind} '{mine}', not '{asked}'")
+        env = mine if what == "env" and mine is not None else env
+    env = env or next(iter(ENVIRONMENTS))
+    preset_file(name, env)  # an unknown one is an error here
+    values.pop(PROVENANCE, None)
+    tables = known(Settings(name, env), "")
+    for key in values:
+        if key not in tables:
+            raise InvalidInput(f"'{path}': unknown setting '{key}'; {did_you_mean(key, tables)}")
     return checked(Settings(name, env, **values)).varied(changes or {})
 
 

@@ -10,6 +10,7 @@
 """
 
 import csv
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -31,6 +32,13 @@ CHECKPOINT = Path("parts") / "checkpoint.pt"
 
 Told = Callable[[int, int, str], None]
 """Is told the steps done, the steps in all, and a word about where training stands."""
+
+Seen = Callable[[int, float], None]
+"""Is told the steps done and the score of each evaluation; what it raises ends the training."""
+
+
+class Diverged(InvalidInput):
+    """A training whose numbers ran away; other settings may bear it."""
 
 
 @dataclass
@@ -67,12 +75,33 @@ def train(
 
     Raises:
         InvalidInput: settings that the environment or the algorithm refuses, or a checkpoint of another training.
+        Diverged: it came to no finite numbers.
+    """
+    return begun(settings, folder, seed, device, threads, resume, told).finish()
+
+
+def begun(
+    settings: Settings,
+    folder: Path,
+    seed: int = 0,
+    device: str = "cpu",
+    threads: int = 1,
+    resume: bool = False,
+    told: Told | None = None,
+    seen: Seen | None = None,
+) -> "Training":
+    """A training that stands at its beginning or, with ``resume``, at its last checkpoint; see :func:`train`.
+
+    Args:
+        settings, folder, seed, device, threads, resume, told: as for :func:`train`.
+        seen: shown every evaluation.
     """
     model = untrained(settings, seed, device, threads)
-    run = _Run(settings, folder, seed, model, Evaluator(settings), told or (lambda *_: None))
+    run = Training(settings, folder, seed, model, Evaluator(settings), told or (lambda *_: None))
+    run.seen = seen or run.seen
     if resume and (folder / CHECKPOINT).is_file():
         run.take_up(checkpoint.read(folder / CHECKPOINT, device))
-    return run.finish()
+    return run
 
 
 def untrained(settings: Settings, seed: int = 0, device: str = "cpu", threads: int = 1) -> Any:
@@ -91,7 +120,7 @@ def untrained(settings: Settings, seed: int = 0, device: str = "cpu", threads: i
     return learner(settings, environment(settings), seed, device)
 
 
-class _Run:
+class Training:
     """What a training knows besides its model: the best policy so far, and what has been spent."""
 
     def __init__(
@@ -99,6 +128,7 @@ class _Run:
     ) -> None:
         self.settings, self.folder, self.seed, self.model = settings, folder, seed, model
         self.evaluator, self.told = evaluator, told
+        self.seen: Seen = lambda *_: None
         self.keep_every = settings.checkpoint.get("every", max(settings.steps // CHECKPOINTS, 1))
         self.look_every = settings.evaluation.get("every", max(settings.steps // EVALUATIONS, 1))
         self.rows: list[dict[str, Any]] = []
@@ -123,25 +153,54 @@ class _Run:
         return {"seed": self.seed, **{key: repr(value) for key, value in self.settings.flat().items()}}
 
     def finish(self) -> Trained:
-        """Trains to the end."""
+        """Trains to the end.
+
+        Raises:
+            Diverged: the weights, or every evaluation, came to no finite numbers.
+        """
         from stable_baselines3.common.logger import configure
 
         model, steps = self.model, self.settings.steps
         model.set_logger(configure(str(self.folder / "tensorboard"), ["tensorboard"]))
         if model.num_timesteps < steps:
-            model.learn(steps - model.num_timesteps, callback=self._callback(), reset_num_timesteps=False)
-            self.look()
+            try:
+                model.learn(steps - model.num_timesteps, callback=self._callback(), reset_num_timesteps=False)
+                self.look()
+            except (ValueError, RuntimeError) as error:  # libraries and environments have words of their own for it
+                if self.finite:
+                    raise
+                raise self.diverged() from error
             self.keep()
+        if not math.isfinite(self.best["score"]):
+            raise self.diverged()
         model.policy.load_state_dict(self.best["policy"])
         self._table()
+        return Trained(model, self.best["score"], self.best["steps"], self.rows, self.ledger)
+
+    @property
+    def finite(self) -> bool:
+        """Whether all weights, and the spread of the actions, are still numbers."""
+        weights = self.model.policy.state_dict()
+        checked = [value.exp().log() if name == "log_std" else value for name, value in weights.items()]
+        return all(bool(value.isfinite().all()) for value in checked)
+
+    def diverged(self) -> Diverged:
+        """The error of a training whose numbers ran away."""
+        return Diverged(
+            f"the training came to no finite numbers within {self.model.num_timesteps} steps; "
+            "a smaller algorithm.learning_rate may bear it"
+        )
+
+    @property
+    def ledger(self) -> dict[str, Any]:
+        """What has been spent so far."""
         periods = 1 if self.evaluator.height else PERIOD
-        ledger = {
-            "simulated_steps": periods * (model.num_timesteps + self.looking),
-            "training_steps": model.num_timesteps, "evaluation_steps": self.looking,
+        return {
+            "simulated_steps": periods * (self.model.num_timesteps + self.looking),
+            "training_steps": self.model.num_timesteps, "evaluation_steps": self.looking,
             "cpu_seconds": round(self.cpu_seconds, 1),
             "seeds": {"train": f"from {scenarios.SPLITS['train'].start}", "tune": f"0-{self.evaluator.episodes - 1}"},
         }  # fmt: skip
-        return Trained(model, self.best["score"], self.best["steps"], self.rows, ledger)
 
     @property
     def cpu_seconds(self) -> float:
@@ -170,6 +229,7 @@ class _Run:
             policy = {name: value.detach().clone() for name, value in model.policy.state_dict().items()}
             self.best = {"score": seen.score, "steps": model.num_timesteps, "policy": policy}
         self._table()
+        self.seen(model.num_timesteps, seen.score)
         return seen
 
     def show(self) -> None:
@@ -188,11 +248,11 @@ class _Run:
             def _on_rollout_start(self) -> None:
                 done = self.model.num_timesteps
                 run.show()
+                if last[0] >= 0 and done - run.looked >= run.look_every:
+                    run.look()  # changes nothing in the training
                 if last[0] >= 0 and done - last[0] < run.keep_every:
                     return
                 if last[0] >= 0:
-                    if done - run.looked >= run.look_every:
-                        run.look()
                     run.keep()
                 checkpoint.restart(self.model, run.seed)
                 last[0] = done

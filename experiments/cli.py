@@ -276,7 +276,7 @@ def tune(
     what: Annotated[Positional[tuple[str, ...]], arg(metavar="WHAT")] = (),
     controller: Annotated[str | None, arg(aliases=["-c"], metavar="NAME")] = None,
     suite: str = "following",
-    trials: int = 300,
+    trials: int | None = None,
     sampler: str | None = None,
     metric: Annotated[UseAppendAction[list[str]], arg(aliases=["-m"], metavar="METRIC")] = [],  # noqa: B006
     ms: float | None = None,
@@ -287,6 +287,9 @@ def tune(
     seeds: int | None = None,
     workers: int = 1,
     threads: int | None = None,
+    env: str | None = None,
+    steps: int | None = None,
+    set_: Annotated[UseAppendAction[list[str]], arg(name="set", metavar="KEY=VALUE")] = [],  # noqa: B006
     storage: Annotated[str | None, arg(metavar="URL")] = None,
     name: str | None = None,
     overwrite: bool = False,
@@ -294,23 +297,30 @@ def tune(
 ) -> None:
     """Search a controller's parameters on tune seeds; writes runs/<name>/tuned.toml, which every command takes with -c.
 
+    With the name of an algorithm it searches the settings of a training; writes runs/<name>/<algorithm>.toml, which
+    train takes with --preset.
+
     Args:
         what: filter, law, guard, gate, table, plan, all, or parameters by name (law.kp filter.window=3..9); several may
-            be given. Default: law.
+            be given. Default: law. Or one of ppo, sac, td3, tqc, recurrent-ppo.
         controller: as for benchmark. Default: xi2023-improved; for jobs wu-tuned or huang2024-adjusting.
         suite: on whose core it is scored; also its scenarios with a guard must go without collision.
-        trials: candidates in all.
+        trials: candidates in all. Default: 300, of an algorithm's settings 40.
         sampler: tpe+cmaes (TPE explores, CMA-ES finishes), tpe, cmaes, gp, random or nsga2. Default: tpe+cmaes, for
-            several metrics tpe.
+            several metrics and for an algorithm's settings tpe.
         metric: what is made best; several give a Pareto front. Default: rms_true, for jobs the suite's own.
         ms: largest sensitivity peak; inf for any. Default: 2, for jobs any.
         jitter: largest command jitter, mm/s per ms.
         overshoot: largest overshoot of a descent, mm.
         limit: another metric's largest value (smallest, if higher is better), such as time=12.5.
-        seed: of the sampler; the same command gives the same study.
+        seed: of the sampler, and of trainings; the same command gives the same study.
         seeds: tune seeds per scenario. Default: 32, for jobs 8.
         workers: processes; the order in which several finish is not the same twice.
-        threads: of each process. Default: the cores shared out.
+        threads: of each process. Default: the cores shared out, of a training 1.
+        env: of trainings, id of the environment. Default: kerfgym/HeightFollowing-v0.
+        steps: of each training. Default: a tenth of the preset's, at least an episode of each machine.
+        set: of trainings, a value of the preset as for train, from which the search begins or which it leaves as it is;
+            may be given several times.
         storage: database in which the study is kept, for many machines; postgresql://user@host/database. Default: a
             journal in the run folder.
         name: of the run folder and of the study. Default: tune- and date and time.
@@ -323,6 +333,20 @@ def tune(
     from .tune import tune as run
 
     folder = runs.named(name, "tune-", resume)
+    if command.trains(what, env, steps, set_):
+        from .tune import learners
+
+        others = {
+            "controller": controller, "suite": None if suite == "following" else suite, "metric": metric or None,
+            "ms": ms, "jitter": jitter, "overshoot": overshoot, "limit": limit or None, "seeds": seeds,
+        }  # fmt: skip
+        given = [option for option, value in others.items() if value is not None]
+        asked = learners.task(what, env, steps, set_, trials, sampler, seed, storage, name, threads, given)
+        with progress("trials") as told:
+            learned = learners.tune(asked, folder, workers, overwrite, resume, told)
+        learners.show(learned)
+        print(f"\n{learned.file}")
+        return
     task = command.task(
         what, controller, suite, trials, sampler, metric, ms, jitter, overshoot, limit, seed, seeds, storage, name
     )
@@ -334,9 +358,10 @@ def tune(
 
 def train(
     algorithm: Annotated[Positional[str], arg(metavar="ALGORITHM")],
-    env: str = "kerfgym/HeightFollowing-v0",
+    env: str | None = None,
     steps: int | None = None,
     seed: int = 0,
+    preset: Annotated[Path | None, arg(metavar="FILE")] = None,
     set_: Annotated[UseAppendAction[list[str]], arg(name="set", metavar="KEY=VALUE")] = [],  # noqa: B006
     name: str | None = None,
     device: str = "cpu",
@@ -348,10 +373,12 @@ def train(
     """Train a policy; writes runs/<name>/ with curves, evaluations, the last checkpoint and the best policy.
 
     Args:
-        algorithm: ppo, sac, td3, tqc or recurrent-ppo; the shipped preset of environment and algorithm counts.
-        env: id of the environment.
+        algorithm: ppo, sac, td3, tqc or recurrent-ppo.
+        env: id of the environment. Default: the preset's, or kerfgym/HeightFollowing-v0.
         steps: simulated steps of training. Default: the preset's.
         seed: of everything random.
+        preset: settings to train with, such as tune ppo writes, or the settings.toml of another training. Default: the
+            shipped ones of environment and algorithm.
         set: a value of the preset, by dotted name (algorithm.gamma=0.97, environment.scenario=["wavy","step"],
             environment.reward.rate=0.1); may be given several times.
         name: of the run folder. Default: environment, algorithm and seed.
@@ -363,7 +390,7 @@ def train(
     """
     from .training import train as run
 
-    folder = run(algorithm, env, steps, seed, set_, name, device, threads, ms, overwrite, resume)
+    folder = run(algorithm, env, steps, seed, set_, name, device, threads, ms, overwrite, resume, preset)
     print(f"\n{folder}")
 
 

@@ -1,7 +1,6 @@
 """``kerfgym train``: a run folder around a training, with its record and its policy."""
 
 from pathlib import Path
-from typing import Any
 
 import tomli_w
 
@@ -15,8 +14,8 @@ SETTINGS = "settings.toml"
 
 
 def train(
-    algorithm: str, env: str, steps: int | None, seed: int, assignments: list[str], name: str | None, device: str,
-    threads: int, ms: bool, overwrite: bool, resume: bool,
+    algorithm: str, env: str | None, steps: int | None, seed: int, assignments: list[str], name: str | None,
+    device: str, threads: int, ms: bool, overwrite: bool, resume: bool, preset: Path | None = None,
 ) -> Path:  # fmt: skip
     """Trains a policy and writes its run folder; see ``cli.train``.
 
@@ -28,9 +27,12 @@ def train(
     changes = presets.parsed(assignments)
     if steps is not None:
         changes["steps"] = steps
-    settings = presets.preset(algorithm, env, changes)
+    if preset is not None:
+        settings = presets.from_file(preset, algorithm, env, changes)
+    else:
+        settings = presets.preset(algorithm, env or next(iter(presets.ENVIRONMENTS)), changes)
     untrained(settings, seed, device, threads)  # errors before anything is written
-    short = presets.ENVIRONMENTS[env][0]
+    short = presets.ENVIRONMENTS[settings.env][0]
     folder = open_run(Path("runs") / (name or f"{short}-{algorithm}-{seed}"), settings, overwrite, resume)
     return into(folder, settings, seed, device, threads, ms, resume)
 
@@ -44,7 +46,7 @@ def open_run(folder: Path, settings: Settings, overwrite: bool = False, resume: 
     runs.open_folder(folder, overwrite, resume)
     if not (folder / SETTINGS).is_file():  # those of an interrupted run stay: it goes on with these or not at all
         with runs.atomic(folder / SETTINGS) as part:
-            part.write_text(tomli_w.dumps(_plain(settings)), encoding="utf-8")
+            part.write_text(tomli_w.dumps(settings.plain()), encoding="utf-8")
     return folder
 
 
@@ -82,7 +84,3 @@ def into(
     print(f"policy: {exported.folder}, at most {exported.difference:.1e} off the model in {exported.compared} actions")
     print(f"best score on tune seeds {trained.score:.3f}, after {trained.best_at} of {last['steps']} steps")
     return folder
-
-
-def _plain(settings: Settings) -> dict[str, Any]:
-    return {key: getattr(settings, key) for key in ("name", "env", *presets.known(settings, ""))}

@@ -2,6 +2,7 @@
 
 import math
 
+from ...agents.settings import ALGORITHMS
 from ...envs import scenarios
 from ...envs.plant.quantity import InvalidInput
 from . import storage
@@ -10,14 +11,22 @@ from .goals import Limit, Limits
 from .run import Result, check
 from .study import Task
 
+TRIALS = 300
+"""Of a study unless told otherwise."""
+
 CAP = 2.0
 """Largest Ms of followers unless told otherwise: that of the following suite's ranking."""
 
 
+def trains(what: tuple[str, ...], env: str | None, steps: int | None, assignments: list[str]) -> bool:
+    """Whether the settings of a training are searched: an algorithm is named, or what only trainings have."""
+    return any(word in ALGORITHMS for word in what) or env is not None or steps is not None or bool(assignments)
+
+
 def task(
-    what: tuple[str, ...], controller: str | None, suite: str, trials: int, sampler: str | None, metrics: list[str],
-    ms: float | None, jitter: float | None, overshoot: float | None, limits: list[str], seed: int, seeds: int | None,
-    url: str | None, name: str | None,
+    what: tuple[str, ...], controller: str | None, suite: str, trials: int | None, sampler: str | None,
+    metrics: list[str], ms: float | None, jitter: float | None, overshoot: float | None, limits: list[str], seed: int,
+    seeds: int | None, url: str | None, name: str | None,
 ) -> Task:  # fmt: skip
     """The study that a user asks for; defaults depend on whether the suite's scenarios are jobs.
 
@@ -38,7 +47,7 @@ def task(
     asked = Task(
         controller or ("wu-tuned" if suite == "contour" else "huang2024-adjusting" if jobs else "xi2023-improved"),
         what or ("law",), suite, chosen, Limits(ms if ms is not None else (math.inf if jobs else CAP), tuple(given)),
-        sampler or ("tpe+cmaes" if len(chosen) == 1 else "tpe"), trials, seed,
+        sampler or ("tpe+cmaes" if len(chosen) == 1 else "tpe"), TRIALS if trials is None else trials, seed,
         seeds if seeds is not None else (8 if jobs else 32), name or "", url or "",
     )  # fmt: skip
     check(asked)

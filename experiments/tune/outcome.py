@@ -16,7 +16,8 @@ from ...envs.stack import Stack, Team
 from .. import runs
 from . import goals
 from .evaluate import Evaluator
-from .study import Task, Work, told_number
+from .study import RollOuts, Task
+from .work import feasible, told_number
 
 TEST_SEEDS, TEST_SEEDS_JOBS = 200, 20
 """*Test* seeds per scenario on which the result is scored."""
@@ -55,12 +56,7 @@ def frame(trials: list[FrozenTrial], task: Task) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def feasible(trial: FrozenTrial) -> bool:
-    """Whether a trial was completed and keeps its limits."""
-    return trial.state == TrialState.COMPLETE and all(v <= 0 for v in trial.constraints.values())
-
-
-def best(work: Work, trials: list[FrozenTrial]) -> Found:
+def best(work: RollOuts, trials: list[FrozenTrial]) -> Found:
     """The best candidate of a study with one metric.
 
     Raises:
@@ -75,7 +71,7 @@ def best(work: Work, trials: list[FrozenTrial]) -> Found:
     raise InvalidInput(_none(trials))
 
 
-def front(work: Work, trials: list[FrozenTrial]) -> list[Found]:
+def front(work: RollOuts, trials: list[FrozenTrial]) -> list[Found]:
     """The candidates of a study with several metrics of which none is better than another in all of them.
 
     Raises:
@@ -111,7 +107,7 @@ def middle(found: list[Found], task: Task) -> Found:
     return min(found, key=cost)
 
 
-def checked(work: Work, trial: FrozenTrial) -> Found:
+def checked(work: RollOuts, trial: FrozenTrial) -> Found:
     """A trial's candidate with its Ms at the suite's frequencies."""
     parameters = work.space.values(trial.params)
     controller = work.base.varied(parameters)
@@ -131,7 +127,7 @@ def _none(trials: list[FrozenTrial]) -> str:
     )
 
 
-def scored(work: Work, controller: Stack | Team, threads: int) -> tuple[dict[str, Any], goals.Figures]:
+def scored(work: RollOuts, controller: Stack | Team, threads: int) -> tuple[dict[str, Any], goals.Figures]:
     """What a controller is worth on *test* seeds: the metrics, collisions, overshoot of descents, runs per scenario."""
     task = work.task
     seeds = scenarios.SPLITS["test"][: TEST_SEEDS_JOBS if task.jobs else TEST_SEEDS]
@@ -148,7 +144,7 @@ def scored(work: Work, controller: Stack | Team, threads: int) -> tuple[dict[str
     return {k: float(f"{v:.6g}") if isinstance(v, float) else v for k, v in out.items()}, figures
 
 
-def sensitivity(work: Work, found: Found) -> pd.DataFrame:
+def sensitivity(work: RollOuts, found: Found) -> pd.DataFrame:
     """How the metrics change, relative to the candidate's, when one parameter is 20 % off, on *tune* seeds.
 
     A parameter whose value is 0 is moved by 20 % of its searched range's half; a whole one by at least 1; none

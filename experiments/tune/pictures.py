@@ -1,7 +1,7 @@
 """Pictures of a study: history, importances, slices, Pareto front, and what 20 % off costs."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from ..report.palette import COLOURS, GRID, INK, QUIET
 from ..report.pictures import png
 from .goals import metric
 from .outcome import Found
+from .space import Axis
 from .study import Task
 
 WIDEST = 4
@@ -26,8 +27,13 @@ def write(
     folder: Path, study: Any, trials: pd.DataFrame, near: pd.DataFrame, task: Task, front: list[Found]
 ) -> list[str]:
     """Writes the pictures that there is something to show for; gives their names."""
+    return written(folder, _all(study, trials, near, task, front))
+
+
+def written(folder: Path, figures: Iterable[tuple[str, Figure]]) -> list[str]:
+    """Writes pictures; gives their names."""
     made = []
-    for name, figure in _all(study, trials, near, task, front):
+    for name, figure in figures:
         with runs.atomic(folder / "plots" / f"{name}.png") as part:
             part.write_bytes(png(figure))
         made.append(name)
@@ -37,11 +43,14 @@ def write(
 def _all(
     study: Any, trials: pd.DataFrame, near: pd.DataFrame, task: Task, front: list[Found]
 ) -> Iterator[tuple[str, Figure]]:
+    quantities = {name: p.quantity for name, p in task.base.parameters().items()}
+    units = {name: q.unit for name, q in quantities.items() if q.unit not in ("", "1")}
     for i, name in enumerate(task.metrics):
         suffix = f"-{name}" if len(task.metrics) > 1 else ""
-        yield f"history{suffix}", history(trials, task, name)
-        yield f"slices{suffix}", slices(trials, task, name)
-        found = importances(study, task, i)
+        text, higher = label(name, task), task.directions[i] == "maximize"
+        yield f"history{suffix}", history(trials, task.controller, name, text, higher)
+        yield f"slices{suffix}", slices(trials, task.controller, task.space.axes, name, text, units)
+        found = importances(study, task.controller, name, i if len(task.metrics) > 1 else None)
         if found is not None:
             yield f"importances{suffix}", found
     if len(task.metrics) > 1:
@@ -78,31 +87,48 @@ def _window(axes: Axes, values: Any, by: Callable[[float, float], Any]) -> None:
         by(low - 0.05 * (high - low or abs(low) or 1.0), high + 0.1 * (high - low or abs(high) or 1.0))
 
 
-def history(trials: pd.DataFrame, task: Task, name: str) -> Figure:
-    """Value of each trial, and the best so far of those that keep the limits."""
-    figure = _figure(f"{task.controller}: trials of the study")
+def history(trials: pd.DataFrame, title: str, name: str, text: str, higher: bool = False) -> Figure:
+    """Value of each trial, and the best so far of those that keep the limits.
+
+    Args:
+        trials: a row each, with columns trial, state, feasible and ``name``.
+        title: what was searched.
+        name: of the value.
+        text: of its axis.
+        higher: whether higher is better.
+    """
+    figure = _figure(f"{title}: trials of the study")
     axes = figure.add_subplot()
     whole, good = trials[trials["state"] == "complete"], trials[trials["feasible"]]
     bad = whole[~whole["feasible"]]
     axes.plot(bad["trial"], bad[name], "x", color=QUIET, markersize=4, label="breaks a limit")
     axes.plot(good["trial"], good[name], "o", color=COLOURS[0], markersize=4, label="keeps the limits")
     if len(good):
-        higher = metric(name, task.jobs).better == "higher"
         best = good[name].cummax() if higher else good[name].cummin()
         axes.step(good["trial"], best, where="post", color=COLOURS[1], label="best so far")
-    pruned = trials[trials["state"] == "pruned"]["trial"]
-    axes.plot(pruned, np.zeros(len(pruned)), "|", color=GRID, transform=axes.get_xaxis_transform(), label="pruned")
+    for state, colour in (("pruned", GRID), ("failed", INK)):
+        at = trials[trials["state"] == state]["trial"]
+        if len(at) or state == "pruned":
+            axes.plot(at, np.zeros(len(at)), "|", color=colour, transform=axes.get_xaxis_transform(), label=state)
     _window(axes, whole[name], axes.set_ylim)
-    _plain(axes, "trial", label(name, task))
+    _plain(axes, "trial", text)
     axes.legend(frameon=False, fontsize=8)
     return figure
 
 
-def slices(trials: pd.DataFrame, task: Task, name: str) -> Figure:
-    """Value against each parameter, the later the darker."""
-    shown = [axis for axis in task.space.axes if axis.name in trials]
+def slices(
+    trials: pd.DataFrame, title: str, searched: tuple[Axis, ...], name: str, text: str, units: dict[str, str]
+) -> Figure:
+    """Value against each parameter, the later the darker.
+
+    Args:
+        trials, title, name, text: as for :func:`history`.
+        searched: the parameters.
+        units: of those that have one.
+    """
+    shown = [axis for axis in searched if axis.name in trials]
     rows = max(1, math.ceil(len(shown) / WIDEST))
-    figure = _figure(f"{task.controller}: slices, later trials darker", 11.0, 0.6 + 2.3 * rows)
+    figure = _figure(f"{title}: slices, later trials darker", 11.0, 0.6 + 2.3 * rows)
     grid = figure.subplots(rows, min(WIDEST, max(1, len(shown))), squeeze=False)
     whole = trials[(trials["state"] == "complete")]
     for axes in grid.flat[len(shown) :]:
@@ -119,26 +145,22 @@ def slices(trials: pd.DataFrame, task: Task, name: str) -> Figure:
             axes.set_xscale("log")
         if axis.choices:
             axes.tick_params(axis="x", rotation=40, labelsize=7)
-        quantity = task.base.parameters()[axis.name].quantity
-        unit = f" ({quantity.unit})" if quantity.unit not in ("", "1") else ""
-        _plain(axes, axis.name + unit, "")
+        _plain(axes, axis.name + (f" ({units[axis.name]})" if axis.name in units else ""), "")
         _window(axes, mine[name], axes.set_ylim)
     for row in grid:
-        row[0].set_ylabel(label(name, task))
+        row[0].set_ylabel(text)
     return figure
 
 
-def importances(study: Any, task: Task, i: int) -> Figure | None:
-    """Share of each parameter in what the better trials have in common (PED-ANOVA)."""
+def importances(study: Any, title: str, name: str, i: int | None = None) -> Figure | None:
+    """Share of each parameter in what the better trials have in common (PED-ANOVA), for value ``i`` of several."""
     try:
-        shares = optuna.importance.get_param_importances(
-            study, target=(lambda t: t.values[i]) if len(task.metrics) > 1 else None
-        )
+        shares = optuna.importance.get_param_importances(study, target=None if i is None else (lambda t: t.values[i]))
     except (ValueError, RuntimeError):  # too few trials
         return None
     if not shares or not all(map(math.isfinite, shares.values())):
         return None
-    figure = _figure(f"{task.controller}: importance for {task.metrics[i]}", 8.0, 1.2 + 0.3 * len(shares))
+    figure = _figure(f"{title}: importance for {name}", 8.0, 1.2 + 0.3 * len(shares))
     axes = figure.add_subplot()
     names = list(shares)[::-1]
     axes.barh(names, [shares[n] for n in names], color=COLOURS[0])

@@ -1,13 +1,9 @@
-"""``kerfgym tune`` from start to end: folder, workers, and what they found."""
+"""``kerfgym tune`` of a controller from start to end."""
 
-import contextlib
 import math
-import multiprocessing
-import os
 import time
 import warnings
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -16,17 +12,10 @@ from ...envs import scenarios
 from ...envs.plant.quantity import InvalidInput, did_you_mean
 from .. import runs
 from ..ledger import Ledger
-from . import goals, outcome, pictures, sampling, storage
+from . import crew, goals, outcome, pictures, sampling, storage
 from .evaluate import Evaluator
-from .study import Task, Work, abandoned, done
-
-POLL = 0.3
-"""s between two looks at what the workers have done."""
-
-WAIT = 600.0
-"""s that is waited for the last trials of other processes."""
-
-Told = Callable[[int, int, str], None]
+from .study import RollOuts, Task
+from .work import done
 
 
 @dataclass(frozen=True)
@@ -72,7 +61,7 @@ def tune(
     threads: int | None = None,
     overwrite: bool = False,
     resume: bool = False,
-    told: Told = lambda finished, total, best: None,
+    told: crew.Told = lambda finished, total, best: None,
     command: list[str] | None = None,
 ) -> Result:
     """Runs the study, or what is left of it, and writes the folder.
@@ -90,120 +79,13 @@ def tune(
         InvalidInput: bad input, a storage or folder that cannot be used, or no candidate that keeps the limits.
     """
     check(task, workers)
-    if threads is not None and threads < 1:
-        raise InvalidInput(f"--threads {threads} is out of range; at least 1")
-    shared = bool(task.url) and not storage.is_file(task.url)
-    threads = threads or max(1, (os.cpu_count() or 1) // workers)
-    if shared:  # before anything is written
-        replace(task, name=task.name or folder.name).open()
-    with storage.reachable(str(folder)):
-        # A process that joins a study elsewhere may find the folder of the one that began it.
-        runs.open_folder(folder, overwrite, resume or (shared and not (folder / "run.json").is_file()))
-        task = _at(task, folder, overwrite and not shared)
-        place = str(folder) if storage.is_file(task.url) else task.url
-        with contextlib.nullcontext() if shared else storage.alone(folder), storage.reachable(place):
-            return _tune(task, folder, workers, threads, shared, told, command)
+    with crew.placed(task, folder, workers, threads, overwrite, resume) as (task, threads):
+        started = time.time()
+        work = crew.carried_out(task, workers, threads, told)
+        return _finish(work, folder, workers, started, command)
 
 
-def _at(task: Task, folder: Path, fresh: bool) -> Task:
-    url = storage.url_of(task.url, folder)
-    if fresh and storage.is_file(url):
-        Path(url).unlink(missing_ok=True)
-    return replace(task, url=url, name=task.name or folder.name)
-
-
-def _tune(
-    task: Task, folder: Path, workers: int, threads: int, shared: bool, told: Told, command: list[str] | None
-) -> Result:
-    started = time.time()
-    study = task.open()
-    stale = [t.number for t in abandoned(study, exclusive=not shared)]
-
-    def tell() -> None:
-        told(*_state(task, study))
-
-    tell()
-    work = Work(task, threads, study)
-    if workers == 1:
-        work.run(_numbered(study, stale), tell)
-    else:
-        _processes(task, workers, threads, stale, tell)
-    _wait(study, task, tell)
-    return _finish(work, folder, workers, started, command)
-
-
-def _numbered(study: Any, numbers: list[int]) -> list[Any]:
-    return [t for t in study.get_trials(deepcopy=False) if t.number in numbers]
-
-
-def _worker(task: Task, threads: int, stale: list[int]) -> None:
-    """What one process does, for as long as the one that started it lives."""
-    parent = os.getppid()
-
-    def orphaned() -> None:
-        if os.getppid() != parent:
-            raise SystemExit(1)
-
-    work = Work(task, threads)
-    work.run(_numbered(work.study, stale), orphaned)
-
-
-def _processes(task: Task, workers: int, threads: int, stale: list[int], tell: Callable[[], None]) -> None:
-    """Runs the workers to their end.
-
-    Raises:
-        InvalidInput: one of them died.
-    """
-    context = multiprocessing.get_context("spawn")
-    group = [
-        context.Process(target=_worker, args=(task, threads, stale[i::workers]), daemon=True) for i in range(workers)
-    ]
-    for process in group:
-        process.start()
-    try:
-        while any(process.is_alive() for process in group):
-            time.sleep(POLL)
-            tell()
-    finally:
-        for process in group:
-            if process.is_alive():
-                process.terminate()
-            process.join()
-    failed = [process.exitcode for process in group if process.exitcode]
-    if failed:
-        raise InvalidInput(
-            f"{len(failed)} of {workers} workers ended with code {failed[0]}; finished trials are kept, and the same "
-            "command with --resume goes on"
-        )
-
-
-def _wait(study: Any, task: Task, tell: Callable[[], None]) -> None:
-    """Until other machines have finished their last trials, if they are still at work."""
-    import optuna
-
-    until = time.time() + WAIT
-    while time.time() < until:
-        running = study.get_trials(deepcopy=False, states=(optuna.trial.TrialState.RUNNING,))
-        gone = {t.number for t in abandoned(study, exclusive=False)}
-        if all(t.number in gone for t in running):
-            return
-        time.sleep(POLL)
-        tell()
-
-
-def _state(task: Task, study: Any) -> tuple[int, int, str]:
-    trials = done(study)
-    good = [t.values for t in trials if outcome.feasible(t)]
-    if not good:
-        return len(trials), task.trials, "no trial keeps the limits yet" if trials else ""
-    if len(task.metrics) > 1:
-        return len(trials), task.trials, f"{len(good)} keep the limits"
-    values = [v[0] for v in good]
-    best = max(values) if task.directions[0] == "maximize" else min(values)
-    return len(trials), task.trials, f"best {best:.4g} {goals.metric(task.metrics[0], task.jobs).unit}".rstrip(" 1")
-
-
-def _finish(work: Work, folder: Path, workers: int, started: float, command: list[str] | None) -> Result:
+def _finish(work: RollOuts, folder: Path, workers: int, started: float, command: list[str] | None) -> Result:
     task, study = work.task, work.study
     trials = done(study)
     table = outcome.frame(trials, task)
@@ -254,7 +136,7 @@ def _finish(work: Work, folder: Path, workers: int, started: float, command: lis
     return Result(task, found, front, before, after, near, meta)
 
 
-def _provenance(work: Work, meta: dict[str, Any], trials: int, pruned: int, searched: Ledger) -> dict[str, Any]:
+def _provenance(work: RollOuts, meta: dict[str, Any], trials: int, pruned: int, searched: Ledger) -> dict[str, Any]:
     task = work.task
     version = scenarios.rules(task.suite)["version"]
     limits: dict[str, Any] = {limit.name: limit.most for limit in task.limits.limits} | {"collisions": 0}

@@ -76,10 +76,16 @@ class Seeded(BaseSampler):
         seed: of the study.
         explore: trials before CMA-ES takes over.
         cost: of a finished trial, for CMA-ES.
+        startup: random trials at the start of TPE.
+        turns: trials that each choice gets at the start of TPE.
     """
 
-    def __init__(self, name: str, space: Space, seed: int, explore: int, cost: Callable[[FrozenTrial], float]) -> None:
+    def __init__(
+        self, name: str, space: Space, seed: int, explore: int, cost: Callable[[FrozenTrial], float],
+        startup: int = STARTUP, turns: int = TURNS,
+    ) -> None:  # fmt: skip
         self.name, self.space, self.seed, self.explore, self.cost = name, space, seed, explore, cost
+        self.startup, self.turns = startup, turns
         self._for, self._inner = -1, cast(BaseSampler, RandomSampler(seed=0))
 
     def _sampler(self, trial: FrozenTrial) -> BaseSampler:
@@ -94,7 +100,7 @@ class Seeded(BaseSampler):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             if self.name in ("tpe", "tpe+cmaes"):
-                startup = max(STARTUP, 1 + TURNS * self._turns)
+                startup = max(self.startup, 1 + self.turns * self._turns)
                 return TPESampler(seed=seed, multivariate=True, group=conditional, n_startup_trials=startup)
             if self.name == "gp":
                 return GPSampler(seed=seed, deterministic_objective=True)
@@ -109,7 +115,7 @@ class Seeded(BaseSampler):
 
     def _turn(self, number: int) -> dict[str, Any]:
         """Parameters of the trials at the start in which the choices take turns; the rest of them is random."""
-        if self.name not in ("tpe", "tpe+cmaes") or not 1 <= number <= TURNS * self._turns:
+        if self.name not in ("tpe", "tpe+cmaes") or not 1 <= number <= self.turns * self._turns:
             return {}
         chosen = {a.name: a.choices[(number - 1) % len(a.choices)] for a in self.space.axes if a.choices}
         return {**numbers_of(self.space, chosen), **chosen} if number <= self._turns else chosen

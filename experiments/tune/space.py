@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ...agents.settings import ALGORITHMS
 from ...envs.plant.filters import KINDS
 from ...envs.plant.quantity import InvalidInput, Quantity, did_you_mean
 from ...envs.stack import Parameter, Stack, Team
@@ -141,7 +142,7 @@ def space(controller: Stack | Team, words: Iterable[str]) -> Space:
         else:
             raise InvalidInput(
                 f"controller '{controller.name}': nothing called '{name}' to tune; "
-                f"{did_you_mean(name, [*groups, *known])}"
+                f"{did_you_mean(name, [*groups, *known, *ALGORITHMS])}"
             )
     if not ranges:
         raise InvalidInput(f"nothing to tune; known: {', '.join([*groups, *known])}")

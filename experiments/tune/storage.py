@@ -251,7 +251,7 @@ def _difference(there: list[str], words: list[str]) -> str:
     sides = [[w for w in mine if w not in other] for mine, other in ((there, words), (words, there))]
     plain = [[w for w in side if not w.startswith(FIXED)] for side in sides]
     if not any(plain):
-        return "what is not searched has changed: the controller's law or another parameter"
+        return "what is not searched has changed: the controller's law, the preset or another parameter"
     return "; ".join(
         f"{whose}: {', '.join(side)}" for whose, side in zip(("it has", "asked for"), plain, strict=False) if side
     )

@@ -1,16 +1,11 @@
-"""The study itself: which trials are left, one trial from candidate to value, and the work of one process."""
+"""A search of a controller: what it depends on, and one trial from candidate to value."""
 
 import math
-import os
-import socket
-import time
-import warnings
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 import optuna
-from optuna.trial import FrozenTrial, Trial, TrialState
+from optuna.trial import Trial
 
 from ...envs import stack as stacks
 from ...envs.plant.quantity import InvalidInput
@@ -20,17 +15,13 @@ from . import goals, sampling, storage
 from .evaluate import Evaluator, with_jobs
 from .goals import Limits
 from .space import Space, space
+from .work import Work, done, feasible, told_number
 
 NEAR = 1.25
 """Times the cap on Ms beyond which a candidate is not looked at any further."""
 
 PRUNE_AFTER, PRUNE_TRIALS = 3, 10
 """Scenarios that a candidate goes through, and trials that are completed, before the median of those prunes."""
-
-STALE = 60.0
-"""s after which a running trial that nobody has signed counts as abandoned."""
-
-WORKER = "worker"
 
 
 @dataclass(frozen=True)
@@ -111,64 +102,27 @@ class Task:
         study.pruner = optuna.pruners.MedianPruner(n_startup_trials=PRUNE_TRIALS, n_warmup_steps=PRUNE_AFTER)
         return study
 
+    def work(self, threads: int, study: Any = None) -> "RollOuts":
+        """One process' part of the study."""
+        return RollOuts(self, threads, study)
+
+    def state(self, study: Any) -> tuple[int, int, str]:
+        """How many trials are over, of how many, and the best value."""
+        trials = done(study)
+        good = [t.values for t in trials if feasible(t)]
+        if not good:
+            return len(trials), self.trials, "no trial keeps the limits yet" if trials else ""
+        if len(self.metrics) > 1:
+            return len(trials), self.trials, f"{len(good)} keep the limits"
+        values = [v[0] for v in good]
+        best = max(values) if self.directions[0] == "maximize" else min(values)
+        unit = goals.metric(self.metrics[0], self.jobs).unit
+        return len(trials), self.trials, f"best {best:.4g} {unit}".rstrip(" 1")
+
 
 def controller(spec: str) -> Stack | Team:
     """A stack or, if the words name several slots, a team."""
     return stacks.team(spec) if stacks.is_team(spec) else stacks.resolve(spec)
-
-
-def done(study: Any) -> list[FrozenTrial]:
-    """The trials that are over, in order; failed ones do not count."""
-    return [t for t in study.get_trials(deepcopy=False) if t.state in (TrialState.COMPLETE, TrialState.PRUNED)]
-
-
-def me() -> str:
-    """This process, as a trial's signature."""
-    return f"{socket.gethostname()}/{os.getpid()}/{_born(os.getpid())}"
-
-
-def abandoned(study: Any, exclusive: bool) -> list[FrozenTrial]:
-    """Running trials whose process is gone; with an exclusive study, all of them."""
-    return [
-        t
-        for t in study.get_trials(deepcopy=False, states=(TrialState.RUNNING,))
-        if exclusive or _gone(t.user_attrs.get(WORKER), t)
-    ]
-
-
-def _gone(signature: str | None, trial: FrozenTrial) -> bool:
-    if signature is None:
-        return time.time() - trial.datetime_start.timestamp() > STALE if trial.datetime_start else True
-    host, pid, born = signature.split("/")
-    return host == socket.gethostname() and _born(int(pid)) != born
-
-
-def _born(pid: int) -> str:
-    """When a process started, since numbers of processes come again; empty if there is none."""
-    try:
-        with open(f"/proc/{pid}/stat", encoding="utf-8") as file:
-            return file.read().rsplit(")", 1)[1].split()[19]
-    except OSError:
-        pass
-    try:
-        os.kill(pid, 0)
-    except OSError:
-        return ""
-    return "alive"
-
-
-def claim(study: Any, trials: int) -> Trial | None:
-    """A new trial, or none if as many are over or under way as were asked for."""
-    alive = (TrialState.COMPLETE, TrialState.PRUNED, TrialState.RUNNING)
-    if len(study.get_trials(deepcopy=False, states=alive)) >= trials:
-        return None
-    trial = study.ask()
-    study._storage.set_trial_user_attr(trial._trial_id, WORKER, me())
-    ahead = [t for t in study.get_trials(deepcopy=False, states=alive) if t.number < trial.number]
-    if len(ahead) >= trials:  # another process was quicker
-        study.tell(trial, state=TrialState.FAIL)
-        return None
-    return trial
 
 
 @dataclass
@@ -179,27 +133,17 @@ class _Known:
     parts: list[goals.Figures] = field(default_factory=list)
 
 
-class Work:
-    """One process' part of a study."""
+class RollOuts(Work):
+    """One process' part of a study whose trials are roll-outs of controllers."""
+
+    task: Task
 
     def __init__(self, task: Task, threads: int, study: Any = None) -> None:
-        self.task, self.study = task, study if study is not None else task.open()
+        super().__init__(task, study)
         self.base, self.space = task.base, task.space
         self.evaluator = Evaluator(self.base, task.suite, range(task.seeds), threads)
         self.validation = Ledger()
         self._known: dict[str, _Known] = {}
-
-    def run(self, resume: list[FrozenTrial], told: Callable[[], None] = lambda: None) -> None:
-        """Finishes abandoned trials, then makes new ones until enough are over."""
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            for stale in resume:
-                self.study._storage.set_trial_user_attr(stale._trial_id, WORKER, me())
-                self.one(Trial(self.study, stale._trial_id))
-                told()
-            while (trial := claim(self.study, self.task.trials)) is not None:
-                self.one(trial)
-                told()
 
     def one(self, trial: Trial) -> None:
         """One trial from candidate to value."""
@@ -209,17 +153,7 @@ class Work:
             values = self._values(trial)
         except optuna.TrialPruned:
             values = None
-        try:
-            trial.set_user_attr("steps", ledger.steps - steps)
-            trial.set_user_attr("cpu_seconds", round(ledger.cpu_seconds - seconds, 4))
-            if values is None:
-                self.study.tell(trial, state=TrialState.PRUNED)
-            else:
-                self.study.tell(trial, values)
-        except (ValueError, optuna.exceptions.UpdateFinishedTrialError):
-            state = self.study._storage.get_trial(trial._trial_id).state
-            if not state.is_finished():
-                raise  # otherwise another process that took it over was quicker, and found the same
+        self.over(trial, values, steps=ledger.steps - steps, cpu_seconds=round(ledger.cpu_seconds - seconds, 4))
 
     def _values(self, trial: Trial) -> list[float]:
         task, limits, first = self.task, self.task.limits, trial.number == 0
@@ -264,8 +198,3 @@ class Work:
         return [
             v if math.isfinite(v) else -goals.FAILED if h else goals.FAILED for v, h in zip(found, higher, strict=True)
         ]
-
-
-def told_number(value: float) -> float:
-    """``value``, or the mark of failure if it is none; storages take no NaN."""
-    return value if math.isfinite(value) else goals.FAILED

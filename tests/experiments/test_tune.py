@@ -28,7 +28,7 @@ from kerfgym.experiments.ledger import Ledger, ranges
 from kerfgym.experiments.tune import Limit, Limits, Task, goals, sampling, storage, tune
 from kerfgym.experiments.tune.evaluate import Evaluator
 from kerfgym.experiments.tune.space import READS, Space, space, start_of
-from kerfgym.experiments.tune.study import abandoned, done
+from kerfgym.experiments.tune.work import abandoned, done
 
 optuna.logging.set_verbosity(optuna.logging.ERROR)
 
