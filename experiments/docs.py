@@ -15,7 +15,6 @@ import importlib
 import inspect
 import io
 import re
-import sys
 import tokenize
 from collections.abc import Callable, Iterable
 from dataclasses import asdict
@@ -367,4 +366,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()
