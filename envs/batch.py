@@ -55,6 +55,11 @@ class Batch(Episodes):
         check_choice(observation, OBSERVATIONS, "observation")
         check_choice(split, scenarios.SPLITS, "split")
         found = chosen(scenario, machine)
+        jobs = [each.name for each in found if each.job]
+        if jobs:
+            raise InvalidInput(
+                f"scenario '{jobs[0]}' is a job; kerfgym/ContourFollowing-v0 and kerfgym/Cutting-v0 do jobs"
+            )
         self.control, self.observation, self.weights = control, observation, weights_of(reward, Reward())
         self.base = stacks.resolve("idle" if control == "direct" else base)
         if self.base.python is not None:

@@ -381,6 +381,7 @@ def test_the_machine_may_be_changed_from_outside():
     [
         ({"scenario": "wavvy"}, r"unknown scenario 'wavvy'; did you mean 'wavy'\?"),
         ({"scenario": []}, "scenario is an empty list; at least one is needed"),
+        ({"scenario": ["wavy", "cut-square"]}, r"scenario 'cut-square' is a job; .*Cutting-v0 do jobs"),
         ({"control": "residul"}, r"unknown control 'residul'; did you mean 'residual'\? \(known: direct, "),
         ({"observation": "feature"}, r"unknown observation 'feature'; did you mean 'features'\?"),
         ({"split": "trian"}, r"unknown split 'trian'; did you mean 'train'\?"),
