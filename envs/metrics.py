@@ -10,8 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .material import material
-from .plant import cut, streamed
 from .plant.controller import PERIOD
 from .plant.quantity import InvalidInput, did_you_mean
 from .recording import Recording
@@ -148,28 +146,16 @@ def undershoot(r: Recording) -> np.ndarray:
     return np.where(_after_first_arrival(r), np.maximum(r.error, 0.0), 0.0).max(axis=0)
 
 
-def _cut(r: Recording) -> np.ndarray:
-    """Means of the figures of a cut of thin sheet with these standoff errors, shape (figures, machines)."""
-    steel = material("thin-sheet")
-    beam = cut.beam(steel.params, steel.power, 0.0, 0.0, 0.0, 0.0, 0.0)
-    out = np.full((len(cut.Figures._fields), r.error.shape[1]), np.nan)
-    for i in range(r.error.shape[1]):
-        error = r.error[r.scored[:, i], i]
-        if len(error) and np.isfinite(error).all():
-            out[:, i] = streamed.figures(steel.params, beam, steel.feed, error).mean(axis=0)
-    return out
-
-
 @metric("mm")
 def dross(r: Recording) -> np.ndarray:
     """Height of the dross on thin sheet, mean along the cut (proxy, assumed coefficients)"""
-    return _cut(r)[cut.Figures._fields.index("dross")]
+    return r.thin_sheet["dross"]
 
 
 @metric("µm")
 def roughness(r: Recording) -> np.ndarray:
     """Roughness Rz on thin sheet, mean along the cut (proxy, assumed coefficients)"""
-    return 1e3 * _cut(r)[cut.Figures._fields.index("roughness")]
+    return 1e3 * r.thin_sheet["roughness"]
 
 
 @metric("1")

@@ -5,7 +5,8 @@ from functools import cached_property
 
 import numpy as np
 
-from .plant import machine
+from .material import material
+from .plant import cut, machine, streamed
 from .scenarios import Scenario
 
 
@@ -39,6 +40,18 @@ class Recording:
     def error(self) -> np.ndarray:
         """True gap error, actual − set, mm, shape (periods, machines)."""
         return self["gap"].astype(np.float64) - self.set_height
+
+    @cached_property
+    def thin_sheet(self) -> dict[str, np.ndarray]:
+        """Figures of a cut of thin sheet with these standoff errors, means along it, each of shape (machines,)."""
+        steel = material("thin-sheet")
+        beam = cut.beam(steel.params, steel.power, 0.0, 0.0, 0.0, 0.0, 0.0)
+        out = np.full((len(cut.Figures._fields), self.error.shape[1]), np.nan)
+        for i in range(self.error.shape[1]):
+            error = self.error[self.scored[:, i], i]
+            if len(error) and np.isfinite(error).all():
+                out[:, i] = streamed.figures(steel.params, beam, steel.feed, error).mean(axis=0)
+        return dict(zip(cut.Figures._fields, out, strict=True))
 
     @cached_property
     def reported_error(self) -> np.ndarray:
