@@ -9,6 +9,10 @@ they differ from the plan; how, it does not say. These rules are one reading, ar
 * **Power.** Line energy P/(v·2ω0) as planned would be P ∝ v; a part of the power only heats the surroundings and does
   not fall with v, hence ``P ∝ r^match`` with r the actual speed over the nominal feed.
 * **Dither.** Overlap of its turns as planned: ``f ∝ r^overlap``; amplitudes ``∝ r^amplitude``.
+* **Direction.** Dither along the path makes the cut's front longer and absorb more, dither across it only widens what
+  has to be melted. So the circle becomes an ellipse with ``1 − narrow`` of its width, and x and y get the extents of
+  the ellipse as it lies along the path. Between two axes they cannot turn it: that is a smaller circle, and the feed
+  falls by ``diagonal`` there.
 * **Focus and standoff.** The focus moves against the height error h, −refocus·h; the standoff takes back what remains
   of it on average (``restore``, at most ±0.1 mm).
 
@@ -17,6 +21,8 @@ power that arrives, and the cut itself.
 """
 
 from typing import Annotated, NamedTuple
+
+import numpy as np
 
 from kerfgym.envs.plant.controller import Process
 from kerfgym.envs.plant.lanes import clip, part, power
@@ -52,6 +58,8 @@ class Params(NamedTuple):
     overlap: Annotated[float, Quantity("1", 0.0, 1.0, "exponent of the dither's frequency with the speed")] = 0.5
     least_frequency: Annotated[float, Quantity("1", 0.1, 1.0, "smallest frequency, of the planned one")] = 0.5
     amplitude: Annotated[float, Quantity("1", 0.0, 1.0, "exponent of the dither's amplitudes with the speed")] = 0.0
+    narrow: Annotated[float, Quantity("1", 0.0, 1.0, "share of the dither across the path that is given up")] = 0.0
+    diagonal: Annotated[float, Quantity("1", 0.0, 0.8, "share of the override given up between two axes")] = 0.0
     refocus: Annotated[float, Quantity("1", 0.0, 1.5, "share of the height error that the focus takes")] = 1.0
     restore: Annotated[float, Quantity("1/s", 0.0, 5.0, "rate at which the standoff takes back a lasting error")] = 0.0
     smooth: Annotated[float, Quantity("ms", 8.0, 1000.0, "time constant of speed and height error", log=True)] = 16.0
@@ -85,16 +93,19 @@ def control(params, state, signals, tables):
     height = state.height + share * (signals.height - signals.set_height - state.height)
     trim = clip(state.trim - p.restore * _PERIOD * height, -LARGEST_TRIM, LARGEST_TRIM)
 
+    tx2, ty2 = signals.tangent_x * signals.tangent_x, signals.tangent_y * signals.tangent_y
+    most = p.override * (1.0 - p.diagonal * 4.0 * tx2 * ty2)
     beyond = max(0.0, abs(signals.contour_error) - p.tolerance) / p.tolerance
     ahead = min(signals.planned_50, signals.planned_100)
     braking = clip(1.0 - ahead / max(signals.planned, 1e-6), 0.0, 1.0)
-    wanted = clip(p.override - p.slow * beyond - p.corner * braking, min(p.least, p.override), p.override)
+    wanted = clip(most - p.slow * beyond - p.corner * braking, min(p.least, most), most)
     override = min(wanted, state.override + p.recover * _PERIOD)
 
     r = clip(speed, 1e-3, 1.0)
     watts = p.power * max(power(r, p.match), p.least_power)
     hertz = p.frequency * max(power(r, p.overlap), p.least_frequency)
-    size = power(r, p.amplitude)
+    size, kept = power(r, p.amplitude), 1.0 - p.narrow
+    x, y = size * p.x * np.sqrt(tx2 + kept * kept * ty2), size * p.y * np.sqrt(ty2 + kept * kept * tx2)
     return State(override, speed, height, trim), Process(
-        override, watts, hertz, size * p.x, size * p.y, size * p.z, p.focus - p.refocus * height, p.standoff + trim
+        override, watts, hertz, x, y, size * p.z, p.focus - p.refocus * height, p.standoff + trim
     )

@@ -22,7 +22,7 @@ class CuttingEnv(JobEnv):
     | | action | residual at ±1 | direct, −1 to 1 |
     |-|--------|----------------|-----------------|
     | 0 | feed override | ±0.5 | 0.05 to the scenario's limit (2) |
-    | 1 | laser power, of the nominal | ±0.2 | 0 to the scenario's limit (1.2) |
+    | 1 | laser power, of the nominal | ±0.2 | 0 to the scenario's limit (1 in the suite) |
     | 2 | frequency of the dither | ±2 kHz | 0 to 4 kHz |
     | 3 | amplitude of the dither in x | ±0.15 mm | 0 to 0.3 mm |
     | 4 | amplitude of the dither in y | ±0.15 mm | 0 to 0.3 mm |

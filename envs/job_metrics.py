@@ -133,6 +133,12 @@ def time(jobs: Jobs) -> np.ndarray:
     return jobs.sums["time"]
 
 
+@metric("s")
+def cutting_time(jobs: Jobs) -> np.ndarray:
+    """Time spent in lead-ins and cuts"""
+    return jobs.sums["cutting"]
+
+
 @metric("mm/s", "higher")
 def mean_feed(jobs: Jobs) -> np.ndarray:
     """Length cut over the time spent cutting"""
@@ -144,6 +150,18 @@ def mean_feed(jobs: Jobs) -> np.ndarray:
 def energy(jobs: Jobs) -> np.ndarray:
     """Energy of the beam"""
     return 1e-3 * jobs.sums["energy"]
+
+
+@metric("W")
+def power_max(jobs: Jobs) -> np.ndarray:
+    """Largest power of the beam while cutting"""
+    return jobs.sums["power_most"]
+
+
+@metric("mm")
+def dither_max(jobs: Jobs) -> np.ndarray:
+    """Largest amplitude that the galvo realised while cutting"""
+    return jobs.sums["dither_most"]
 
 
 @metric("1", "higher")

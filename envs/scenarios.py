@@ -259,6 +259,7 @@ class Job(_Section):
     override: Annotated[float, _q("1", 1, 3, "largest feed override that the process control may ask for")] = 2.0
     power: Annotated[float, _q("1", 0, 2, "largest power, of the nominal one")] = 1.2
     pressure: Annotated[Number, _q("1", 0.1, 3, "of the gas, of the nominal one")] = 1.0
+    standoff: Annotated[Number, _q("mm", -0.5, 0.5, "by which the machine is set off the recipe's standoff")] = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -745,6 +746,7 @@ def _prepare_gantry(fleet: Fleet, scenario: Scenario, m: np.ndarray, draws: Draw
     fleet.gantries.set("optics.along", m, float(shape.along))
     if scenario.job:
         fleet.gantries.set("cut.pressure", m, draw(scenario.job.pressure, draws, "job.pressure"))
+        fleet.gantries.set("recipe.offset", m, draw(scenario.job.standoff, draws, "job.standoff"))
 
 
 def _put_steps(fleet: Fleet, steps: Steps, m: np.ndarray, draws: Draws) -> None:

@@ -3,6 +3,7 @@
 import math
 import re
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -138,6 +139,21 @@ def by_scenario(results: Any) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
+def relative(results: Any, metrics: Iterable[str]) -> pd.DataFrame:
+    """One row per controller but the reference: each metric over the reference's, ``metric, metric_low, metric_high``.
+
+    Each is pooled as the score is, over runs on the same seeds; NaN where a run failed.
+    """
+    rows: dict[str, dict[str, float]] = {name: {} for name in results.controllers if name != results.reference}
+    for metric in metrics:
+        found = figures(replace(results, metric=metric))
+        for name, row in rows.items():
+            at = found.loc[name]
+            row[metric] = 1.0 / at["ratio"]
+            row[f"{metric}_low"], row[f"{metric}_high"] = 1.0 / at["ratio_high"], 1.0 / at["ratio_low"]
+    return pd.DataFrame.from_dict(rows, orient="index")
+
+
 def _exp(interval: Interval) -> Interval:
     with np.errstate(over="ignore"):
         return Interval(*(float(np.exp(end)) for end in interval))
@@ -145,6 +161,12 @@ def _exp(interval: Interval) -> Interval:
 
 _OWN = re.compile(r"\s--(?:seed|name|workers|threads|device|storage)[ =]\S+|\s--(?:overwrite|resume)")
 """What two trainings of one method may differ in."""
+
+
+def _command(record: dict[str, Any]) -> Any:
+    """What made a controller: the policy among a stack or a team's stacks, or else the stack itself."""
+    trained = [each["policy"] for each in (record, *record.values()) if isinstance(each, dict) and "policy" in each]
+    return (trained[0] if trained else record).get("command")
 
 
 def methods(results: Any) -> pd.DataFrame:
@@ -157,8 +179,7 @@ def methods(results: Any) -> pd.DataFrame:
     found = samples(results)
     groups: dict[str, list[str]] = {}
     for name in sound(found):
-        record = (results.meta.get("tuning") or {}).get(name) or {}
-        command = (record.get("policy") or record).get("command")
+        command = _command((results.meta.get("tuning") or {}).get(name) or {})
         if command:
             groups.setdefault(_OWN.sub("", str(command)), []).append(name)
     rows = []

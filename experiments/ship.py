@@ -1,25 +1,33 @@
 """The shipped policies: trained from the presets as they stand, into ``agents/trained/<name>/``::
 
-    make train        # or: python -m kerfgym.experiments.ship [NAME …]
+    make train                    # or: python -m kerfgym.experiments.ship [NAME …]
+    python -m kerfgym.experiments.ship --seeds 5 height-following-ppo
 
-An interrupted training goes on where its last checkpoint stands.
+The second also trains with other seeds and writes what each came to on *test* seeds into ``seeds.csv`` beside the
+policy: one seed says nothing about a training. Which seed is shipped stands here, not in the results. An interrupted
+training goes on where its last checkpoint stands.
 """
 
+import argparse
+import json
 import shutil
-import sys
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from ..agents import settings as presets
-from . import runs
+from ..envs import scenarios
+from . import benchmark, comparison, grids, runs
+from .jobs import JobResults
+from .results import REFERENCE
+from .table import WEIGHED
 from .training import into, open_run
 
 TRAINED = Path(__file__).parents[1] / "agents" / "trained"
 
 SHIPPED: dict[str, tuple[str, str, int, dict[str, Any]]] = {
-    "height-following-ppo": (
-        "ppo", "kerfgym/HeightFollowing-v0", 0, {},
-    ),
+    "height-following-ppo": ("ppo", "kerfgym/HeightFollowing-v0", 0, {}),
 }  # fmt: skip
 """Algorithm, environment and seed of each, and what differs from the preset."""
 
@@ -27,16 +35,22 @@ LARGEST = 1_000_000
 """Bytes of a shipped policy."""
 
 
-def ship(name: str, folder: Path = TRAINED) -> Path:
-    """Trains a policy and puts artefact and record where they are shipped from."""
-    algorithm, env, seed, changes = SHIPPED[name]
-    run, resume = Path("runs") / f"shipped-{name}", False
+def trained(name: str, seed: int) -> Path:
+    """The run folder of a training, which is done if it is not there yet."""
+    algorithm, env, own, changes = SHIPPED[name]
+    run, resume = Path("runs") / f"shipped-{name}{'' if seed == own else f'-{seed}'}", False
     if not (run / "run.json").is_file():
         resume = run.exists()
         given = presets.preset(algorithm, env, changes)
         words = ["kerfgym", "train", algorithm, "--env", env, "--seed", str(seed)]
         words += [word for key, value in changes.items() for word in ("--set", f"{key}={value}")]
         into(open_run(run, given, resume=resume), given, seed, "cpu", 1, True, resume, words)
+    return run
+
+
+def ship(name: str, folder: Path = TRAINED) -> Path:
+    """Trains a policy and puts artefact and record where they are shipped from."""
+    run = trained(name, SHIPPED[name][2])
     files = [*(run / "policy").iterdir(), run / "run.json"]
     size = sum(file.stat().st_size for file in files)
     if size > LARGEST:
@@ -47,12 +61,55 @@ def ship(name: str, folder: Path = TRAINED) -> Path:
     return folder / name
 
 
+def seeds_of(name: str, count: int) -> pd.DataFrame:
+    """What trainings with the seeds 0 … ``count`` − 1 came to: one row each, on the suite's test seeds.
+
+    Columns: ``seed, cpu_seconds, simulated_steps, failed, score`` (the suite's), ``ratio`` (the reference's over it)
+    with its 95 % interval and, of jobs, figures over the reference's.
+    """
+    folders = {seed: trained(name, seed) for seed in range(count)}
+    suite = _suite_of(SHIPPED[name][1])
+    policies = {str(run / "policy"): seed for seed, run in folders.items()}
+    reference = str(scenarios.rules(suite).get("reference", REFERENCE))
+    (grid,) = grids.plan([suite], [reference, *policies])
+    found = benchmark.run_grids(
+        [grid], Path("runs") / f"shipped-{name}-seeds", with_cost=False, overwrite=True, workers=1
+    )[suite]
+    summary, surely = found.summary(), comparison.figures(found)
+    traded = comparison.relative(found, WEIGHED) if isinstance(found, JobResults) else None
+    rows = []
+    for policy, seed in policies.items():
+        ledger = json.loads((folders[seed] / "run.json").read_text(encoding="utf-8"))["ledger"]
+        row = {"seed": seed, "cpu_seconds": ledger["cpu_seconds"], "simulated_steps": ledger["simulated_steps"]}
+        row |= {"failed": int(summary.loc[policy, "failed"])}
+        row |= surely.loc[policy, ["score", "ratio", "ratio_low", "ratio_high"]].to_dict()
+        if traded is not None:
+            row |= {f"{metric}_over": traded.loc[policy, metric] for metric in WEIGHED}
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def _suite_of(env: str) -> str:
+    return next(suite for suite in grids.SHOWN if scenarios.rules(suite)["environment"] == env)
+
+
 def main() -> None:
     """Ships the policies named on the command line (all of them if none is)."""
-    for name in sys.argv[1:] or list(SHIPPED):
-        if name not in SHIPPED:
-            raise SystemExit(f"unknown policy '{name}'; known: {', '.join(SHIPPED)}")
+    parser = argparse.ArgumentParser(
+        prog="python -m kerfgym.experiments.ship", description=(__doc__ or "").split("\n")[0]
+    )
+    parser.add_argument("names", nargs="*", metavar="NAME", choices=[*SHIPPED, []], help=", ".join(SHIPPED))
+    parser.add_argument(
+        "--seeds", type=int, default=0, metavar="N", help="compare trainings with the seeds 0 … N−1 too"
+    )
+    asked = parser.parse_args()
+    for name in asked.names or list(SHIPPED):
         print(ship(name))
+        if asked.seeds:
+            table = seeds_of(name, asked.seeds)
+            with runs.atomic(TRAINED / name / "seeds.csv") as part:
+                table.to_csv(part, index=False, float_format="%.5g")
+            print(table.to_string(index=False))
 
 
 if __name__ == "__main__":

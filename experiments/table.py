@@ -13,7 +13,7 @@ from ..envs.material import material
 from ..envs.plant.controller import INFORMATION, PERIOD
 from ..envs.plant.machine import SUBSTEPS
 from .budgets import MARKS, in_words
-from .comparison import methods
+from .comparison import methods, relative
 from .jobs import JobResults
 from .margins import DELAYS, GAINS
 from .margins import in_words as margin
@@ -180,7 +180,41 @@ def _jobs(results: JobResults) -> list[Sheet]:
         f"budget: trials and steps of tuning, all slots together. {budget_note(summary)}",
         *(f"quality: {label}." for label in results.labels),
     ]
-    return [sheet]
+    several = results.reference in results.controllers and len(results.controllers) > 1
+    return [sheet, _trades(results)] if several else [sheet]
+
+
+WEIGHED = {
+    "cutting_time": "cutting time", "contour_rms": "contour rms", "dross": "dross", "roughness": "Rz",
+    "energy": "energy",
+}  # fmt: skip
+"""Figures of a job that are traded for each other; of each, less is better."""
+
+
+def _trades(results: JobResults) -> Sheet:
+    """What each controller gains and gives against the reference."""
+    table = relative(results, WEIGHED)
+    sheet = Sheet(
+        f"over {results.reference} · {_seeds(results)}",
+        ["controller", *WEIGHED.values(), "better in", "worse in", "power, W", "dither, mm"],
+    )
+    most = results.runs.groupby("controller")[["power_max", "dither_max"]].max()
+    rows = []
+    for name, row in table.iterrows():
+        cells = [_figure(row, m, "{:.3f}") for m in WEIGHED]
+        better = [title for m, title in WEIGHED.items() if row[f"{m}_high"] < 1.0]
+        worse = [title for m, title in WEIGHED.items() if row[f"{m}_low"] > 1.0]
+        limits = [f"{most.loc[name, 'power_max']:.0f}", f"{most.loc[name, 'dither_max']:.3f}"]
+        rows.append([str(name), *cells, ", ".join(better) or "–", ", ".join(worse) or "–", *limits])
+    base = most.loc[results.reference]
+    sheet.sections = [rows]
+    sheet.notes = [
+        "geometric means over the same scenarios, with 95 % intervals from the same seeds; better and worse: the "
+        "interval leaves 1 out.",
+        f"power and dither: largest of the beam and of the galvo in a cut; {results.reference}: "
+        f"{base['power_max']:.0f} W, {base['dither_max']:.3f} mm.",
+    ]
+    return sheet
 
 
 def _methods(results: Results | JobResults) -> list[Sheet]:

@@ -169,6 +169,8 @@ class ProcessSensed(NamedTuple):
     nominal_power: float = 0.0  # W, of the material's recipe
     standoff: float = 1.0  # mm, of the material's recipe
     feed: float = 0.0  # mm/s, that the job's cuts were planned with
+    tangent_x: float = 1.0  # direction of the path
+    tangent_y: float = 0.0
     fresh: bool = True  # first decision of an episode
 
 
@@ -192,6 +194,8 @@ class ProcessPrivileged(NamedTuple):
     nominal_power: float = 0.0
     standoff: float = 1.0
     feed: float = 0.0
+    tangent_x: float = 1.0
+    tangent_y: float = 0.0
     fresh: bool = True
     gap: float = 0.0  # mm, true
     margin: float = 0.0  # melt margin, 1: just cuts through

@@ -53,6 +53,7 @@ class Recipe(NamedTuple):
     most_override: float = 2.0
     most_power: float = 1.2  # of the nominal power
     most_standoff: float = 1.0  # mm, ±
+    offset: float = 0.0  # mm, by which the machine's standoff is set off the recipe's
 
 
 class Hand(NamedTuple):
@@ -122,6 +123,8 @@ class Sums(NamedTuple):
     kerf: float = 0.0  # mm·mm, at the top
     taper: float = 0.0  # mm·mm, perpendicularity u
     energy: float = 0.0  # J of the beam
+    power_most: float = 0.0  # W of the beam while cutting
+    dither_most: float = 0.0  # mm, largest amplitude that the galvo realised while cutting
 
 
 _layout = Layout()
@@ -400,6 +403,8 @@ def cut_all(block, at, g, base, n, now):
             sums.gap2 + w * error * error, max(sums.gap_worst, gap) if scored else sums.gap_worst,
             sums.dross + w * f.dross, sums.roughness + w * f.roughness, sums.through + w * f.through,
             sums.kerf + w * f.kerf_top, sums.taper + w * f.taper, sums.energy + trail.beam * power * PERIOD,
+            max(sums.power_most, power) if scored else sums.power_most,
+            max(sums.dither_most, real.x, real.y) if scored else sums.dither_most,
         ))  # fmt: skip
 
 
@@ -409,7 +414,9 @@ def decide_all(block, at, g, base, n, jobs, now, after):
     for lane in range(n):
         a, b = at + lane, base + lane
         turn, recipe, applied = load(Turn, g, b + TURN), load(Recipe, g, b + P_RECIPE), load(Process, g, b + APPLIED)
-        block[a + machine.JOB + _SET_HEIGHT] = recipe.standoff + applied.standoff + load(Trail, g, b + after).lift
+        block[a + machine.JOB + _SET_HEIGHT] = (
+            recipe.standoff + recipe.offset + applied.standoff + load(Trail, g, b + after).lift
+        )
         if turn.process_in > 1.0:
             g[b + TURN] = turn.process_in - 1.0
         else:
@@ -422,7 +429,8 @@ def decide_all(block, at, g, base, n, jobs, now, after):
                 speed=trail.speed, override=trail.override, lag=trail.lag, contour_error=trail.error,
                 height=x.height, set_height=x.set_height, phase=trail.phase, beam=trail.beam > 0.5,
                 progress=tau / (j.samples - 1.0), thickness=recipe.thickness, nominal_power=recipe.power,
-                standoff=recipe.standoff, feed=j.feed, fresh=turn.fresh, gap=x.gap, margin=f.margin, dross=f.dross,
+                standoff=recipe.standoff, feed=j.feed, tangent_x=trail.tx, tangent_y=trail.ty, fresh=turn.fresh,
+                gap=x.gap, margin=f.margin, dross=f.dross,
                 roughness=f.roughness,
             ))  # fmt: skip
             store(g, b + TURN, Turn(recipe.period, False))
@@ -519,7 +527,7 @@ def _ready(block_address, at, n, deck_address, tick):
     base = column_of(at)
     store(g, base + S_CUT, cut.fresh())
     store(g, base + FIGURES, cut.nothing())
-    none = Sums(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    none = Sums(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     store(g, base + SUMS, none)
     store(g, base + BEFORE, none)
     now, after = TRAIL + (tick & TRAIL_LAST) * _TRAIL, TRAIL + ((tick + U1) & TRAIL_LAST) * _TRAIL

@@ -1,8 +1,11 @@
 """Huang2024's adjusting unit: each rule by hand, and the preset's record."""
 
+import numpy as np
 import pytest
 
 from kerfgym.baselines import huang2024
+from kerfgym.envs.job_interface import RESIDUAL
+from kerfgym.envs.plant import spot
 from kerfgym.envs.plant.controller import ProcessSensed
 from kerfgym.envs.scenarios import SPLITS
 from kerfgym.envs.stack import get
@@ -25,6 +28,32 @@ def after(p, signals, decisions=400):
 def test_a_cut_that_goes_as_planned_is_left_alone():
     c = after(PLAN, STEADY)
     assert c == pytest.approx((1.0, 1.0, 2000.0, 0.3, 0.3, 1.0, 0.0, 0.0), rel=1e-6)
+
+
+def test_the_dither_is_an_ellipse_along_the_path_as_far_as_two_axes_can_make_one():
+    p, half = PLAN._replace(narrow=0.5), np.sqrt(0.5)
+    for angle in (0.0, 30.0, 90.0, 135.0, 180.0):
+        tx, ty = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+        c = after(p, STEADY._replace(tangent_x=tx, tangent_y=ty), 3)
+        optics = spot.Params()
+        wide = spot.realised(optics, spot.Command(c.frequency, c.x, c.y, c.z, c.focus), 0.0)
+        along, across, _ = spot.spread(optics, wide, tx, ty)
+        if angle % 90.0 == 0.0:
+            assert along == pytest.approx(0.3 * spot.response(2000.0, optics.galvo, optics.galvo_zeta))
+            assert across == pytest.approx(0.5 * along)
+        # The mean square of the spot's way is the ellipse's in any direction.
+        assert c.x**2 + c.y**2 == pytest.approx(0.3**2 * 1.25)
+        if angle % 90.0 == 45.0:
+            assert (tx, c.x) == pytest.approx((-half, c.y))
+
+
+def test_between_the_axes_where_the_dither_cannot_be_narrow_the_feed_falls():
+    p = PLAN._replace(override=1.4, diagonal=0.25)
+    found = [
+        after(p, STEADY._replace(tangent_x=np.cos(a), tangent_y=np.sin(a))).override
+        for a in np.radians([0.0, 22.5, 45.0, 90.0])
+    ]
+    assert found == pytest.approx([1.4, 1.4 * (1.0 - 0.25 / 2), 1.4 * 0.75, 1.4])
 
 
 def test_nothing_is_adjusted_outside_the_cut():
@@ -77,3 +106,15 @@ def test_the_preset_was_found_on_tune_seeds_and_keeps_the_planned_settings():
     assert first in SPLITS["tune"]
     assert last in SPLITS["tune"]
     assert found.provenance["relative"]["time"] <= 1.021
+
+
+def test_the_fastest_preset_stays_within_reach_of_the_published_settings_and_was_no_worse_on_tune_seeds():
+    found, plain = get("huang2024-tuned").part("law"), get("huang2024-dynamic").part("law")
+    for name in ("override", "frequency", "x", "y", "z", "focus", "standoff"):
+        assert abs(getattr(found, name) - getattr(plain, name)) <= getattr(RESIDUAL, name) + 1e-9, name
+    assert found.narrow <= RESIDUAL.y / plain.y
+    assert found.power <= plain.power
+    record = get("huang2024-tuned").provenance
+    assert record["trials"] == 400
+    assert record["relative"]["cutting_time"] < 0.95
+    assert max(record["relative"][name] for name in ("dross", "roughness")) < 1.0

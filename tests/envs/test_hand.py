@@ -5,10 +5,11 @@ import numpy as np
 import pytest
 
 import kerfgym  # noqa: F401
-from kerfgym.envs import job_interface, scenarios
+from kerfgym.envs import job_interface, scenarios, workshop
 from kerfgym.envs.job_interface import FEATURES
 from kerfgym.envs.plant import gantry, spot, xy_axes
 from kerfgym.envs.plant.controller import Process
+from kerfgym.envs.stack import team
 
 CONTOUR, CUTTING = "kerfgym/ContourFollowing-v0", "kerfgym/Cutting-v0"
 FLAT = {"noise": 0.0, "impulses": 0.0}
@@ -118,3 +119,25 @@ def test_the_time_lost_is_what_the_job_takes_longer_than_planned(id_):
     lost = sum(info["reward_time"] for info in seen)
     assert len(seen) > 1.1 * planned
     assert lost == pytest.approx(len(seen) - planned, abs=1.5)
+
+
+def test_a_standoff_that_is_set_wrong_is_cut_with_and_missed():
+    seeds = [1000, 1001, 1002]
+    fleet = workshop.fleet_for(scenarios.load("cut-standoff"), team("huang2024-dynamic"), seeds)
+    fleet.advance(4000)
+    g = fleet.gantries
+    offset = g.column("recipe.offset")
+    assert np.ptp(offset) > 0.01
+    assert np.abs(offset).max() <= 0.2
+    assert fleet.column("job.set_height") == pytest.approx(1.0 + offset)
+    sums = {name: g.column(f"sums.{name}") for name in ("gap2", "length", "power_most", "dither_most")}
+    assert np.sqrt(sums["gap2"] / sums["length"]) == pytest.approx(np.abs(offset), abs=0.01)
+    assert sums["power_most"] == pytest.approx(workshop.material_of(scenarios.load("cut-standoff")).power)
+    optics = spot.Params()
+    assert sums["dither_most"] == pytest.approx(0.3 * spot.response(2000.0, optics.galvo, optics.galvo_zeta))
+
+
+def test_nobody_gets_more_than_the_nominal_power_in_the_cutting_suite():
+    for name in scenarios.suite("cutting"):
+        _, env = lived(CUTTING, [0.0, 1.0] + [0.0] * 6, steps=2, scenario=name, base="huang2024-dynamic")
+        assert env.batch.fleet.gantries.get("applied").power == 1.0

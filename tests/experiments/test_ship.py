@@ -13,7 +13,7 @@ from kerfgym.experiments import ship
 def test_a_shipped_policy_is_small_and_carries_the_record_of_its_making(name):
     folder = ship.TRAINED / name
     assert sum(file.stat().st_size for file in folder.iterdir()) < 1_000_000
-    assert {file.suffix for file in folder.iterdir()} <= {".json", ".safetensors", ".onnx"}
+    assert {file.suffix for file in folder.iterdir()} <= {".json", ".safetensors", ".onnx", ".csv"}
     record = json.loads((folder / "run.json").read_text(encoding="utf-8"))
     algorithm, env, seed, changes = ship.SHIPPED[name]
     assert (record["algorithm"], record["env"], record["seed"]) == (algorithm, env, seed)
