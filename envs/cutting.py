@@ -35,9 +35,10 @@ class CuttingEnv(JobEnv):
 
     ## Observation Space
 
-    `Box(-10, 10, (29,), float32)`, names in `job_interface.FEATURES["cutting"]`: those of ContourFollowing without the
-    corrections, the measured height's error and the set height, and the eight commands in force. The quality of the cut
-    is no observation: no sensor of the machine measures it.
+    `Box(-10, 10, (31,), float32)`, names in `job_interface.FEATURES["cutting"]`: those of ContourFollowing without the
+    corrections, the measured height's error and the set height, the eight commands in force, and the cosines of two
+    (`axial`) and of four times the path's angle (`diagonal`), since two axes dither the spot forth as back. The quality
+    of the cut is no observation: no sensor of the machine measures it.
 
     ## Rewards
 

@@ -51,7 +51,14 @@ FEATURES = {
         *(f"turn_{k:+d}" for k in TURNS),
         *(f"push_{k:+d}" for k in TURNS),
     ),
-    "cutting": (*_PATH, "height_error", "set_height", *(f"command_{name}" for name in Process._fields)),
+    "cutting": (
+        *_PATH,
+        "height_error",
+        "set_height",
+        *(f"command_{name}" for name in Process._fields),
+        "axial",
+        "diagonal",
+    ),
 }
 """Names of the features, in order; ``raw`` observations have the same in mm, mm/s, mm/s², W and Hz."""
 
@@ -290,6 +297,11 @@ def _see(block, a, g, b, jobs, out, o, raw, task, trail, earlier):
         _put(out, o + U(26), applied.z, raw, applied.z / p.piezo_range)
         _put(out, o + U(27), applied.focus, raw, applied.focus / p.piezo_range)
         _put(out, o + U(28), applied.standoff, raw, applied.standoff)
+        # Cosines of two and four times the path's angle: what two axes do to a spot is the same forth and back.
+        axial = t.tx * t.tx - t.ty * t.ty
+        diagonal = 2.0 * axial * axial - 1.0
+        _put(out, o + U(29), axial, raw, axial)
+        _put(out, o + U(30), diagonal, raw, diagonal)
 
 
 # ---------------------------------------------------------------------------------------- the reward and the info

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from rich.console import Console
@@ -13,7 +13,7 @@ from ..envs.material import material
 from ..envs.plant.controller import INFORMATION, PERIOD
 from ..envs.plant.machine import SUBSTEPS
 from .budgets import MARKS, in_words
-from .comparison import methods, relative
+from .comparison import by_scenario, methods, relative
 from .jobs import JobResults
 from .margins import DELAYS, GAINS
 from .margins import in_words as margin
@@ -194,6 +194,7 @@ WEIGHED = {
 def _trades(results: JobResults) -> Sheet:
     """What each controller gains and gives against the reference."""
     table = relative(results, WEIGHED)
+    apart = {m: by_scenario(replace(results, metric=m)) for m in WEIGHED}
     sheet = Sheet(
         f"over {results.reference} · {_seeds(results)}",
         ["controller", *WEIGHED.values(), "better in", "worse in", "power, W", "dither, mm"],
@@ -203,14 +204,20 @@ def _trades(results: JobResults) -> Sheet:
     for name, row in table.iterrows():
         cells = [_figure(row, m, "{:.3f}") for m in WEIGHED]
         better = [title for m, title in WEIGHED.items() if row[f"{m}_high"] < 1.0]
-        worse = [title for m, title in WEIGHED.items() if row[f"{m}_low"] > 1.0]
+        worse = []
+        for m, title in WEIGHED.items():
+            there = apart[m].query("controller == @name and ratio_high < 1")["scenario"]
+            if row[f"{m}_low"] > 1.0:
+                worse.append(title)
+            elif len(there):
+                worse.append(f"{title} ({', '.join(there)})")
         limits = [f"{most.loc[name, 'power_max']:.0f}", f"{most.loc[name, 'dither_max']:.3f}"]
         rows.append([str(name), *cells, ", ".join(better) or "–", ", ".join(worse) or "–", *limits])
     base = most.loc[results.reference]
     sheet.sections = [rows]
     sheet.notes = [
         "geometric means over the same scenarios, with 95 % intervals from the same seeds; better and worse: the "
-        "interval leaves 1 out.",
+        "interval leaves 1 out; worse in brackets: only in these scenarios.",
         f"power and dither: largest of the beam and of the galvo in a cut; {results.reference}: "
         f"{base['power_max']:.0f} W, {base['dither_max']:.3f} mm.",
     ]

@@ -111,6 +111,20 @@ def test_a_circle_is_seen_as_its_centripetal_acceleration():
     assert np.allclose(there, lag + feed * 0.016, rtol=0.05)
 
 
+def test_a_process_sees_the_paths_angle_to_the_axes_whichever_way_it_goes():
+    env = gym.make(CUTTING, scenario=scene("circle", 20.0), observation="raw").unwrapped
+    names, rows, over = FEATURES["cutting"], [env.reset(seed=0)[0]], False
+    while not over:
+        seen, _, over, _, _ = env.step(np.zeros(8, np.float32))
+        rows.append(seen)
+    rows = np.array(rows)
+    at = {name: rows[:, names.index(name)] for name in ("tangent_x", "tangent_y", "axial", "diagonal")}
+    angle = np.arctan2(at["tangent_y"], at["tangent_x"])
+    assert np.ptp(angle) > np.pi
+    assert at["axial"] == pytest.approx(np.cos(2 * angle), abs=1e-5)
+    assert at["diagonal"] == pytest.approx(np.cos(4 * angle), abs=1e-5)
+
+
 @pytest.mark.parametrize("id_", [CONTOUR, CUTTING])
 def test_the_time_lost_is_what_the_job_takes_longer_than_planned(id_):
     width = 3 if id_ == CONTOUR else 8

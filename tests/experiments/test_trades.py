@@ -57,5 +57,16 @@ def test_better_and_worse_are_what_the_intervals_say():
     assert any("assumed" in note for note in first.notes)
 
 
+def test_a_mean_that_is_better_hides_no_scenario_that_is_worse():
+    mixed = results()
+    (row,) = table.sheets(mixed)[1].sections[0]
+    assert "contour rms" in row[-3]
+    at = (mixed.runs["controller"] == "mine") & (mixed.runs["scenario"] == "one")
+    mixed.runs.loc[at, "contour_rms"] /= 2.0  # now 0.65 there, and 1.3 in the other
+    (row,) = table.sheets(mixed)[1].sections[0]
+    assert row[-4] == "cutting time, contour rms, Rz, energy"
+    assert row[-3] == "contour rms (other)"
+
+
 def test_without_the_reference_there_is_nothing_to_set_it_against():
     assert len(table.sheets(results(reference="somebody"))) == 1
