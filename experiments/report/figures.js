@@ -21,8 +21,9 @@ function merged(base, over) {
   return out;
 }
 
-function laidOut(layout, width, height) {
-  const narrow = width < NARROW;
+function laidOut({ layout, data }, width, height) {
+  const narrow = width < NARROW, named = data.filter(t => t.name && t.showlegend !== false && t.type !== "heatmap").length;
+  if (narrow && layout.showlegend !== false && named > 3) height += 11 * named;  // its lines would eat the plot
   const base = {
     width, height, paper_bgcolor: "#fff", plot_bgcolor: "#fff", dragmode: "zoom",
     font: { family: getComputedStyle(document.body).fontFamily, size: narrow ? 11 : 13, color: "#1a1d20" },
@@ -52,7 +53,10 @@ class Drawn {
     this.width = this.room(paper);
     this.canvas.style.width = this.width + "px";
     const view = this.spec(this.width);
-    const layout = laidOut(view.layout, this.width, view.height || Number(this.element.dataset.height));
+    const layout = laidOut(view, this.width, view.height || Number(this.element.dataset.height));
+    if (paper) layout.height = Math.round(0.8 * layout.height);  // two on a page
+    for (const trace of view.data)  // numbers of a map must fit their cells
+      if (trace.type === "heatmap") trace.textfont = { size: Math.min(12, (this.width - 210) / trace.x.length / 3.6) };
     this.canvas.style.height = layout.height + "px";
     this.element.dataset.drawn = "yes";
     return Plotly.react(this.canvas, view.data, layout, { ...CONFIG, responsive: false });
@@ -89,11 +93,11 @@ for (const element of document.querySelectorAll("figure.plot")) {
 let waiting = 0;
 addEventListener("resize", () => { clearTimeout(waiting); waiting = setTimeout(() => drawn.forEach(d => d.fit()), 150); });
 addEventListener("beforeprint", () => {
-  document.querySelectorAll("details").forEach(d => { d.dataset.was = d.open; d.open = true; });
+  document.querySelectorAll("details:not(.record details)").forEach(d => { d.dataset.was = d.open; d.open = true; });
   drawn.forEach(d => d.draw(true));
 });
 addEventListener("afterprint", () => {
-  document.querySelectorAll("details").forEach(d => { d.open = d.dataset.was === "true"; });
+  document.querySelectorAll("details[data-was]").forEach(d => { d.open = d.dataset.was === "true"; });
   drawn.forEach(d => d.draw());
 });
 for (const details of document.querySelectorAll("details"))
