@@ -52,7 +52,7 @@ def trained(name: str, seed: int) -> Path:
 def ship(name: str, folder: Path = TRAINED) -> Path:
     """Trains a policy and puts artefact and record where they are shipped from."""
     run = trained(name, SHIPPED[name][2])
-    files = [*(run / "policy").iterdir(), run / "run.json"]
+    files = [*(run / "policy").iterdir(), run / "run.json", run / "evaluations.csv"]
     size = sum(file.stat().st_size for file in files)
     if size > LARGEST:
         raise RuntimeError(f"{name} takes {size} bytes; at most {LARGEST}")

@@ -58,6 +58,7 @@ class Chapter:
     cards: list[dict[str, Any]]
     groups: list[table.Group]
     unranked: dict[str, list[str]]
+    methods: list[dict[str, str]]
     figures: list[Figure] = field(default_factory=list)
 
 
@@ -143,7 +144,8 @@ def _chapter(suite: Suite, standings: dict[str, Standing], look: dict, labels: d
         suite, answer.headline(own, labels), answer.remarks(suite, own, labels, sensitivity.LIMIT_MS),
         answer.caveats(suite, own, labels, sensitivity.LIMIT_MS),
         answer.cards(suite, standings, look, labels), table.groups(suite, standings),
-        {name: list(why) for name, why in own.frame["reasons"].items() if why}, _there(figures),
+        {name: list(why) for name, why in own.frame["reasons"].items() if why}, table.methods(suite),
+        _there(figures),
     )  # fmt: skip
 
 

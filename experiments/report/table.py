@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from ...envs.material import material
 from ...envs.quality import iso_range
+from .. import comparison
 from ..budgets import MARKS
 from ..inference import wilson
 from ..margins import DELAYS, GAINS
@@ -58,6 +59,22 @@ def groups(suite: Suite, standings: dict[str, Standing]) -> list[Group]:
         if columns:
             kept.append(Group(group.title, columns, group.first))
     return kept
+
+
+def methods(suite: Suite) -> list[dict[str, str]]:
+    """Rows of the methods that were trained or tuned several times, with all their trainings together."""
+    rows = []
+    for row in comparison.methods(suite.results).to_dict("records"):
+        ends = {}
+        for name in ("score", "ratio"):
+            low, value, high = (float(row[f"{name}{end}"]) for end in ("_low", "", "_high"))
+            places = known(low, high, value)
+            ends[name], ends[f"{name}_span"] = fixed(value, places), span(low, high, places)
+        rows.append({
+            "method": str(row["method"]), "members": str(len(row["members"])), **ends, "best": number(row["best"]),
+            "worst": number(row["worst"]),
+        })  # fmt: skip
+    return rows
 
 
 def _score(suite: Suite, standings: dict[str, Standing]) -> Group:
