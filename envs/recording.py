@@ -7,6 +7,7 @@ import numpy as np
 
 from .material import material
 from .plant import cut, machine, streamed
+from .plant.lanes import W
 from .scenarios import Scenario
 
 
@@ -46,11 +47,17 @@ class Recording:
         """Figures of a cut of thin sheet with these standoff errors, means along it, each of shape (machines,)."""
         steel = material("thin-sheet")
         beam = cut.beam(steel.params, steel.power, 0.0, 0.0, 0.0, 0.0, 0.0)
-        out = np.full((len(cut.Figures._fields), self.error.shape[1]), np.nan)
-        for i in range(self.error.shape[1]):
-            error = self.error[self.scored[:, i], i]
-            if len(error) and np.isfinite(error).all():
-                out[:, i] = streamed.figures(steel.params, beam, steel.feed, error).mean(axis=0)
+        counts = self.scored.sum(axis=0)
+        known = np.isfinite(np.where(self.scored, self.error, 0.0)).all(axis=0) & (counts > 0)
+        out = np.full((len(cut.Figures._fields), len(counts)), np.nan)
+        for some in np.array_split(np.flatnonzero(known), max(1, -(-int(known.sum()) // W))):
+            errors = np.zeros((int(counts[some].max(initial=0)), len(some)))  # what follows a run's end changes nothing
+            for lane, i in enumerate(some):
+                errors[: counts[i], lane] = self.error[self.scored[:, i], i]
+            figures = streamed.figures(steel.params, beam, steel.feed, errors)
+            over = np.arange(len(errors))[:, None] >= counts[some]
+            figures = np.where(over[:, None, :], 0.0, figures)
+            out[:, some] = figures.sum(axis=0) / counts[some]
         return dict(zip(cut.Figures._fields, out, strict=True))
 
     @cached_property

@@ -135,8 +135,9 @@ def _show(folder: Path, grids: dict[str, Any], markdown: bool) -> None:
     if markdown:
         print((folder / digest.NAME).read_text(encoding="utf-8"))
         return
-    for results in grids.values():
+    for suite, results in grids.items():
         for sheet in sheets(results):
+            sheet.title = f"{suite} · {sheet.title}" if len(grids) > 1 else sheet.title
             sheet.show()
     print(f"\n{folder / 'report.html'}")
 

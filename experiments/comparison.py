@@ -49,13 +49,13 @@ def bootstrapped(found: dict[str, Sample]) -> tuple[list[str], Replicates | None
     return names, replicate([found[name] for name in names], log_score) if names else None
 
 
-def figures(results: Any) -> pd.DataFrame:
+def figures(results: Any, typical: bool = True) -> pd.DataFrame:
     """One row per controller, intervals of 95 % beside each figure; NaN where there is none.
 
     ``score``: geometric mean over the scenarios of the RMS over seeds, in the metric's unit (``inf`` if a run failed);
     ``ratio``: that of the reference over it; ``typical``: the same, run by run on the same seeds, of which the
-    interquartile mean, which a few very bad runs do not move; ``wins``: how probably a run is better than the
-    reference's on the same seed (0.5 for the reference itself).
+    interquartile mean, which a few very bad runs do not move (NaN unless asked for, because it takes longest);
+    ``wins``: how probably a run is better than the reference's on the same seed (0.5 for the reference itself).
     """
     found, reference = samples(results), results.reference
     names, replicates = bootstrapped(found)
@@ -72,7 +72,9 @@ def figures(results: Any) -> pd.DataFrame:
         for name, sample in found.items():
             mine, base = common(sample, found[reference])
             if len(mine):
-                rows[name] |= _against(mine, base, itself=name == reference)
+                rows[name]["wins"] = Interval(0.5) if name == reference else probability_of_improvement(mine, base)
+                if typical:
+                    rows[name]["typical"] = Interval(1.0, 1.0, 1.0) if name == reference else _typical(mine, base)
     flat = {
         name: {
             f"{column}{ending}": getattr(row.get(column, Interval(math.nan)), part)
@@ -84,17 +86,15 @@ def figures(results: Any) -> pd.DataFrame:
     return pd.DataFrame.from_dict(flat, orient="index").reindex(results.controllers)
 
 
-def _against(mine: np.ndarray, base: np.ndarray, itself: bool) -> dict[str, Interval]:
-    """Run by run against the reference on the same seeds, (seeds, scenarios) each."""
-    if itself:
-        return {"typical": Interval(1.0, 1.0, 1.0), "wins": Interval(0.5)}
+def _typical(mine: np.ndarray, base: np.ndarray) -> Interval:
+    """Interquartile mean of the ratio run by run, on the same seeds, (seeds, scenarios) each."""
     with np.errstate(divide="ignore", invalid="ignore"):
         closer = np.log(base) - np.log(mine)
     closer = np.where(np.isnan(closer), 0.0, closer)  # both failed, or both without error
-    typical = Interval(iqm(closer))
-    if math.isfinite(typical.value):
-        typical = replicate([Sample.of(closer)], mean_of_middle).interval([1.0])
-    return {"typical": _exp(typical), "wins": probability_of_improvement(mine, base)}
+    middle = Interval(iqm(closer))
+    if math.isfinite(middle.value):
+        middle = replicate([Sample.of(closer)], mean_of_middle).interval([1.0])
+    return _exp(middle)
 
 
 def common(one: Sample, other: Sample) -> tuple[np.ndarray, np.ndarray]:

@@ -23,11 +23,13 @@ _RANGE = re.compile(r"(\d+)(?:-(\d+))?")
 _FROM = re.compile(r"from (\d+)")
 
 
-def standings(results: Any) -> pd.DataFrame:
+def standings(results: Any, why: dict[str, list[str]] | None = None, typical: bool = True) -> pd.DataFrame:
     """Ranks, ties, figures with intervals, and what speaks against ranking; for the page and for the terminal.
 
     Args:
         results: of a grid, :class:`results.Results` or :class:`jobs.JobResults`.
+        why: what :func:`reasons` says of them, if that is known; it is the same for every metric.
+        typical: as for :func:`comparison.figures`.
 
     Returns:
         One row per controller, in the order in which they were asked for:
@@ -40,9 +42,9 @@ def standings(results: Any) -> pd.DataFrame:
         - ``score``, ``ratio``, ``typical``, ``wins``, each with ``…_low`` and ``…_high``: see
           :func:`comparison.figures`.
     """
-    frame = comparison.figures(results)
+    frame = comparison.figures(results, typical)
     classes = results.runs.groupby("controller", sort=False)["information"].first().reindex(frame.index)
-    why = reasons(results)
+    why = reasons(results) if why is None else why
     ranks: dict[str, float] = dict.fromkeys(frame.index, math.nan)
     tied: dict[str, list[str]] = {name: [] for name in frame.index}
     for information in dict.fromkeys(classes):
@@ -113,7 +115,8 @@ def _spans(text: Any) -> list[range]:
 
 
 def _not_run(results: Any, runs: pd.DataFrame) -> list[str]:
-    missing = [scenario for scenario in results.scored if scenario not in set(runs["scenario"])]
+    ran = set(runs["scenario"].unique())
+    missing = [scenario for scenario in results.scored if scenario not in ran]
     return [f"not run in {', '.join(missing)}"] if missing else []
 
 

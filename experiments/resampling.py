@@ -21,6 +21,13 @@ COUNT = 1000
 FEWEST, FEWEST_SCENARIOS = 5, 10
 """Members of an axis (of that of scenarios) below which Student's t is used: a bootstrap of so few repeats itself."""
 
+EXACT = 1e-10
+"""Share of the values below which a difference is rounding: the time of a job may be the same on every seed."""
+
+LEAST = 0.01
+"""Share of the standard error that a bootstrap sample's counts for at least. Where one seed in twenty differs, every
+third bootstrap sample is without it and would estimate no error at all."""
+
 _CHUNK = 1_000_000
 _SEED = 7
 
@@ -202,17 +209,24 @@ class Replicates:
             most[enough] = np.quantile(np.abs(deviations[:, enough]).max(axis=1), level, method="higher")
         difference, least = self.value[first] - self.value[second], np.zeros(len(error))
         np.multiply(most, error, out=least, where=error > 0)
+        np.maximum(least, self._rounding, out=least)
         found[first, second] = difference < -least
         found[second, first] = difference > least
         return found
+
+    @property
+    def _rounding(self) -> float:
+        return EXACT * float(np.abs(self.value[np.isfinite(self.value)]).max(initial=0.0))
 
     def _studentised(self, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Standard errors (n,) of the combinations (n, K), and deviations (B, n) of the bootstrap samples in theirs."""
         error = np.sqrt(np.maximum(np.einsum("nj,jk,nk->n", weights, self.spread, weights), 0.0))
         errors = np.sqrt(np.maximum(np.einsum("nj,bjk,nk->bn", weights, self.spreads, weights), 0.0))
         moved = np.einsum("bk,nk->bn", self.values - self.value, weights)
+        rounding = self._rounding
+        error = np.where(error <= rounding, 0.0, error)
         with np.errstate(divide="ignore", invalid="ignore"):
-            return error, np.where(moved == 0, 0.0, moved / errors)
+            return error, np.where(np.abs(moved) <= rounding, 0.0, moved / np.maximum(errors, LEAST * error))
 
 
 def replicate(

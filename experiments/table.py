@@ -23,6 +23,9 @@ BESIDE = 8
 """Scenarios that have a column beside the score; more of them get a table of their own."""
 
 
+_WIDEST = 1000
+
+
 @dataclass
 class Sheet:
     """A table in words.
@@ -40,18 +43,39 @@ class Sheet:
     notes: list[str] = field(default_factory=list)
 
     def show(self) -> None:
-        """Prints it, as wide as it is."""
-        table = Table(title=self.title)
-        for i, title in enumerate(self.titles):
-            table.add_column(title, justify="right" if i else "left", no_wrap=True)
-        for section in self.sections:
-            for row in section:
-                table.add_row(*row)
-            table.add_section()
-        console = Console(width=max(Console().width, Console(width=1000).measure(table).maximum))
-        console.print(table)
+        """Prints it: in parts that fit a terminal, as wide as it is into a file or a pipe."""
+        console = Console()
+        if not console.is_terminal:
+            console = Console(width=max(console.width, _WIDEST))
+        for columns in self.parts(console.width):
+            console.print(self._table(columns))
         for note in self.notes:
             console.print(note, highlight=False, markup=False)
+
+    def parts(self, width: int) -> list[list[int]]:
+        """Columns side by side that are not wider than ``width``, the first in every part."""
+        measure = Console(width=_WIDEST)
+        sizes = [measure.measure(self._table([0, i] if i else [0])).maximum for i in range(len(self.titles))]
+        parts: list[list[int]] = [[0]]
+        room = width - sizes[0]
+        for i, size in enumerate(sizes[1:], start=1):
+            own = size - sizes[0]
+            if own > room and len(parts[-1]) > 1:
+                parts.append([0])
+                room = width - sizes[0]
+            parts[-1].append(i)
+            room -= own
+        return parts
+
+    def _table(self, columns: list[int]) -> Table:
+        table = Table(title=self.title if 1 in columns or len(columns) == 1 else None)
+        for i in columns:
+            table.add_column(self.titles[i], justify="right" if i else "left", no_wrap=True)
+        for section in self.sections:
+            for row in section:
+                table.add_row(*(row[i] for i in columns))
+            table.add_section()
+        return table
 
     def markdown(self) -> str:
         """The same in Markdown."""

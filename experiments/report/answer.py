@@ -35,8 +35,9 @@ def headline(standing: Standing, labels: dict[str, str]) -> str:
     if len(standing.ranked) == 1 and suite.reference not in standing.order:
         return f"{name} {does} with an error of {score}." if suite.following else f"{name}: {score}."
     if standing.tied:
-        others = listed(labels[n] for n in standing.tied)
-        lead = f"{name} {does}{' closest' if suite.following else ''}, {score}, but cannot be told apart from {others}"
+        both = listed([name, *(labels[n] for n in standing.tied)])
+        do = does.replace("follows", "follow closest").replace("has", "have", 1)
+        lead = f"{both} {do} and cannot be told apart: {name} has {score}"
     else:
         lead = f"{name} {does}{' closest' if suite.following else ''}: {score}"
     ratio = float(standing.frame.at[best, "ratio"])
@@ -106,6 +107,16 @@ def caveats(suite: Suite, standing: Standing, labels: dict[str, str], limit_ms: 
             out.append(f"its sensitivity peak Ms is {number(float(row['ms']))}, over the limit of {limit_ms:g}")
         if float(row["gain_margin"]) == 0:
             out.append("its loop does not settle after a step on every corner plant")
+    word = CARDS.get(standing.metric, ("", "better"))[1]
+    informed = suite.summary.at[best, "information"]
+    reasons: dict[str, list[str]] = {}
+    for name in standing.order[: standing.order.index(best)]:
+        if suite.summary.at[name, "information"] == informed:
+            reasons.setdefault("; ".join(standing.frame.at[name, "reasons"]), []).append(name)
+    for why, names in reasons.items():
+        are = "is" if len(names) == 1 else "are"
+        out.append(f"{listed(f'{labels[n]} ({estimate(standing, n)})' for n in names)} {are} {word} but not ranked "
+                   f"({why})")  # fmt: skip
     return out
 
 
@@ -164,7 +175,7 @@ def _against(standing: Standing, best: str, other: str, word: str, labels: dict[
         runs=r.runs[r.runs["controller"].isin([best, other])], controllers=[best, other],
         scored=standing.suite.scored, metric=standing.metric, reference=other,
     )  # fmt: skip
-    row = figures(pair).loc[best]
+    row = figures(pair, typical=False).loc[best]
     ratio, low, high = (float(row[c]) for c in ("ratio", "ratio_low", "ratio_high"))
     if not math.isfinite(ratio):
         return ""

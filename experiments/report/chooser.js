@@ -11,6 +11,7 @@ class Chooser {
       g.scenarios.forEach((s, i) => option.append(new Option(s.name, data.groups.indexOf(g) + ":" + i)));
       this.menus[0].append(option);
     }
+    this.menus[0].value = this.first;
     this.menus[0].addEventListener("change", () => this.pick());
     this.menus[1].addEventListener("change", () => this.seed());
     this.pick();

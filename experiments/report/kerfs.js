@@ -39,8 +39,8 @@
         lines[k].text.push(values[i], values[i], null);
       }
     }
-    const style = k => [{ color: "#c3c8cd", width: 0.8 }, { color: "#8b9198", width: 5.5 }, { color: "#1a1d20", width: 8 }][k - SHADES] ||
-      { color: shade(colours, (k + 0.5) / SHADES), width: 4 };
+    const style = k => [{ color: "#c3c8cd", width: 0.8 }, { color: "#8b9198", width: 7 }, { color: "#1a1d20", width: 9.5 }][k - SHADES] ||
+      { color: shade(colours, (k + 0.5) / SHADES), width: 5.5 };
     const unit = chooser.quantities[quantity].unit;
     return [SHADES, SHADES + 1, SHADES + 2, ...Array(SHADES).keys()].filter(k => lines[k].x.length).map(k => ({
       type: "scatter", mode: "lines", x: lines[k].x, y: lines[k].y, customdata: lines[k].text, line: style(k), ...axes, showlegend: false,

@@ -10,7 +10,7 @@ from ...envs import material
 from ...envs.kerf_picture import DIVERGING, EVEN, QUANTITIES, limits_of
 from ...envs.plant import cut, streamed
 from .pack import Channel, pack
-from .scope import shown_first
+from .scope import shown_first, telling
 from .spectra import error_of
 from .suite import Suite
 
@@ -29,8 +29,7 @@ def widget(suites: list[Suite], labels: dict[str, str]) -> dict[str, Any] | None
     for suite in suites:
         entries = []
         for scenario in suite.traced:
-            frame = suite.traces[suite.traces["scenario"] == scenario]
-            run = _run(suite, frame[frame["seed"] == frame["seed"].min()])
+            run = _run(suite, *next(iter(suite.traces[scenario].items())))
             if run:
                 entries.append({
                     "name": scenario, "summary": suite.results.summaries.get(scenario, ""), "seeds": [run],
@@ -45,15 +44,14 @@ def widget(suites: list[Suite], labels: dict[str, str]) -> dict[str, Any] | None
         name: {"title": q.title, "unit": q.unit, "colours": (DIVERGING if q.signed else EVEN).astype(int).tolist()}
         for name, q in QUANTITIES.items()
     }
-    return {"groups": groups, "labels": labels, "quantities": quantities}
+    return {"groups": groups, "labels": labels, "quantities": quantities, "first": telling(suites, groups)}
 
 
-def _run(suite: Suite, frame: pd.DataFrame) -> dict[str, Any] | None:
-    if not {"x", "y"} <= set(frame):
-        return None
+def _run(suite: Suite, seed: int, parts: dict[str, pd.DataFrame]) -> dict[str, Any] | None:
+    parts = {name: run for name, run in parts.items() if {"x", "y"} <= set(run)}
     controllers: dict[str, Any] = {}
     seen: dict[str, list[Floats]] = {}
-    for name, run in frame.groupby("controller", sort=False):
+    for name, run in parts.items():
         found = coloured(run)
         if found is None:
             continue
@@ -62,12 +60,12 @@ def _run(suite: Suite, frame: pd.DataFrame) -> dict[str, Any] | None:
             seen.setdefault(quantity, []).append(array[cutting > 0.5])
         channels = [Channel(x, 1e-3), Channel(y, 1e-3), Channel(cutting, 1.0), Channel(through, 1.0)]
         channels += [Channel(array, RESOLUTION[quantity]) for quantity, array in values.items()]
-        controllers[str(name)] = {"quantities": list(values), **pack(channels)}
+        controllers[name] = {"quantities": list(values), **pack(channels)}
     if not controllers:
         return None
     limits = {name: limits_of(np.concatenate(arrays), QUANTITIES[name]) for name, arrays in seen.items()}
     return {
-        "seed": int(frame["seed"].iloc[0]), "limits": limits, "controllers": controllers,
+        "seed": seed, "limits": limits, "controllers": controllers,
         "first": {"contour_rms": "contour"}.get(suite.metric, suite.metric if suite.metric in limits else "standoff"),
     }  # fmt: skip
 

@@ -49,7 +49,7 @@ def pack(channels: Sequence[Channel]) -> dict[str, Any]:
     split = table.astype("<i2").view(np.uint8).reshape(-1, 2).T.tobytes()
     return {
         "samples": len(channels[0].values) if channels else 0, "low": lows, "step": steps,
-        "data": base64.b64encode(zlib.compress(split, 9)).decode("ascii"),
+        "data": base64.b64encode(zlib.compress(split, 7)).decode("ascii"),
     }  # fmt: skip
 
 

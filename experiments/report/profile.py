@@ -32,7 +32,8 @@ def figure(suite: Suite, look: dict[str, Look], labels: dict[str, str]) -> Figur
         value, low, high = (np.array([getattr(p, end) for p in curve]) for end in ("value", "low", "high"))
         reached = max(reached, factors[min(int(np.argmax(value >= value[-1])), POINTS - 1)])
         shares[name] = float(np.interp(0.0, np.log(factors), value))
-        open_ = (value > 0) & (value < 1) & np.isfinite(low)  # what all runs agree on has no band that tells anything
+        scatter = np.ptp((ratio[:, :, None] <= factors).mean(axis=1), axis=0) > 0
+        open_ = scatter & np.isfinite(low)  # what all seeds agree on has no band that tells anything
         if open_.any():
             first, last = np.flatnonzero(open_)[[0, -1]]
             part = slice(max(first - 1, 0), last + 2)
@@ -58,12 +59,15 @@ def figure(suite: Suite, look: dict[str, Look], labels: dict[str, str]) -> Figur
         yaxis={"title": "share of runs with at most that", "tickformat": ".0%", "range": [0, 1.02]},
         hovermode="closest",
     )  # fmt: skip
-    often = max(shares, key=lambda n: shares[n] if n in suite.classes.get("sensor", suite.ranked) else -1.0)
+    fair = [n for n in shares if np.isfinite(suite.summary.at[n, "rank"])]
+    fair = [n for n in fair if n in suite.classes.get("sensor", fair)] or list(shares)
+    often = max(fair, key=lambda n: shares[n])
     return Figure(
         f"profile-{suite.name}",
         f"{labels[often]} is better than {labels[suite.reference]} in {percent(shares[often])} of single runs",
         f"For every seed of the {len(suite.scored)} scored scenarios the error is divided by that of "
         f"{labels[suite.reference]} on the same seed. A curve further left and higher is better; where it crosses the "
-        "dashed line it tells how often a run is better than the reference's. Bands are 95 % intervals.",
+        "dashed line it tells how often a run is better than the reference's. Bands are 95 % intervals; there is none "
+        "where all seeds agree.",
         {"": plot}, height=430,
     )  # fmt: skip

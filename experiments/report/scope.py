@@ -65,29 +65,29 @@ def widget(suites: list[Suite], labels: dict[str, str]) -> dict[str, Any] | None
     for suite in suites:
         entries = []
         for scenario in suite.traced:
-            here = suite.traces[suite.traces["scenario"] == scenario]
-            seeds = [here[here["seed"] == seed] for seed in sorted(here["seed"].unique())]
+            seeds = list(suite.traces[scenario].items())
             entry: dict[str, Any] = {
                 "name": scenario,
                 "summary": suite.results.summaries.get(scenario, ""),
-                "seeds": [_run(suite, seeds[0])],
+                "seeds": [_run(suite, *seeds[0])],
             }
             entries.append(entry)
             spent += _size(entry["seeds"][0])
-            waiting += [(rank, suite, entry, frame) for rank, frame in enumerate(seeds[1:])]
+            waiting += [(rank, suite, entry, one) for rank, one in enumerate(seeds[1:])]
         if entries:
             groups.append({
                 "suite": suite.title, "scenarios": entries, "chosen": shown_first(suite), "order": suite.ranked,
             })  # fmt: skip
-    for _, suite, entry, frame in sorted(waiting, key=lambda w: w[0]):  # second seeds of all before the third of any
-        run = _run(suite, frame)
+    for _, suite, entry, one in sorted(waiting, key=lambda w: w[0]):  # second seeds of all before the third of any
+        run = _run(suite, *one)
         spent += _size(run)
         if spent > ROOM:
             break
         entry["seeds"].append(run)
     if not groups:
         return None
-    return {"groups": groups, "labels": labels, "signals": {k: s._asdict() for k, s in SIGNALS.items()}}
+    signals_of = {k: s._asdict() for k, s in SIGNALS.items()}
+    return {"groups": groups, "labels": labels, "signals": signals_of, "first": telling(suites, groups)}
 
 
 def _size(run: dict[str, Any]) -> int:
@@ -102,9 +102,25 @@ def shown_first(suite: Suite, most: int = 4) -> list[str]:
     return (first + ceiling + [name for name in order if name not in (*first, *ceiling)])[:most]
 
 
-def _run(suite: Suite, frame: pd.DataFrame) -> dict[str, Any]:
+def telling(suites: list[Suite], groups: list[dict[str, Any]]) -> str:
+    """The scenario that is shown before the reader chooses: of the first group that in which those shown differ most.
+
+    Returns:
+        ``group:scenario``, counted from 0.
+    """
+    suite = next(s for s in suites if s.title == groups[0]["suite"])
+    names = [scenario["name"] for scenario in groups[0]["scenarios"]]
+    known = suite.summary["information"]
+    equals = [name for name in groups[0]["chosen"] if known[name] == known[groups[0]["chosen"][0]]]
+    errors = suite.pooled(suite.metric).loc[equals, names]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        spread = np.ptp(np.log(errors.to_numpy(float)), axis=0).round(6)  # the first of equal ones
+    spread = np.where(np.isfinite(spread) & np.isin(names, suite.scored), spread, -1.0)
+    return f"0:{int(np.argmax(spread))}"
+
+
+def _run(suite: Suite, seed: int, parts: dict[str, pd.DataFrame]) -> dict[str, Any]:
     """One scenario and seed: signals of every controller, the window shown at first, where nothing is scored."""
-    parts = {str(name): run for name, run in frame.groupby("controller", sort=False)}
     channels = {name: signals(run) for name, run in parts.items()}
     first = next(iter(parts.values()))
     errors = {name: error_of(run) for name, run in parts.items()}
@@ -112,7 +128,7 @@ def _run(suite: Suite, frame: pd.DataFrame) -> dict[str, Any]:
     longest = max(len(run) for run in parts.values())
     stride = math.ceil(longest / POINTS) if longest > POINTS else 1
     out: dict[str, Any] = {
-        "seed": int(first["seed"].iloc[0]), "start": float(first["time"].iloc[0]), "step": stride * PERIOD,
+        "seed": seed, "start": float(first["time"].iloc[0]), "step": stride * PERIOD,
         "stride": stride, "shared": None, "controllers": {},
     }  # fmt: skip
     for name, found in channels.items():

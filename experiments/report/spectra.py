@@ -36,11 +36,10 @@ def figure(suites: list[Suite], look: dict[str, Look], labels: dict[str, str]) -
     """A view for each traced scenario; None without traces long enough."""
     views = {}
     for suite, scenario in [(s, scenario) for s in suites for scenario in s.traced]:
-        here = suite.traces[suite.traces["scenario"] == scenario]
-        found = {str(name): _mean(frame) for name, frame in here.groupby("controller", sort=False)}
+        seeds = suite.traces[scenario].values()
         plot = go.Figure()
         for name in suite.ranked:
-            one = found.get(name)
+            one = _mean([runs[name] for runs in seeds if name in runs])
             if one is None:
                 continue
             f, density = one
@@ -73,10 +72,10 @@ def figure(suites: list[Suite], look: dict[str, Look], labels: dict[str, str]) -
     )  # fmt: skip
 
 
-def _mean(frame: pd.DataFrame) -> tuple[np.ndarray, np.ndarray] | None:
+def _mean(runs: list[pd.DataFrame]) -> tuple[np.ndarray, np.ndarray] | None:
     """Root of the mean power over the seeds."""
     found = []
-    for _, run in frame.groupby("seed", sort=False):
+    for run in runs:
         error, counted = error_of(run)
         one = spectrum(error, counted)
         if one is not None:

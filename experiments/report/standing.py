@@ -83,12 +83,13 @@ class Standing:
 def all_of(suite: Suite) -> dict[str, Standing]:
     """Standings of the suite's metric, and of the others that the page compares."""
     wanted = [suite.metric, *(m for m in (*CARDS, *BESIDE) if m != suite.metric and m in suite.metrics)]
-    found = {}
-    for metric in wanted:
-        r = suite.results
+    r = suite.results
+    found = {suite.metric: Standing(suite, suite.metric, r.standings)}
+    why = dict(r.standings["reasons"])
+    for metric in wanted[1:]:
         view = SimpleNamespace(
             runs=r.runs, controllers=r.controllers, scenarios=r.scenarios, scored=suite.scored, meta=r.meta,
             metric=metric, reference=suite.reference,
         )  # fmt: skip
-        found[metric] = Standing(suite, metric, standings(view))
+        found[metric] = Standing(suite, metric, standings(view, why, typical=False))
     return found

@@ -120,18 +120,20 @@ class Suite:
         """Scenario seeds that were run."""
         return sorted({int(seed) for seed in self.results.runs["seed"]})
 
-    @property
-    def traces(self) -> pd.DataFrame:
-        """Every period of the shown runs."""
-        return self.results.traces
-
     @cached_property
+    def traces(self) -> dict[str, dict[int, dict[str, pd.DataFrame]]]:
+        """Every period of the shown runs, by scenario, seed and controller."""
+        out: dict[str, dict[int, dict[str, pd.DataFrame]]] = {}
+        if "scenario" in self.results.traces:
+            parts = self.results.traces.groupby(["scenario", "seed", "controller"], sort=False)
+            for (scenario, seed, name), run in parts:
+                out.setdefault(str(scenario), {}).setdefault(int(seed), {})[str(name)] = run
+        return {scenario: dict(sorted(out[scenario].items())) for scenario in self.scenarios if scenario in out}
+
+    @property
     def traced(self) -> list[str]:
         """Scenarios of which there are traces, in order."""
-        if "scenario" not in self.traces:
-            return []
-        there = set(self.traces["scenario"].unique())
-        return [s for s in self.scenarios if s in there]
+        return list(self.traces)
 
     def pooled(self, metric: str) -> pd.DataFrame:
         """Over the seeds, controllers × scenarios: RMS of an error, largest of a maximum, mean of all else; NaN where a

@@ -83,7 +83,7 @@ def _score(suite: Suite, standings: dict[str, Standing]) -> Group:
     rank, score, ratio, wins = {}, {}, {}, {}
     for key, row in frame.iterrows():
         name = str(key)
-        place = float(row["rank"])
+        place = float(row["rank"]) if name in own.ranked else math.nan
         rank[name] = Cell(f"{place:.0f}" if place == place else "–", place, title="; ".join(row["reasons"]))
         low, value, high = (own.scale(name, column) for column in ("ratio_low", "ratio", "ratio_high"))
         score[name] = Cell(fixed(value, 2), value, span(low, high, 2) if name != reference else "")
@@ -178,9 +178,10 @@ def _followers(suite: Suite, standings: dict[str, Standing]) -> list[Group]:
     rough = {name: float(suite.summary.at[name, "roughness"]) for name in suite.ranked}
     iso = {n: _range(iso_range(1e-3 * r, thin.thickness)) for n, r in rough.items() if math.isfinite(r)}
     decided = {
-        column: {n: Cell(form(float(costs.at[n, column])), float(costs.at[n, column])) for n in suite.ranked}
-        for column, form in (("median_us", _microseconds), ("ratio", share_of_period))
-    }
+        n: Cell(_microseconds(float(costs.at[n, "median_us"])), float(costs.at[n, "median_us"]),
+                share_of_period(float(costs.at[n, "ratio"])))
+        for n in suite.ranked
+    }  # fmt: skip
     return [
         Group("true gap error", [
             Column("P99", "µm", _from(suite, "p99"), "99th percentile of the true error's magnitude, mean of the "
@@ -206,8 +207,8 @@ def _followers(suite: Suite, standings: dict[str, Standing]) -> list[Group]:
         ]),
         Group("safety", [_collisions(suite), _failed(suite)]),
         Group("decision", [
-            Column("median", "µs", decided["median_us"], "time that the law takes for a command, on one core"),
-            Column("P99", "of period", decided["ratio"], "its 99th percentile, of the control period"),
+            Column("time", "µs, P99 of period", decided, "median time that the law takes for a command, on one core; "
+                   "below it the 99th percentile as a share of the control period"),
         ]),
     ]  # fmt: skip
 
@@ -229,11 +230,19 @@ def _jobs(suite: Suite, standings: dict[str, Standing]) -> list[Group]:
     def ranges(source: str) -> dict[str, str]:
         return {name: _range(str(suite.summary.at[name, source])) for name in suite.ranked}
 
-    contour = Group("contour error", [column("RMS", "contour_rms"), column("max", "contour_max")], first=True)
-    gap = Group("true gap error", [column("RMS", "gap_rms"), column("max", "gap_max")])
+    def first(title: str, metric: str) -> list[Column]:
+        """None of what is scored, which stands in front."""
+        return [] if metric == suite.metric else [column(title, metric)]
+
+    rough = column("Rz", "roughness", ranges("iso_roughness"))
+    if suite.metric == "roughness":
+        iso = {name: Cell(str(suite.summary.at[name, "iso_roughness"])) for name in suite.ranked}
+        rough = Column("Rz", "range, ISO 9013", iso, "ranges of its roughness after ISO 9013; 1 is the finest")
+    contour = Group("contour error", [*first("RMS", "contour_rms"), column("max", "contour_max")], first=True)
+    gap = Group("true gap error", [*first("RMS", "gap_rms"), column("max", "gap_max")])
     cut = Group("cut", [
-        column("dross", "dross"), column("Rz", "roughness", ranges("iso_roughness")),
-        column("u", "taper", ranges("iso_taper")), column("through", "through"), column("kerf", "kerf"),
+        column("dross", "dross"), rough, column("u", "taper", ranges("iso_taper")), column("through", "through"),
+        column("kerf", "kerf"),
     ], first=True)  # fmt: skip
     time = Group("time", [column("job", "time"), column("feed", "mean_feed"), column("energy", "energy")], first=True)
     return [contour, gap, cut, time, Group("safety", [_collisions(suite), _failed(suite)])]
@@ -245,15 +254,17 @@ def _range(text: str) -> str:
 
 def _budget(suite: Suite) -> Group:
     summary = suite.summary
-    columns = [Column("trials", "of tuning", _from(suite, "trials", lambda v: fixed(v, 0)), "candidates of a search")]
-    columns.append(Column("steps", "million", _from(suite, "tuning_steps", lambda v: million(v) if v == v else "–"),
-                          "simulated steps of tuning or training"))  # fmt: skip
-    if "tuning_cpu" in summary:
-        columns.append(Column("CPU", "s", _from(suite, "tuning_cpu", lambda v: fixed(v, 0)), "CPU-seconds of tuning or "
-                              "training"))  # fmt: skip
-    for column in columns:
-        for name, cell in column.cells.items():
-            mark = str(summary.at[name, "budget"])
-            if mark:
-                column.cells[name] = Cell(cell.text, cell.value, mark="bad", title=MARKS[mark])
-    return Group("budget", columns)
+
+    def cells(column: str, form: Callable[[float], str]) -> dict[str, Cell]:
+        out = {}
+        for name, cell in _from(suite, column, form).items():
+            mark, cpu = str(summary.at[name, "budget"]), float(summary.at[name, "tuning_cpu"])
+            small = f"{fixed(cpu, 0)} CPU-s" if column == "tuning_steps" and cpu > 0 else ""
+            out[name] = Cell(cell.text, cell.value, small, "bad" if mark else "", MARKS.get(mark, ""))
+        return out
+
+    return Group("budget", [
+        Column("trials", "of tuning", cells("trials", lambda v: fixed(v, 0)), "candidates of a search"),
+        Column("steps", "million", cells("tuning_steps", lambda v: million(v) if v == v else "–"), "simulated steps of "
+               "tuning or training, and below them its CPU-seconds"),
+    ])  # fmt: skip

@@ -182,6 +182,11 @@ def test_the_printed_table_has_ranks_intervals_and_reasons(capsys):
     assert "not ranked: slow: no record of how it was tuned (a class of one's own has it in TUNING)." in sheet.notes
     sheet.show()
     assert "not ranked: slow" in capsys.readouterr().out
+    parts = sheet.parts(80)  # on a terminal; each begins with the names
+    assert len(parts) > 1
+    assert all(part[0] == 0 and len(part) > 1 for part in parts)
+    assert sorted(i for part in parts for i in part[1:]) == list(range(1, len(sheet.titles)))
+    assert sheet.parts(1000) == [list(range(len(sheet.titles)))]
 
 
 def test_trainings_of_one_method_are_its_independent_runs():

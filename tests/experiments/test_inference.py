@@ -209,6 +209,18 @@ def test_pairs_on_common_seeds_are_told_apart_where_others_are_not():
     assert half.spread[0, 0] == pytest.approx(apart.spread[0, 0])
 
 
+def test_figures_that_hardly_scatter_are_told_apart_and_their_intervals_end():
+    """The time of a job is the same on every seed for some controllers, and for others on all seeds but one."""
+    same, rare, slow = np.full((20, 5), 4.28), np.full((20, 5), 5.94), np.full((20, 5), 12.9)
+    rare[3] = 5.95
+    slow *= 1.0 + 1e-15 * np.arange(20)[:, None]  # rounding
+    found = resampling.replicate([Sample.of(x) for x in (same, rare, slow, same.copy())], resampling.log_score)
+    assert found.better().astype(int).tolist() == [[0, 1, 1, 0], [0, 0, 1, 0], [0, 0, 0, 0], [0, 1, 1, 0]]
+    assert found.interval([-1, 0, 1, 0]) == pytest.approx([np.log(12.9 / 4.28)] * 3)
+    low, value, high = found.interval([-1, 1, 0, 0])[1], *found.interval([-1, 1, 0, 0])[::2]
+    assert 0.32 < low < value < high < 0.34
+
+
 def test_one_seed_of_one_sample_takes_no_interval_from_another():
     found = resampling.replicate([Sample.of(drawn(30, 5)), Sample.of(drawn(1, 5))], resampling.log_score)
     assert np.isfinite(found.interval([1, 0]).low)

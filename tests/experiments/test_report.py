@@ -191,7 +191,7 @@ def test_without_the_reference_there_is_no_ratio(made_up):
 
 def test_who_cannot_be_told_apart_is_named(made_up):
     results = made_up.following({"a": ("sensor", 9.0, 1.9), "b": ("sensor", 9.05, 1.9)})
-    assert headline(results) == "a follows closest, 9.00\u00a0µm, but cannot be told apart from b."
+    assert headline(results) == "a and b follow closest and cannot be told apart: a has 9.00\u00a0µm."
 
 
 def test_who_may_not_be_ranked_does_not_win(made_up):
@@ -208,6 +208,7 @@ def test_nobody_of_the_sensor_class(made_up):
     results = made_up.following({"preview-5ms": ("preview", 2.5, 1.1)})
     _, found = judged(results)
     assert found["rms_true"].ranked == ["preview-5ms"]  # of its own class
+    results = made_up.following({"preview-5ms": ("preview", 2.5, 1.1)})
     results.meta["tuning"] = {}
     assert "nothing to compare" in headline(results)
 
@@ -251,7 +252,10 @@ def test_the_table_says_what_the_runs_say(whole):
     assert row[4].split()[0] == "3.00"
     assert "1/18" in text  # touched
     assert "1.95" in text  # Ms
-    assert whole.row("table-following", "xi2023-tuned")[-3:] == [" 400", " 600", " 350"]
+    assert [cell.split() for cell in whole.row("table-following", "xi2023-tuned")[-2:]] == [
+        ["400"],
+        ["600", "350", "CPU-s"],
+    ]
     assert "0.15 %" in " ".join(whole.row("table-following", "xi2023-tuned"))  # of the period
 
 
@@ -259,7 +263,19 @@ def test_jobs_have_contour_quality_time_and_ranges(whole):
     heads = " ".join(whole.tables["table-cutting"][1])
     for title in ("RMS", "dross", "Rz", "through", "kerf", "job", "energy", "touched"):
         assert title in heads
-    assert "range 3" in " ".join(whole.row("table-cutting", "fine"))
+    assert heads.count("Rz") == 2  # what is scored, and its range
+    assert "3" in [cell.strip() for cell in whole.row("table-cutting", "fine")]
+
+
+def test_who_is_closer_but_not_ranked_is_said_with_the_reason(made_up):
+    results = made_up.following()
+    results.meta["tuning"]["pid"] = {**results.meta["tuning"]["pid"], "simulated_steps": 900_000_000}
+    suite, found = judged(results)
+    assert answer.caveats(suite, found["rms_true"], {n: n for n in suite.ranked}, 2.0) == [
+        "pid (8.00\u00a0µm) is closer but not ranked (tuned with 1.5 times the simulated steps of xi2023-tuned)"
+    ]
+    ranks = {g.title: g for g in table.groups(suite, found)}["score"].columns[0].cells
+    assert {name: cell.text for name, cell in ranks.items()} == {"pid": "–", "xi2023-tuned": "1", "preview-5ms": "–"}
 
 
 def test_the_best_and_who_is_tied_are_marked(made_up):
