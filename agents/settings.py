@@ -247,7 +247,7 @@ def from_file(path: Path, name: str, env: str | None = None, changes: dict[str, 
     """Settings of a file: a preset, the ``settings.toml`` of a training, or what a search has found.
 
     Args:
-        path: of the file; if it says for which algorithm and environment it is, it is for no others.
+        path: of the file; if it, or its name, says for which algorithm and environment it is, it is for no others.
         name: of the algorithm.
         env: id of the environment; none: the file's.
         changes: by dotted name.
@@ -261,8 +261,9 @@ def from_file(path: Path, name: str, env: str | None = None, changes: dict[str, 
         raise InvalidInput(f"cannot read '{path}': {error.strerror}") from None
     except ValueError as error:  # neither text nor TOML
         raise InvalidInput(f"'{path}' is not TOML: {error}") from None
+    named = _named(path)
     for what, kind, asked in (("name", "algorithm", name), ("env", "environment", env)):
-        mine = values.pop(what, None)
+        mine = values.pop(what, named.get(what))
         if mine is not None and asked is not None and mine != asked:
             raise InvalidInput(f"'{path}' is for {kind} '{mine}', not '{asked}'")
         env = mine if what == "env" and mine is not None else env
@@ -274,6 +275,12 @@ def from_file(path: Path, name: str, env: str | None = None, changes: dict[str, 
         if key not in tables:
             raise InvalidInput(f"'{path}': unknown setting '{key}'; {did_you_mean(key, tables)}")
     return checked(Settings(name, env, **values)).varied(changes or {})
+
+
+def _named(path: Path) -> dict[str, str]:
+    """Algorithm and environment of a preset, which its file's name tells."""
+    files = {preset_file(name, env).name: {"name": name, "env": env} for name in ALGORITHMS for env in ENVIRONMENTS}
+    return files.get(path.name, {})
 
 
 def parsed(assignments: list[str]) -> dict[str, Any]:

@@ -27,8 +27,8 @@ from .results import Results
 FORMAT = 2
 """Of the run folder; 1 had one grid and its record among the run's."""
 
-PARTS, BEGUN = "parts", "begun.json"
-"""Where a run that is not finished keeps what is done, and its command."""
+PARTS = "parts"
+"""Where a run that is not finished keeps what is done."""
 
 TABLES = {"following": ("traces", "sensitivity", "margins", "blame", "headroom"), "jobs": ("traces",)}
 """Tables of a grid of either kind, beside ``runs``; each may be absent."""
@@ -140,7 +140,7 @@ def _record(folder: Path) -> dict[str, Any]:
         raise InvalidInput(f"no run folder '{folder}'; {hint}")
     file = folder / "run.json"
     if not file.is_file():
-        if (folder / PARTS).is_dir():
+        if (folder / PARTS).is_dir() or (folder / runs.BEGUN).is_file():
             raise InvalidInput(f"run '{folder}' was interrupted; {resumption(folder)} finishes it")
         raise InvalidInput(f"'{folder}' is not a run folder: it has no run.json")
     try:
@@ -258,10 +258,5 @@ def _table(at: Path, name: str, stamp: str | None, notes: list[str], needed: boo
 
 def resumption(folder: Path) -> str:
     """The command that finishes an interrupted run, in words."""
-    try:
-        command = json.loads((folder / PARTS / BEGUN).read_text(encoding="utf-8"))["command"]
-    except (OSError, ValueError, KeyError):
-        return "the same command with --resume"
-    words = [word for word in command.split() if word != "--overwrite" and word != "--resume"]
-    named = any(word.split("=")[0] == "--name" for word in words)
-    return f"'{' '.join([*words, *([] if named else ['--name', folder.name]), '--resume'])}'"
+    commands = runs.begun(folder)
+    return f"'{commands[0]}'" if commands else "the same command with --resume"

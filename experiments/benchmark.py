@@ -79,8 +79,6 @@ def run_grids(
 
     pool.check(backend, workers, scheduler)
     known = {grid.suite: grid.known() for grid in grids}  # errors before anything is written
-    runs.open_folder(folder, overwrite, resume)
-    runs.sweep(folder)
     started, parts = time.time(), folder / archive.PARTS
     todo = {
         grid.suite: {
@@ -90,7 +88,6 @@ def run_grids(
         for grid in grids
     }
     record = runs.record(command) | {"kernel": kernels.STAMP}
-    runs.write_json(parts / archive.BEGUN, {"command": record["command"]})
 
     def missing() -> list[tuple[str, Case, stacks.Stack | stacks.Team]]:
         left = {
@@ -101,7 +98,8 @@ def run_grids(
         }
         return sorted(left.values(), key=lambda task: _quickness(*task[1:]))
 
-    with Bars(quiet) as bars:
+    with runs.at_work(folder, overwrite, resume), Bars(quiet) as bars:
+        runs.sweep(folder)
         stacks_of = {(case.controller, case.with_job): stack for _, case, stack in missing()}
         for stack in bars.each("compiling", stacks_of.values(), len(stacks_of)):
             _warm(stack)
@@ -113,7 +111,7 @@ def run_grids(
             runs.write_json(parts / f"{key}.json", list(tables))
         if left := missing():
             edited = ", ".join(sorted({f"'{case.controller}'" for _, case, _ in left}))
-            raise InvalidInput(f"{edited} was edited during the run; --resume computes what the edit has changed")
+            raise InvalidInput(f"{edited} was edited during the run; the same command computes what that has changed")
 
         record["wall_seconds"] = round(time.time() - started, 1)
         found = {

@@ -11,6 +11,7 @@ from tyro.conf import Positional, UseAppendAction, arg
 
 from .. import __version__
 from ..envs.plant.quantity import InvalidInput, did_you_mean
+from . import typed
 
 DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES)
 """What a disk says when it is full or closed."""
@@ -104,7 +105,7 @@ def benchmark(
         blame: ask what each stage of the machine costs the reference and the best controller.
         markdown: print the summary as Markdown, for an issue, instead of the tables; it is also in summary.md.
         overwrite: replace an existing run folder.
-        resume: finish an interrupted run.
+        resume: finish what another command began; what the same command began goes on without.
     """
     from . import archive, grids, runs
     from . import benchmark as bench
@@ -190,7 +191,7 @@ def blame(
         name: of the run folder. Default: blame- and date and time.
         threads: worker threads.
         overwrite: replace an existing run folder.
-        resume: finish an interrupted run.
+        resume: finish what another command began; what the same command began goes on without.
     """
     from ..envs import scenarios
     from . import runs
@@ -255,7 +256,7 @@ def reproduce(
         name: of the run folder. Default: reproduce- and date and time.
         jobs: worker processes.
         overwrite: replace an existing run folder.
-        resume: finish an interrupted run.
+        resume: finish what another command began; what the same command began goes on without.
     """
     from . import runs
     from .bars import progress
@@ -326,7 +327,7 @@ def tune(
             journal in the run folder.
         name: of the run folder and of the study. Default: tune- and date and time.
         overwrite: replace an existing run folder.
-        resume: finish an interrupted run.
+        resume: finish what another command began; what the same command began goes on without.
     """
     from . import runs
     from .bars import progress
@@ -387,7 +388,7 @@ def train(
         threads: of torch; more than one seldom helps such small networks.
         ms: measure the height follower's sensitivity peak Ms by injection.
         overwrite: replace an existing run folder.
-        resume: go on from the last checkpoint of an interrupted run.
+        resume: finish what another command began; what the same command began goes on without.
     """
     from .training import train as run
 
@@ -440,6 +441,7 @@ def main(arguments: list[str] | None = None) -> None:
     if words == ["--version"]:
         print(f"kerfgym {__version__}")
         return
+    before = typed.TYPED.set(("kerfgym", *words))
     try:
         tyro.extras.subcommand_cli_from_dict(
             COMMANDS, prog="kerfgym", description="Testbed for laser-cutting machine control.", args=words
@@ -453,12 +455,14 @@ def main(arguments: list[str] | None = None) -> None:
         where = f"'{error.filename}'" if error.filename else "a file of the run"
         print(
             f"kerfgym: error: cannot write {where}: {os.strerror(error.errno)}; what is finished is kept, and the same "
-            "command with --resume and the folder's --name goes on", file=sys.stderr,
+            "command goes on", file=sys.stderr,
         )  # fmt: skip
         raise SystemExit(2) from None
     except KeyboardInterrupt:
-        print("\nkerfgym: interrupted; the same command with --resume and the folder's --name goes on", file=sys.stderr)
+        print("\nkerfgym: interrupted; the same command goes on", file=sys.stderr)
         raise SystemExit(130) from None
+    finally:
+        typed.TYPED.reset(before)
 
 
 if __name__ == "__main__":

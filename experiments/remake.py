@@ -1,5 +1,6 @@
 """``kerfgym report``: a run's report once more, or one of several runs together."""
 
+import contextlib
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -49,8 +50,9 @@ def remake(
     else:
         joined = merge.merge(found, runs.record(command))
         joined.meta["notes"].extend(broken)
-        folder = runs.open_folder(into, overwrite)
-    with Bars(quiet) as bars, bars.busy("writing tables and report"):
+        folder = into
+    alone = runs.at_work(folder, overwrite) if into is not None else contextlib.nullcontext()
+    with alone, Bars(quiet) as bars, bars.busy("writing tables and report"):
         record = None
         if into is not None:
             record = archive.save_tables(folder, joined.grids, joined.meta, joined.texts)

@@ -2,10 +2,12 @@
 
 import contextlib
 import datetime
+import fcntl
 import json
 import os
 import platform
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -19,8 +21,12 @@ import pandas as pd
 
 from .. import __version__
 from ..envs.plant.quantity import InvalidInput
+from . import typed
 
-UNFINISHED = ("parts", "study.journal")
+BEGUN = ".begun"
+"""File of a run that is not finished: holds the command, and is locked while that is at work."""
+
+UNFINISHED = (BEGUN, "parts", "study.journal")
 """What is found in the folder of a run that was interrupted."""
 
 _TEMPORARY = re.compile(r"\..+\.[a-z0-9_]{8}")
@@ -83,9 +89,8 @@ def git_state() -> dict[str, Any]:
 
 def record(command: list[str] | None = None) -> dict[str, Any]:
     """What every run records of itself: command, versions, git state, machine."""
-    words = command if command is not None else ["kerfgym", *sys.argv[1:]]
     return {
-        "command": " ".join(words),
+        "command": typed.line() if command is None else shlex.join(command),
         "kerfgym": __version__,
         "git": git_state(),
         "python": platform.python_version(),
@@ -102,37 +107,83 @@ def _processor() -> str:
     return platform.processor() or platform.machine()
 
 
+def begun(folder: Path) -> list[str]:
+    """The commands that have worked on an unfinished run, the one that began it first, without what tells them to go on
+    or to begin anew; empty if unknown."""
+    try:
+        found = json.loads((folder / BEGUN).read_text(encoding="utf-8"))["commands"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return []
+    return [str(command) for command in found]
+
+
+def _typed() -> str:
+    return typed.same(typed.TYPED.get())
+
+
+def _finished(folder: Path) -> bool:
+    return (folder / "run.json").is_file()
+
+
+def _busy(folder: Path) -> bool:
+    """Whether a command is at work in a folder."""
+    try:
+        handle = os.open(folder / BEGUN, os.O_RDWR)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(handle)
+    return False
+
+
 def named(name: str | None, kind: str = "", resume: bool = False) -> Path:
-    """The run folder of a name; without one it is called after kind, date and time.
+    """The run folder of a name. Without one it is that of the last run which the same command began and did not finish,
+    or a new one, called after kind, date and time.
 
     Raises:
-        InvalidInput: it is to be resumed and has no name.
+        InvalidInput: it is to be resumed, has no name, and no such run is there.
     """
     if name:
         return Path("runs") / name
+    left = sorted(p for p in Path("runs").glob("*") if any((p / mark).exists() for mark in UNFINISHED))
+    left = [p for p in left if not _finished(p)]
+    mine = [p for p in left if _typed() in begun(p) and not _busy(p)]
+    if mine:
+        return max(mine, key=lambda p: (p / BEGUN).stat().st_mtime)
     if resume:
-        left = sorted({p.parent.name for mark in UNFINISHED for p in Path("runs").glob(f"*/{mark}")
-                       if not (p.parent / "run.json").is_file()})  # fmt: skip
-        raise InvalidInput(f"--resume needs --name; unfinished in runs/: {', '.join(left) or 'none'}")
+        raise InvalidInput(f"--resume needs --name; unfinished in runs/: {', '.join(p.name for p in left) or 'none'}")
     return Path("runs") / f"{kind}{datetime.datetime.now():%Y-%m-%d-%H%M%S}"
 
 
-def open_folder(path: Path, overwrite: bool = False, resume: bool = False) -> Path:
-    """A run folder to write into.
+def open_folder(path: Path, overwrite: bool = False, resume: bool = False, shared: bool = False) -> Path:
+    """A run folder to write into. What the command that was typed began and did not finish goes on unless told
+    otherwise.
 
     Raises:
-        InvalidInput: it exists already and neither ``overwrite`` nor ``resume`` was asked for.
+        InvalidInput: it exists already and neither ``overwrite`` nor ``resume`` was asked for, or a command is at work
+            in it.
     """
     if path.exists() and not path.is_dir():
         raise InvalidInput(f"run folder '{path}' is a file; use another --name")
-    finished = (path / "run.json").is_file()
+    if not shared and _busy(path):
+        raise InvalidInput(f"another command is at work in '{path}'")
+    finished, there = _finished(path), path.exists() and any(path.iterdir())
     if resume and finished and not overwrite:
         raise InvalidInput(f"run folder '{path}' is finished; use --overwrite to replace it, or another --name")
-    if path.exists() and any(path.iterdir()) and not (overwrite or resume):
-        unfinished = not finished
-        hint = "--resume to finish it, " if unfinished else ""
-        raise InvalidInput(f"run folder '{path}' exists; use {hint}--overwrite to replace it, or another --name")
-    if overwrite and path.exists() and any(path.iterdir()):
+    if there and not (overwrite or resume):
+        commands = begun(path)
+        if finished or _typed() not in commands:
+            hint = "" if finished else "--resume to finish it, "
+            whose = f" and holds what '{commands[0]}' began" if commands and not finished else ""
+            raise InvalidInput(
+                f"run folder '{path}' exists{whose}; use {hint}--overwrite to replace it, or another --name"
+            )
+        print(f"kerfgym: goes on with '{path}', which was interrupted; --overwrite begins anew", file=sys.stderr)
+    if overwrite and there:
         if not (finished or any((path / mark).exists() for mark in UNFINISHED)):
             raise InvalidInput(f"'{path}' is not a run folder; it is not overwritten")
         for file in path.iterdir():
@@ -142,3 +193,27 @@ def open_folder(path: Path, overwrite: bool = False, resume: bool = False) -> Pa
                 file.unlink()
     path.mkdir(parents=True, exist_ok=True)
     return path
+
+
+@contextlib.contextmanager
+def at_work(path: Path, overwrite: bool = False, resume: bool = False, shared: bool = False) -> Iterator[Path]:
+    """A run folder that is ours until the block ends; with ``shared``, that of others who do the same too.
+
+    Raises:
+        InvalidInput: see :func:`open_folder`.
+    """
+    open_folder(path, overwrite, resume, shared)
+    handle = os.open(path / BEGUN, os.O_CREAT | os.O_RDWR, 0o666)
+    try:
+        try:
+            fcntl.flock(handle, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InvalidInput(f"another command is at work in '{path}'") from None
+        commands = dict.fromkeys([*begun(path), *filter(None, [_typed()])])
+        os.ftruncate(handle, 0)
+        os.pwrite(handle, json.dumps({"commands": list(commands)}).encode() + b"\n", 0)
+        yield path
+    finally:
+        if _finished(path):
+            (path / BEGUN).unlink(missing_ok=True)
+        os.close(handle)

@@ -22,7 +22,7 @@ from . import benchmark, comparison, grids, runs
 from .jobs import JobResults
 from .results import REFERENCE
 from .table import WEIGHED
-from .training import into, open_run
+from .training import into
 
 TRAINED = Path(__file__).parents[1] / "agents" / "trained"
 
@@ -39,13 +39,13 @@ LARGEST = 1_000_000
 def trained(name: str, seed: int) -> Path:
     """The run folder of a training, which is done if it is not there yet."""
     algorithm, env, own, changes = SHIPPED[name]
-    run, resume = Path("runs") / f"shipped-{name}{'' if seed == own else f'-{seed}'}", False
+    run = Path("runs") / f"shipped-{name}{'' if seed == own else f'-{seed}'}"
     if not (run / "run.json").is_file():
-        resume = run.exists()
         given = presets.preset(algorithm, env, changes)
         words = ["kerfgym", "train", algorithm, "--env", env, "--seed", str(seed)]
         words += [word for key, value in changes.items() for word in ("--set", f"{key}={value}")]
-        into(open_run(run, given, resume=resume), given, seed, "cpu", 1, True, resume, words)
+        with runs.at_work(run, resume=True):
+            into(run, given, seed, "cpu", 1, True, words)
     return run
 
 

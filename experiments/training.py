@@ -20,7 +20,7 @@ def train(
     """Trains a policy and writes its run folder; see ``cli.train``.
 
     Raises:
-        InvalidInput: see :func:`agents.train.train` and :func:`runs.open_folder`.
+        InvalidInput: see :func:`agents.train.train` and :func:`runs.at_work`.
     """
     from ..agents.train import untrained
 
@@ -33,21 +33,9 @@ def train(
         settings = presets.preset(algorithm, env or next(iter(presets.ENVIRONMENTS)), changes)
     untrained(settings, seed, device, threads)  # errors before anything is written
     short = presets.ENVIRONMENTS[settings.env][0]
-    folder = open_run(Path("runs") / (name or f"{short}-{algorithm}-{seed}"), settings, overwrite, resume)
-    return into(folder, settings, seed, device, threads, ms, resume)
-
-
-def open_run(folder: Path, settings: Settings, overwrite: bool = False, resume: bool = False) -> Path:
-    """The run folder with the settings in it.
-
-    Raises:
-        InvalidInput: see :func:`runs.open_folder`.
-    """
-    runs.open_folder(folder, overwrite, resume)
-    if not (folder / SETTINGS).is_file():  # those of an interrupted run stay: it goes on with these or not at all
-        with runs.atomic(folder / SETTINGS) as part:
-            part.write_text(tomli_w.dumps(settings.plain()), encoding="utf-8")
-    return folder
+    folder = Path("runs") / (name or f"{short}-{algorithm}-{seed}")
+    with runs.at_work(folder, overwrite, resume):
+        return into(folder, settings, seed, device, threads, ms)
 
 
 def into(
@@ -57,15 +45,18 @@ def into(
     device: str,
     threads: int,
     ms: bool,
-    resume: bool,
     command: list[str] | None = None,
 ) -> Path:
-    """Trains into a folder that is open; ``run.json`` is written last, with ``command`` or the one that was typed."""
+    """Trains into a folder that is ours, from its last checkpoint on if there is one; ``run.json`` is written last,
+    with ``command`` or the one that was typed."""
     from ..agents.export import export
     from ..agents.train import train as learn
 
+    if not (folder / SETTINGS).is_file():  # those of an interrupted run stay: it goes on with these or not at all
+        with runs.atomic(folder / SETTINGS) as part:
+            part.write_text(tomli_w.dumps(settings.plain()), encoding="utf-8")
     with progress(f"{settings.name} on {settings.env}") as told:
-        trained = learn(settings, folder, seed, device, threads, resume, told)
+        trained = learn(settings, folder, seed, device, threads, True, told)
     last, record = trained.evaluations[-1], runs.record(command)
     exported = export(trained.model, folder / "policy", {
         "command": record["command"], "git": record["git"], "score_tune": trained.score,

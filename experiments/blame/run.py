@@ -61,20 +61,20 @@ def blame(
     stacks = _named(grid.known())
     for scenario in grid.scenarios:
         game.check(scenario, stages)
-    runs.open_folder(folder, overwrite, resume)
     started, ledger = time.time(), Ledger()
-    found = _all(stacks, grid.scenarios, grid.seeds, stages, threads, folder / PARTS, told, ledger)
-    shares, headroom = tables.shares(found), tables.headroom(found)
-    _write(folder, found, shares, headroom, grid.scenarios)
-    meta = runs.record(command) | {
-        "seeds": f"{min(grid.seeds)}-{max(grid.seeds)}", "seed_count": len(grid.seeds),
-        "scenarios": [s.name for s in grid.scenarios], "controllers": list(grid.controllers),
-        "stages": list(found[0].stages), "failed": sum(b.failed for b in found),
-        "wall_seconds": round(time.time() - started, 1), "ledger": ledger.entry(),
-        "parameters": {s.name: {k: p.value for k, p in s.parameters().items()} for s in stacks},
-    }  # fmt: skip
-    runs.write_json(folder / "run.json", meta)
-    shutil.rmtree(folder / PARTS)
+    with runs.at_work(folder, overwrite, resume):
+        found = _all(stacks, grid.scenarios, grid.seeds, stages, threads, folder / PARTS, told, ledger)
+        shares, headroom = tables.shares(found), tables.headroom(found)
+        _write(folder, found, shares, headroom, grid.scenarios)
+        meta = runs.record(command) | {
+            "seeds": f"{min(grid.seeds)}-{max(grid.seeds)}", "seed_count": len(grid.seeds),
+            "scenarios": [s.name for s in grid.scenarios], "controllers": list(grid.controllers),
+            "stages": list(found[0].stages), "failed": sum(b.failed for b in found),
+            "wall_seconds": round(time.time() - started, 1), "ledger": ledger.entry(),
+            "parameters": {s.name: {k: p.value for k, p in s.parameters().items()} for s in stacks},
+        }  # fmt: skip
+        runs.write_json(folder / "run.json", meta)
+        shutil.rmtree(folder / PARTS)
     return shares, headroom
 
 

@@ -47,23 +47,23 @@ def reproduce(
     if workers < 1:
         raise InvalidInput(f"--jobs {workers} is out of range; at least 1")
     chosen, record = studies(names), runs.record()
-    runs.open_folder(folder, overwrite, resume)
-    stamp = {"seeds": seeds, "git": record["git"], "kerfgym": record["kerfgym"]}
-    kept = [_kept(folder, s, stamp) for s in chosen] if resume else []
-    found = {part["study"]: part for part in kept if part}
-    todo = [s for s in chosen if s.name not in found]
-    jobs = (delayed(_one)(s.name, folder, seeds, stamp) for s in todo)
-    done = len(chosen) - len(todo)
-    for part in Parallel(n_jobs=workers, return_as="generator_unordered")(jobs):
-        done += 1
-        found[part["study"]] = part
-        progress(done, len(chosen), part["study"])
-    parts = [found[s.name] for s in chosen]
-    page.write(folder, parts, record, seeds)
-    failed = [part["study"] for part in parts if part["error"]]
-    runs.write_json(
-        folder / "run.json", {**record, "seeds": seeds, "studies": [s.name for s in chosen], "failed": failed}
-    )
+    with runs.at_work(folder, overwrite, resume):
+        stamp = {"seeds": seeds, "git": record["git"], "kerfgym": record["kerfgym"]}
+        kept = [_kept(folder, s, stamp) for s in chosen]
+        found = {part["study"]: part for part in kept if part}
+        todo = [s for s in chosen if s.name not in found]
+        jobs = (delayed(_one)(s.name, folder, seeds, stamp) for s in todo)
+        done = len(chosen) - len(todo)
+        for part in Parallel(n_jobs=workers, return_as="generator_unordered")(jobs):
+            done += 1
+            found[part["study"]] = part
+            progress(done, len(chosen), part["study"])
+        parts = [found[s.name] for s in chosen]
+        page.write(folder, parts, record, seeds)
+        failed = [part["study"] for part in parts if part["error"]]
+        runs.write_json(
+            folder / "run.json", {**record, "seeds": seeds, "studies": [s.name for s in chosen], "failed": failed}
+        )
     return parts
 
 

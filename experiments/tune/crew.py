@@ -42,11 +42,11 @@ def placed(
         replace(task, name=task.name or folder.name).open()
     with storage.reachable(str(folder)):
         # A process that joins a study elsewhere may find the folder of the one that began it.
-        runs.open_folder(folder, overwrite, resume or (shared and not (folder / "run.json").is_file()))
-        task = _at(task, folder, overwrite and not shared)
-        place = str(folder) if storage.is_file(task.url) else task.url
-        with contextlib.nullcontext() if shared else storage.alone(folder), storage.reachable(place):
-            yield task, threads
+        joins = shared and not (folder / "run.json").is_file()
+        with runs.at_work(folder, overwrite, resume or joins, shared):
+            task = _at(task, folder, overwrite and not shared)
+            with storage.reachable(str(folder) if storage.is_file(task.url) else task.url):
+                yield task, threads
 
 
 def _shared(task: Search) -> bool:
@@ -123,7 +123,7 @@ def _processes(task: Search, workers: int, threads: int, stale: list[int], tell:
     if failed:
         raise InvalidInput(
             f"{len(failed)} of {workers} workers ended with code {failed[0]}; finished trials are kept, and the same "
-            "command with --resume goes on"
+            "command goes on"
         )
 
 

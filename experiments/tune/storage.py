@@ -51,24 +51,6 @@ class _Lock(BaseJournalFileLock):
         os.close(self._handle)  # which unlocks it
 
 
-@contextlib.contextmanager
-def alone(folder: Path) -> Iterator[None]:
-    """Makes sure that no other command works in this run folder.
-
-    Raises:
-        InvalidInput: one does.
-    """
-    handle = os.open(folder / ".lock", os.O_CREAT | os.O_RDWR, 0o666)
-    try:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise InvalidInput(f"another command is at work in '{folder}'") from None
-        yield
-    finally:
-        os.close(handle)
-
-
 def url_of(storage: str | None, folder: Path) -> str:
     """The storage's URL; the folder's journal unless told otherwise."""
     return storage or str(folder / JOURNAL)
@@ -133,7 +115,7 @@ def reachable(url: str) -> Iterator[None]:
     except OSError as error:
         raise InvalidInput(
             f"cannot write '{error.filename or url}': {error.strerror or error}; what is there is kept, "
-            "and the same command with --resume goes on"
+            "and the same command goes on"
         ) from None
 
 

@@ -142,9 +142,9 @@ def test_killed_in_earnest_the_same_command_goes_on_to_the_same_policy(tmp_path)
     before = os.getcwd()
     os.chdir(tmp_path)
     try:
-        with pytest.raises(SystemExit):  # without the word it does not touch what is there
-            cli.main(words)
-        cli.main([*words, "--resume"])
+        with pytest.raises(SystemExit):  # another command does not touch what is there
+            cli.main([*words, "--seed", "1"])
+        cli.main(words)
         cli.main(["whole" if word == "x" else word for word in words])
     finally:
         os.chdir(before)
@@ -263,6 +263,11 @@ def test_values_are_set_as_in_toml():
         (["ppo", "--device", "tpu9x"], "device 'tpu9x' cannot be used"),
         (["ppo", "--set", "environment.base=wu"], "base controller 'wu' drives slot 'xy', not 'z'"),
         (["sac", "--set", "algorithm.noise=0.1"], "unknown setting 'algorithm.noise'"),
+        (
+            ["ppo", "--env", HEIGHT, "--preset", str(settings.preset_file("ppo", CUTTING))],
+            f"is for environment '{CUTTING}', not '{HEIGHT}'",
+        ),
+        (["sac", "--preset", str(settings.preset_file("ppo", HEIGHT))], "is for algorithm 'ppo', not 'sac'"),
     ],
 )
 def test_bad_input_is_named_and_leaves_no_folder(tmp_path, monkeypatch, capsys, words, message):

@@ -223,7 +223,7 @@ def test_an_edit_of_the_controllers_file_during_a_run_never_mixes_versions(tmp_p
         return compute(case, *rest)
 
     monkeypatch.setattr(benchmark, "compute", edits)
-    with pytest.raises(InvalidInput, match=r"mine.py:Mine' was edited during the run; --resume computes what"):
+    with pytest.raises(InvalidInput, match=r"mine.py:Mine' was edited during the run; the same command computes what"):
         go(tmp_path / "run", [own, "pid"])
     resumed = go(tmp_path / "run", [own, "pid"], resume=True).runs
     assert len(done) == 4 + 1  # only what the edit has changed is computed again

@@ -360,6 +360,6 @@ def test_the_first_format_is_still_read(tmp_path, suite, name):
 
 def test_an_interrupted_run_says_which_command_finishes_it(tmp_path):
     folder = tmp_path / "runs" / "half"
-    runs.write_json(folder / "parts" / "begun.json", {"command": "kerfgym benchmark -c pid --overwrite"})
-    with pytest.raises(InvalidInput, match="'kerfgym benchmark -c pid --name half --resume' finishes it"):
+    runs.write_json(folder / runs.BEGUN, {"commands": ["kerfgym benchmark -c pid"]})
+    with pytest.raises(InvalidInput, match="'kerfgym benchmark -c pid' finishes it"):
         load(folder)

@@ -107,10 +107,10 @@ def test_a_run_that_is_killed_goes_on_and_ends_as_if_nothing_had_happened(here, 
     assert not (here / "runs" / "killed" / "run.json").exists()
     with pytest.raises(SystemExit):
         main(["report", "killed"])
-    assert f"{' '.join(words)} --resume' finishes it" in capsys.readouterr().err
+    assert f"{' '.join(words)}' finishes it" in capsys.readouterr().err
 
     (here / "runs" / "killed" / ".runs.parquet.a1b2c3d4").write_bytes(b"half of a table")
-    main([*words, "--resume", "--jobs", "1"])
+    main(words)
     main([*WORDS, "--name", "whole", "--jobs", "1"])
     assert figures(here / "runs" / "killed") == figures(here / "runs" / "whole")
     left = {p.name for p in (here / "runs" / "killed").iterdir()}

@@ -1,5 +1,6 @@
 """Run folders: written whole or not at all, never overwritten by chance, and with a record of what made them."""
 
+import contextlib
 import json
 import os
 import stat
@@ -9,7 +10,19 @@ import pytest
 
 import kerfgym
 from kerfgym.envs.plant.quantity import InvalidInput
-from kerfgym.experiments.runs import PACKAGES, atomic, git_state, open_folder, record, write_json, write_table
+from kerfgym.experiments import typed
+from kerfgym.experiments.runs import (
+    PACKAGES,
+    at_work,
+    atomic,
+    begun,
+    git_state,
+    named,
+    open_folder,
+    record,
+    write_json,
+    write_table,
+)
 
 FRAME = pd.DataFrame({"controller": ["pid", "ü"], "rms": [1.0 / 3.0, float("nan")]})
 
@@ -154,6 +167,83 @@ def test_what_a_link_in_a_run_folder_points_to_is_not_deleted(finished, tmp_path
     open_folder(finished, overwrite=True)
     assert contents(finished) == []
     assert (elsewhere / "data").read_text(encoding="utf-8") == "kept"
+
+
+# ------------------------------------------------------------------------------------------------ the same command
+
+BENCHMARK = ("kerfgym", "benchmark", "-s", "my sheet.toml")
+
+
+@pytest.fixture
+def types(tmp_path, monkeypatch):
+    """A function: as if this had been typed in a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+    before = typed.TYPED.set(())
+    yield lambda *words: typed.TYPED.set(words)
+    typed.TYPED.reset(before)
+
+
+def interrupted(folder, **options):
+    """Begins a run that is killed."""
+    with contextlib.suppress(KeyboardInterrupt), at_work(folder, **options):
+        write_json(folder / "parts" / "1.json", [])
+        raise KeyboardInterrupt
+
+
+def test_the_same_command_goes_on_and_another_does_not(types, tmp_path, capsys):
+    folder = tmp_path / "runs" / "x"
+    types(*BENCHMARK, "--overwrite")
+    interrupted(folder)
+    assert begun(folder) == ["kerfgym benchmark -s 'my sheet.toml'"]
+    types(*BENCHMARK, "--seeds", "3")
+    with pytest.raises(
+        InvalidInput, match=r"x' exists and holds what 'kerfgym benchmark -s 'my sheet.toml'' began; use"
+    ):
+        open_folder(folder)
+    types(*BENCHMARK)
+    with at_work(folder):
+        assert (folder / "parts" / "1.json").is_file()
+        assert "goes on with" in capsys.readouterr().err
+        write_json(folder / "run.json", {})
+    assert contents(folder) == ["parts", "parts/1.json", "run.json"]
+    with pytest.raises(InvalidInput, match="x' exists; use --overwrite"):
+        open_folder(folder)
+
+
+def test_a_program_goes_on_only_if_it_says_so(types, tmp_path):
+    interrupted(tmp_path / "x")
+    with pytest.raises(InvalidInput, match="x' exists; use --resume"):
+        open_folder(tmp_path / "x")
+    open_folder(tmp_path / "x", resume=True)
+
+
+def test_without_a_name_the_same_command_finds_what_it_began(types, tmp_path):
+    types(*BENCHMARK)
+    first = named(None, "benchmark-")
+    interrupted(first)
+    assert named(None, "benchmark-") == named(None, resume=True) == first
+    with at_work(first):
+        assert named(None, "x-") != first  # it is at work at this moment, so this is another run
+    types(*BENCHMARK, "--seeds", "3")
+    assert named(None, "x-") != first
+    with pytest.raises(InvalidInput, match=f"--resume needs --name; unfinished in runs/: {first.name}"):
+        named(None, resume=True)
+    write_json(first / "run.json", {})
+    types(*BENCHMARK)
+    assert named(None, "x-") != first
+
+
+def test_a_folder_in_which_a_command_is_at_work_is_nobody_elses(types, tmp_path):
+    types(*BENCHMARK)
+    with at_work(tmp_path / "x"):
+        for options in ({}, {"resume": True}, {"overwrite": True}):
+            with (
+                pytest.raises(InvalidInput, match=r"another command is at work in '.*x'"),
+                at_work(tmp_path / "x", **options),
+            ):
+                pass
+    with at_work(tmp_path / "shared", shared=True), at_work(tmp_path / "shared", resume=True, shared=True):
+        pass
 
 
 # ------------------------------------------------------------------------------------------------------------- record

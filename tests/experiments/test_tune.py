@@ -290,7 +290,7 @@ def test_a_full_disk_loses_nothing_and_says_so(here, plain, whole, monkeypatch):
         write(backend, logs)
 
     monkeypatch.setattr(storage.JournalFileBackend, "append_logs", full)
-    with pytest.raises(InvalidInput, match=r"cannot write 'runs/.*study\.journal': No space left on device; .*resume"):
+    with pytest.raises(InvalidInput, match=r"cannot write 'runs/.*study\.journal': No space left on device; .*the same command goes on"):
         tune(TASK, Path("runs/full"), threads=1)
     kept = done(TASK_AT("runs/full").open())
     assert 2 <= len(kept) < 12

@@ -179,12 +179,12 @@ def test_the_same_command_gives_the_same_study_even_if_it_is_killed(whole, here,
     assert 2 <= len(done(study)) < 6
     assert len(abandoned(study, exclusive=True)) <= 1
     with pytest.raises(SystemExit):
-        main(["tune", *WORDS, *more])
+        main(["tune", *WORDS, *more, "--threads", "2"])
     assert "--resume to finish it" in capsys.readouterr().err
     with pytest.raises(SystemExit):
         main(["tune", *WORDS, *more, "--resume", "--steps", "128"])
     assert "is another one (it has: steps 256; asked for: steps 128)" in capsys.readouterr().err
-    main(["tune", *WORDS, *more, "--resume"])
+    main(["tune", *WORDS, *more])
     assert told(folder) == told(whole)
     bodies = [tomllib.loads((place / "ppo.toml").read_text(encoding="utf-8")) for place in (folder, whole)]
     assert bodies[0]["algorithm"] == bodies[1]["algorithm"]
