@@ -312,6 +312,7 @@ def _stack(folder: Path, stamp: tuple[int, ...]) -> Stack:
     main = found.pop(SLOT[policy.task])
     # What was spent on the policy comes on top of what its base was tuned with.
     made, tuned = policy.provenance, dict(main.provenance)
+    tuned.pop("edited", None)  # what its training changed in the base is part of the policy, and in its record
     steps = made.get("ledger", made).get("simulated_steps", 0) + tuned.get("simulated_steps", tuned.get("steps", 0))
     provenance = {**tuned, "simulated_steps": steps, "policy": made}
     return Stack(

@@ -16,6 +16,9 @@ from . import typed
 DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES)
 """What a disk says when it is full or closed."""
 
+TRAINING = ("torch", "stable_baselines3", "sb3_contrib", "tensorboard")
+"""Packages that only trainings need; policies run without."""
+
 KINDS = ("environments", "scenarios", "controllers", "metrics")
 
 
@@ -279,6 +282,7 @@ def tune(
     controller: Annotated[str | None, arg(aliases=["-c"], metavar="NAME")] = None,
     suite: str = "following",
     trials: int | None = None,
+    budget: Annotated[str | None, arg(metavar="STEPS|NAME")] = None,
     sampler: str | None = None,
     metric: Annotated[UseAppendAction[list[str]], arg(aliases=["-m"], metavar="METRIC")] = [],  # noqa: B006
     ms: float | None = None,
@@ -308,6 +312,8 @@ def tune(
         controller: as for benchmark. Default: xi2023-improved; for jobs wu-tuned or huang2024-adjusting.
         suite: on whose core it is scored; also its scenarios with a guard must go without collision.
         trials: candidates in all. Default: 300, of an algorithm's settings 40.
+        budget: simulated steps after which the search ends, or a controller: as many as that was tuned and trained
+            with, which makes a comparison with it one at equal steps. What --controller has had counts.
         sampler: tpe+cmaes (TPE explores, CMA-ES finishes), tpe, cmaes, gp, random or nsga2. Default: tpe+cmaes, for
             several metrics and for an algorithm's settings tpe.
         metric: what is made best; several give a Pareto front. Default: rms_true, for jobs the suite's own.
@@ -341,6 +347,7 @@ def tune(
         others = {
             "controller": controller, "suite": None if suite == "following" else suite, "metric": metric or None,
             "ms": ms, "jitter": jitter, "overshoot": overshoot, "limit": limit or None, "seeds": seeds,
+            "budget": budget,
         }  # fmt: skip
         given = [option for option, value in others.items() if value is not None]
         asked = learners.task(what, env, steps, set_, trials, sampler, seed, storage, name, threads, given)
@@ -350,8 +357,9 @@ def tune(
         print(f"\n{learned.file}")
         return
     task = command.task(
-        what, controller, suite, trials, sampler, metric, ms, jitter, overshoot, limit, seed, seeds, storage, name
-    )
+        what, controller, suite, trials, sampler, metric, ms, jitter, overshoot, limit, seed, seeds, storage, name,
+        budget,
+    )  # fmt: skip
     with progress("trials") as told:
         result = run(task, folder, workers, threads, overwrite, resume, told)
     command.show(result)
@@ -448,6 +456,14 @@ def main(arguments: list[str] | None = None) -> None:
         )
     except InvalidInput as error:
         print(f"kerfgym: error: {error}", file=sys.stderr)
+        raise SystemExit(2) from None
+    except ModuleNotFoundError as error:
+        if (error.name or "").split(".")[0] not in TRAINING:
+            raise
+        print(
+            f"kerfgym: error: this needs the package '{error.name}', which is not installed: pip install "
+            "'kerfgym[train]'", file=sys.stderr,
+        )  # fmt: skip
         raise SystemExit(2) from None
     except OSError as error:
         if error.errno not in DISK:

@@ -5,14 +5,16 @@ import math
 from ...agents.settings import ALGORITHMS
 from ...envs import scenarios
 from ...envs.plant.quantity import InvalidInput
+from .. import budgets
 from . import storage
 from .evaluate import with_jobs
 from .goals import Limit, Limits
 from .run import Result, check
 from .study import Task
+from .study import controller as stated
 
-TRIALS = 300
-"""Of a study unless told otherwise."""
+TRIALS, MOST = 300, 1_000_000
+"""Of a study unless told otherwise; of one with a budget of steps."""
 
 CAP = 2.0
 """Largest Ms of followers unless told otherwise: that of the following suite's ranking."""
@@ -26,7 +28,7 @@ def trains(what: tuple[str, ...], env: str | None, steps: int | None, assignment
 def task(
     what: tuple[str, ...], controller: str | None, suite: str, trials: int | None, sampler: str | None,
     metrics: list[str], ms: float | None, jitter: float | None, overshoot: float | None, limits: list[str], seed: int,
-    seeds: int | None, url: str | None, name: str | None,
+    seeds: int | None, url: str | None, name: str | None, budget: str | None = None,
 ) -> Task:  # fmt: skip
     """The study that a user asks for; defaults depend on whether the suite's scenarios are jobs.
 
@@ -44,14 +46,47 @@ def task(
         except ValueError:
             raise InvalidInput(f"--limit {word}: it is written METRIC=NUMBER, such as time=12.5") from None
     chosen = tuple(metrics) or (str(rules.get("score", "rms_true")),)
+    named = controller or ("wu-tuned" if suite == "contour" else "huang2024-adjusting" if jobs else "xi2023-improved")
     asked = Task(
-        controller or ("wu-tuned" if suite == "contour" else "huang2024-adjusting" if jobs else "xi2023-improved"),
-        what or ("law",), suite, chosen, Limits(ms if ms is not None else (math.inf if jobs else CAP), tuple(given)),
-        sampler or ("tpe+cmaes" if len(chosen) == 1 else "tpe"), TRIALS if trials is None else trials, seed,
+        named, what or ("law",), suite, chosen,
+        Limits(ms if ms is not None else (math.inf if jobs else CAP), tuple(given)),
+        sampler or ("tpe+cmaes" if len(chosen) == 1 else "tpe"),
+        (MOST if budget else TRIALS) if trials is None else trials, seed,
         seeds if seeds is not None else (8 if jobs else 32), name or "", url or "",
+        steps_left(budget, named) if budget else 0,
     )  # fmt: skip
     check(asked)
     return asked
+
+
+def steps_left(budget: str, start: str) -> int:
+    """Simulated steps of a budget, less those that the controller has had from which the search starts.
+
+    Args:
+        budget: a number, or a controller, which stands for all that it was tuned and trained with.
+        start: a controller.
+
+    Raises:
+        InvalidInput: no such controller, one without a record, or nothing is left.
+    """
+    try:
+        whole = float(budget)
+    except ValueError:
+        whole = _had(budget)
+        if not whole > 0:
+            raise InvalidInput(
+                f"--budget {budget}: its record says nothing of simulated steps; give a number"
+            ) from None
+    before = _had(start)
+    left = whole - before if before > 0 else whole
+    if not 1 <= left < math.inf:
+        raise InvalidInput(f"--budget {budget}: nothing is left; '{start}' has had {before:,.0f} simulated steps")
+    return round(left)
+
+
+def _had(name: str) -> float:
+    """Simulated steps that a controller was tuned and trained with; NaN if that is not recorded."""
+    return sum(budgets.spent(record).steps for record in budgets.slots(stated(name).provenance).values())
 
 
 def show(result: Result) -> None:

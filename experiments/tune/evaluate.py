@@ -91,6 +91,15 @@ class Evaluator:
         return found.peak
 
     @property
+    def steps(self) -> int:
+        """Simulated steps of a candidate that goes through all scenarios, without Ms; a job is as long as the base
+        makes it on the first seed."""
+        if not self.jobs:
+            return len(self.seeds) * sum(s.steps for s in self.scenarios)
+        team = stacks.team(self.base)
+        return len(self.seeds) * sum(int(jobs.roll(s, team, self.seeds[:1])[0].tick) for s in self.scenarios)
+
+    @property
     def parts(self) -> int:
         """Parts in which the scenarios are run."""
         return len(self._groups)

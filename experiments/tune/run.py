@@ -50,7 +50,9 @@ def check(task: Task, workers: int = 1) -> None:
     if not task.limits.ms > 1.0:
         raise InvalidInput(f"--ms {task.limits.ms:g} is out of range; above 1, inf for no cap")
     sampling.check(task.sampler, len(task.metrics))
-    Evaluator(task.base, task.suite, range(1))
+    evaluator = Evaluator(task.base, task.suite, range(task.seeds))
+    if task.budget and task.budget < (one := evaluator.steps):
+        raise InvalidInput(f"--budget of {task.budget:,} steps is out of range; one candidate takes {one:,}")
     _ = task.space
 
 
@@ -149,6 +151,7 @@ def _provenance(work: RollOuts, meta: dict[str, Any], trials: int, pruned: int, 
         "suite": f"{task.suite}-{version}", "metrics": list(task.metrics), "limits": limits, "sampler": task.sampler,
         "sampler_seed": task.seed, "trials": trials, "pruned": pruned, "tune_seeds": cost["seeds"]["tune"],
         "simulated_steps": cost["simulated_steps"], "cpu_seconds": cost["cpu_seconds"],
+        **({"budget": task.budget} if task.budget else {}),
         "start": dict(work.base.provenance),  # what the controller as it stood was tuned with
     }  # fmt: skip
 

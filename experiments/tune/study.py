@@ -15,7 +15,7 @@ from . import goals, sampling, storage
 from .evaluate import Evaluator, with_jobs
 from .goals import Limits
 from .space import Space, space
-from .work import Work, done, feasible, told_number
+from .work import Work, done, feasible, steps_of, told_number
 
 NEAR = 1.25
 """Times the cap on Ms beyond which a candidate is not looked at any further."""
@@ -39,6 +39,7 @@ class Task:
     seeds: int = 32
     name: str = ""
     url: str = ""
+    budget: int = 0  # simulated steps, after which no trial is begun; 0: any number
 
     @property
     def base(self) -> Stack | Team:
@@ -86,13 +87,20 @@ class Task:
             f"{storage.FIXED}{storage.digest([f'{n}={v}' for n, v in values.items()] + self.base.program)}",
         ]  # fmt: skip
 
+    @property
+    def expected(self) -> int:
+        """Trials that there will be, if none is pruned."""
+        if not self.budget:
+            return self.trials
+        return min(self.trials, self.budget // Evaluator(self.base, self.suite, range(self.seeds)).steps)
+
     def open(self) -> Any:
         """The study, made if there is none; with its sampler.
 
         Raises:
             InvalidInput: the storage cannot be used, or holds another study of this name.
         """
-        explore = sampling.explored(self.trials, self.space) if self.sampler == "tpe+cmaes" else 1
+        explore = sampling.explored(self.expected, self.space) if self.sampler == "tpe+cmaes" else 1
         study = storage.study_of(self.url, self.name, self.directions, self.words, {"explore": explore})
         if self.sampler == "tpe+cmaes":
             explore = study.user_attrs["explore"]
@@ -110,14 +118,17 @@ class Task:
         """How many trials are over, of how many, and the best value."""
         trials = done(study)
         good = [t.values for t in trials if feasible(t)]
+        told = len(trials), self.trials
+        if self.budget:
+            told = min(100, 100 * steps_of(trials) // self.budget), 100
         if not good:
-            return len(trials), self.trials, "no trial keeps the limits yet" if trials else ""
+            return *told, "no trial keeps the limits yet" if trials else ""
         if len(self.metrics) > 1:
-            return len(trials), self.trials, f"{len(good)} keep the limits"
+            return *told, f"{len(good)} keep the limits"
         values = [v[0] for v in good]
         best = max(values) if self.directions[0] == "maximize" else min(values)
         unit = goals.metric(self.metrics[0], self.jobs).unit
-        return len(trials), self.trials, f"best {best:.4g} {unit}".rstrip(" 1")
+        return *told, f"best {best:.4g} {unit}".rstrip(" 1")
 
 
 def controller(spec: str) -> Stack | Team:

@@ -61,6 +61,11 @@ class TrainingTask:
     folder: str = ""
 
     @property
+    def budget(self) -> int:
+        """Trials are all of one length, so their number says enough."""
+        return 0
+
+    @property
     def hyper(self) -> Hyper:
         """What is searched."""
         return Hyper(self.base)

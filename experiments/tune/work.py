@@ -28,6 +28,10 @@ class Search(Protocol):
         """Trials in all."""
 
     @property
+    def budget(self) -> int:
+        """Simulated steps in all, after which no trial is begun; 0: any number."""
+
+    @property
     def name(self) -> str:
         """Of the study."""
 
@@ -85,9 +89,16 @@ def _born(pid: int) -> str:
     return "alive"
 
 
-def claim(study: Any, trials: int) -> Trial | None:
-    """A new trial, or none if as many are over or under way as were asked for."""
+def steps_of(trials: list[FrozenTrial]) -> int:
+    """Simulated steps that trials took."""
+    return sum(t.user_attrs.get("steps", 0) for t in trials)
+
+
+def claim(study: Any, trials: int, budget: int = 0) -> Trial | None:
+    """A new trial, or none if as many are over or under way as were asked for, or the budget of steps is spent."""
     alive = (TrialState.COMPLETE, TrialState.PRUNED, TrialState.RUNNING)
+    if budget and steps_of(done(study)) >= budget:
+        return None
     if len(study.get_trials(deepcopy=False, states=alive)) >= trials:
         return None
     trial = study.ask()
@@ -122,7 +133,7 @@ class Work(ABC):
                 self.study._storage.set_trial_user_attr(stale._trial_id, WORKER, me())
                 self.one(Trial(self.study, stale._trial_id))
                 told()
-            while (trial := claim(self.study, self.task.trials)) is not None:
+            while (trial := claim(self.study, self.task.trials, self.task.budget)) is not None:
                 self.one(trial)
                 told()
 

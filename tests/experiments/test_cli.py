@@ -225,6 +225,13 @@ def test_a_full_disk_is_told_in_words(here, capsys, monkeypatch):
     assert "the same command" in told
 
 
+def test_without_the_packages_of_trainings_a_command_says_what_to_install(here, capsys, monkeypatch):
+    for package in ("torch", "stable_baselines3", "sb3_contrib"):
+        monkeypatch.setitem(sys.modules, package, None)
+    for words in (["train", "ppo"], ["tune", "ppo"]):
+        assert "which is not installed: pip install 'kerfgym[train]'" in refused(capsys, *words)
+
+
 def test_the_standard_benchmark_is_the_whole_suite_with_200_test_seeds(asked):
     (grid,), options = asked("--name", "standard")
     assert grid.controllers == ("xi2023-ma", "xi2023-improved", "xi2023-tuned", "pid", "observer", "preview-5ms")

@@ -8,6 +8,7 @@ import pytest
 from kerfgym.agents import settings
 from kerfgym.envs import job_metrics, scenarios, stack, workshop
 from kerfgym.experiments import ship
+from kerfgym.experiments.budgets import spent
 
 
 @pytest.mark.parametrize("name", list(ship.SHIPPED))
@@ -22,7 +23,9 @@ def test_a_shipped_policy_is_small_and_carries_the_record_of_its_making(name):
     assert record["settings"] == json.loads(json.dumps(given))
     assert record["ledger"]["cpu_seconds"] <= 600
     assert record["ledger"]["training_steps"] >= given["steps"]
-    assert stack.resolve(str(folder)).information == "sensor"
+    policy = stack.resolve(str(folder))
+    assert policy.information == "sensor"
+    assert not spent(policy.provenance).edited  # what its preset changed in the base is on record as its training
 
 
 def test_the_contour_policy_keeps_twice_as_close_to_the_path_in_no_more_time():

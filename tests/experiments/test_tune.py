@@ -26,6 +26,7 @@ from kerfgym.experiments import rollout
 from kerfgym.experiments.cli import main
 from kerfgym.experiments.ledger import Ledger, ranges
 from kerfgym.experiments.tune import Limit, Limits, Task, goals, sampling, storage, tune
+from kerfgym.experiments.tune.command import steps_left
 from kerfgym.experiments.tune.evaluate import Evaluator
 from kerfgym.experiments.tune.space import READS, Space, space, start_of
 from kerfgym.experiments.tune.work import abandoned, done
@@ -290,7 +291,7 @@ def test_a_full_disk_loses_nothing_and_says_so(here, plain, whole, monkeypatch):
         write(backend, logs)
 
     monkeypatch.setattr(storage.JournalFileBackend, "append_logs", full)
-    with pytest.raises(InvalidInput, match=r"cannot write 'runs/.*study\.journal': No space left on device; .*the same command goes on"):
+    with pytest.raises(InvalidInput, match=r"cannot write 'runs/.*study\.journal': No space left on device; .*goes on"):
         tune(TASK, Path("runs/full"), threads=1)
     kept = done(TASK_AT("runs/full").open())
     assert 2 <= len(kept) < 12
@@ -342,6 +343,34 @@ def test_the_command_writes_a_controller_that_the_others_take(here, few, capsys,
     assert again["provenance"]["study"] == told_of["study"]
 
 
+def test_a_budget_makes_a_comparison_one_at_equal_steps(here, few, plain):
+    words = ["tune", "law.kv", "--seeds", "1", "--ms", "inf", "--name", "x"]
+    whole = 30_000  # ten scenarios of 3 s
+    main([*words, "--budget", str(4 * whole)])
+    record = json.loads(Path("runs/x/run.json").read_text(encoding="utf-8"))
+    assert 4 * whole <= record["ledger"]["tuning"]["simulated_steps"] < 5 * whole
+    assert record["tuned"]["budget"] == 4 * whole
+    # A controller stands for what it was tuned with; what the search starts from has had its share.
+    assert steps_left("pid", "xi2023-improved") == stacks.get("pid").provenance["simulated_steps"]
+    spent = record["tuned"]["simulated_steps"]
+    assert steps_left("pid", "runs/x/tuned.toml") == stacks.get("pid").provenance["simulated_steps"] - spent
+
+
+def test_an_unfinished_search_with_a_budget_goes_on_to_the_same_end(here, plain):
+    task = replace(TASK, budget=300_000, limits=Limits(), trials=1000)
+    tune(task, Path("runs/whole"), threads=1)
+    study = replace(task, url=str(storage.url_of(None, Path("runs/cut"))), name="cut")
+    Path("runs/cut").mkdir()
+    work = replace(study, trials=3).work(1)
+    work.run([])
+    assert len(done(work.study)) == 3
+    tune(task, Path("runs/cut"), threads=1, resume=True)
+    whole, cut = (
+        replace(task, url=str(storage.url_of(None, Path("runs") / n)), name=n).open() for n in ("whole", "cut")
+    )
+    assert told(done(whole)) == told(done(cut))
+
+
 def test_several_metrics_give_a_front(here, few):
     task = Task("xi2023-improved", ("law.kv",), metrics=("rms_true", "jitter"), limits=Limits(2.0), sampler="nsga2",
                 seeds=1, trials=16)  # fmt: skip
@@ -388,6 +417,11 @@ def test_no_candidate_that_keeps_the_limits_is_said_and_the_trials_are_kept(here
         (["law", "--limit", "time"], "it is written METRIC=NUMBER"),
         (["law", "--trials", "0"], "--trials 0 is out of range"),
         (["law", "--threads", "0"], "--threads 0 is out of range"),
+        (["law", "--budget", "1000"], "--budget of 1,000 steps is out of range; one candidate takes 960,000"),
+        (["law", "--budget", "-5"], "--budget -5: nothing is left"),
+        (["law", "--budget", "pidd"], "unknown controller 'pidd'; did you mean 'pid'?"),
+        (["law", "--budget", "xi2023-improved"], "--budget xi2023-improved: its record says nothing of"),
+        (["law", "-c", "self-tuning", "--budget", "pid"], "nothing is left; 'self-tuning' has had 720,000,000"),
         (["law", "--storage", "postgresql://nobody@127.0.0.1:1/x"], "Connection refused"),
         (["law", "--storage", "nonsense://x"], "is not a URL such as postgresql://"),
         (["law", "-c", "nowhere.toml"], "cannot read 'nowhere.toml': No such file"),
