@@ -230,7 +230,7 @@ class Compiled:
     def program(self) -> list[str]:
         """What the policy does depends on its document, which knows the weights' digest."""
         document = self.policy.document
-        return [json.dumps(document.model_dump(exclude={"provenance"}), sort_keys=True)]
+        return [json.dumps(document.model_dump(exclude={"provenance", "sha256"}), sort_keys=True)]
 
     def install(self, fleet: Fleet) -> None:
         """Gives all machines of the fleet over to the policy."""

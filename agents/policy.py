@@ -92,6 +92,7 @@ class Document(_Table):
     network: NetworkShape
     weights: str  # SHA-256 of the file
     provenance: dict[str, Any]
+    sha256: str = ""  # of all the rest of the document; the first policies have none
 
 
 class Policy:
@@ -180,6 +181,7 @@ class Policy:
         folder.mkdir(parents=True, exist_ok=True)
         weights = save(tensors_of(self.network))
         self.document = self.document.model_copy(update={"weights": hashlib.sha256(weights).hexdigest()})
+        self.document = self.document.model_copy(update={"sha256": _digest(self.document.model_dump())})
         text = json.dumps(self.document.model_dump(), indent=1, ensure_ascii=False, allow_nan=False)
         for name, data in ((WEIGHTS, weights), (DOCUMENT, (text + "\n").encode())):
             part = folder / f".{name}.part"
@@ -267,6 +269,7 @@ def check(document: Document, where: str) -> None:
         last = layer.outputs
     if last != document.action["shape"][0]:
         raise InvalidInput(f"{where}: the network gives {last} numbers; an action has {document.action['shape'][0]}")
+    bases(document, where)
 
 
 def describe_base(stack: Stack) -> Base:
@@ -407,12 +410,21 @@ def _network(document: Document, data: bytes, folder: Path) -> Network:
 
 def _document(text: str, folder: Path) -> Document:
     try:
-        return Document.model_validate_json(text)
+        found = Document.model_validate_json(text)
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(x) for x in first["loc"])
         what = f"{place}: {first['msg']}" if place else first["msg"]
         raise InvalidInput(f"policy '{folder}': {DOCUMENT} is not valid; {what}") from None
+    if found.sha256 and found.sha256 != _digest(json.loads(text)):
+        raise InvalidInput(f"policy '{folder}': {DOCUMENT} is not as it was written; export or copy the policy again")
+    return found
+
+
+def _digest(document: dict[str, Any]) -> str:
+    """SHA-256 of a document without its own."""
+    rest = {key: value for key, value in document.items() if key != "sha256"}
+    return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
 
 
 def _one_of(value: str, allowed: Any, what: str) -> None:

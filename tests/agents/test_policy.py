@@ -1,6 +1,7 @@
 """Policy artefacts: what is exported acts as the model does, in NumPy and compiled alike; nothing else is loaded."""
 
 import json
+import re
 import subprocess
 import sys
 
@@ -290,6 +291,7 @@ def copy_of(folder, place, numbers=None, **changes):
     """A copy with other words in its document (dotted names, ``None`` takes one away), or other weights."""
     place.mkdir()
     document = json.loads((folder / "policy.json").read_text())
+    document["sha256"] = ""
     data = numbers if numbers is not None else (folder / "weights.safetensors").read_bytes()
     for name, value in changes.items():
         *path, last = name.split("__")
@@ -330,6 +332,35 @@ def copy_of(folder, place, numbers=None, **changes):
 def test_another_environment_version_or_shape_is_refused(folder, tmp_path, changes, message):
     with pytest.raises(InvalidInput, match=message.replace(".", r"\.")):
         stack.resolve(str(copy_of(folder, tmp_path / "copy", **changes)))
+
+
+def test_a_document_that_was_changed_is_refused(folder, tmp_path):
+    place = copy_of(folder, tmp_path / "copy")
+    text = (folder / "policy.json").read_text()
+    (place / "policy.json").write_text(text)
+    assert Policy.load(place).document == Policy.load(folder).document
+    one = re.search(r'"filter.window": (\d)', text)
+    for changed in (
+        text.replace(one[0], '"filter.window": 2'),
+        text.replace('"training_steps": ', '"training_steps": 1'),
+        text.replace('"sha256": "', '"sha256": "0'),
+    ):
+        assert changed != text
+        (place / "policy.json").write_text(changed)
+        with pytest.raises(InvalidInput, match=r"policy\.json is not as it was written"):
+            Policy.load(place)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"base__z__law": "os.system"}, "unknown law 'os.system' in slot 'z'"),
+        ({"base__z__parameters": {"law.kv": 1e9}}, "law.kv = 1000000000.0 is out of range"),
+    ],
+)
+def test_a_base_that_does_not_exist_is_refused_on_loading(folder, tmp_path, changes, message):
+    with pytest.raises(InvalidInput, match=message):
+        Policy.load(copy_of(folder, tmp_path / "copy", **changes))
 
 
 def test_damaged_weights_are_refused(folder, tmp_path):
