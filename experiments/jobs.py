@@ -138,6 +138,9 @@ class JobResults(Comparison):
         frame["information"] = groups["information"].first()
         core = self.runs[self.runs["scenario"].isin(scored)].groupby("controller", sort=False)
         for name in job_metrics.METRICS:
+            if name not in self.runs:  # runs of earlier versions do not have all of them
+                frame[name] = np.nan
+                continue
             worst = name.endswith("_max")
             frame[name] = core[name].max() if worst else core[name].apply(lambda values: values.mean(skipna=False))
         frame["collisions"] = groups["collision"].sum().astype(int)

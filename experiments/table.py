@@ -205,7 +205,8 @@ def _jobs(results: JobResults) -> list[Sheet]:
         *(f"quality: {label}." for label in results.labels),
     ]
     several = results.reference in results.controllers and len(results.controllers) > 1
-    return [sheet, _trades(results)] if several else [sheet]
+    known = {*WEIGHED, "power_max", "dither_max"} <= set(results.runs)  # runs of earlier versions do not have all
+    return [sheet, _trades(results)] if several and known else [sheet]
 
 
 WEIGHED = {

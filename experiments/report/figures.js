@@ -30,7 +30,7 @@ function laidOut({ layout, data }, width, height) {
     margin: { l: 10, r: narrow ? 10 : 20, t: 12, b: 10, pad: 2 },
     hoverlabel: { bgcolor: "#fff", bordercolor: "#d5d9dd", font: { color: "#1a1d20", size: 12 }, namelength: -1 },
     legend: { orientation: "h", x: 0, xanchor: "left", y: 1.02, yanchor: "bottom", font: { size: narrow ? 11 : 12 },
-              itemwidth: 40, tracegroupgap: 0 },
+              itemwidth: narrow ? 30 : 40, tracegroupgap: 0 },
   };
   const out = merged(base, layout);
   for (const key of Object.keys(layout).concat("xaxis", "yaxis"))
@@ -54,7 +54,9 @@ class Drawn {
     this.canvas.style.width = this.width + "px";
     const view = this.spec(this.width);
     const layout = laidOut(view, this.width, view.height || Number(this.element.dataset.height));
-    if (paper) layout.height = Math.round(0.8 * layout.height);  // two on a page
+    if (paper && !view.height) layout.height = Math.round(0.8 * layout.height);  // two on a page
+    if (this.width < NARROW)  // groups of one are packed as closely as their names allow
+      for (const trace of view.data) if (trace.name) trace.legendgroup ??= trace.name;
     for (const trace of view.data)  // numbers of a map must fit their cells
       if (trace.type === "heatmap") trace.textfont = { size: Math.min(12, (this.width - 210) / trace.x.length / 3.6) };
     this.canvas.style.height = layout.height + "px";

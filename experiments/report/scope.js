@@ -45,10 +45,10 @@
     const names = chooser.names().filter(name => traces[name]);
     const has = key => key === "sheet" ? run.shared : names.some(n => run.controllers[n].signals.includes(key));
     const keys = Object.keys(signals).filter(has);
-    const total = keys.reduce((sum, key) => sum + signals[key].weight, 0), gap = 0.018;
+    const narrow = width < 600, total = keys.reduce((sum, key) => sum + signals[key].weight, 0), gap = narrow ? 0.035 : 0.018;
     const data = [], layout = {
       hovermode: "x", showlegend: false, uirevision: [scenario.name, run.seed, range].join(),
-      margin: { t: 8, b: 44, l: width < 600 ? 50 : 68 },
+      margin: { t: narrow ? 20 : 8, b: 44, l: narrow ? 42 : 68 }, annotations: [],
       shapes: run.idle.map(([x0, x1]) => ({ type: "rect", xref: "x", yref: "paper", x0, x1, y0: 0, y1: 1, fillcolor: "#eceef0",
                                             line: { width: 0 }, layer: "below" })),
       xaxis: { title: { text: "time (s)" }, range: range || undefined, automargin: false, showspikes: true, spikemode: "across",
@@ -73,13 +73,18 @@
         });
       }
       layout["yaxis" + n] = {
-        domain: [bottom, top], anchor: "x", title: { text: `${panel.title}<br>(${panel.unit})`, font: { size: 11 }, standoff: 4 },
+        domain: [bottom, top], anchor: "x",
+        title: narrow ? undefined : { text: `${panel.title}<br>(${panel.unit})`, font: { size: 11 }, standoff: 4 },
         automargin: false, range: robust(good), nticks: panel.weight < 1 ? 3 : 5, zeroline: signed.includes(key), zerolinecolor: "#9aa1a8",
       };
+      if (narrow) layout.annotations.push({
+        text: `${panel.title} (${panel.unit})`, x: 0, y: top, xref: "paper", yref: "paper", xanchor: "left", yanchor: "bottom", showarrow: false,
+        font: { size: 11 },
+      });
       if (i === keys.length - 1) layout.xaxis.anchor = y;
       top = bottom - gap;
     });
-    return { data, layout, height: Math.round(60 + 105 * total) };
+    return { data, layout, height: Math.round(60 + (narrow ? 115 : 105) * total) };
   }
 
   chooser = new Chooser(element, update);

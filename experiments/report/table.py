@@ -219,6 +219,8 @@ def _microseconds(value: float) -> str:
 
 def _jobs(suite: Suite, standings: dict[str, Standing]) -> list[Group]:
     def column(title: str, metric: str, small: dict[str, str] | None = None) -> Column:
+        if metric not in suite.metrics:  # runs of earlier versions
+            return Column(title, "", {})
         m = suite.metrics[metric]
         if metric in standings:
             unit = f"{m.unit}, ISO 9013" if small else m.unit

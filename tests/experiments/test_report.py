@@ -22,6 +22,7 @@ from kerfgym.experiments.report.spectra import spectrum
 from kerfgym.experiments.report.suite import Suite
 from kerfgym.experiments.report.training import curves
 from kerfgym.experiments.report.tuning import studies
+from kerfgym.experiments.table import sheets
 
 
 class Reader(html.parser.HTMLParser):
@@ -276,6 +277,16 @@ def test_who_is_closer_but_not_ranked_is_said_with_the_reason(made_up):
     ]
     ranks = {g.title: g for g in table.groups(suite, found)}["score"].columns[0].cells
     assert {name: cell.text for name, cell in ranks.items()} == {"pid": "–", "xi2023-tuned": "1", "preview-5ms": "–"}
+
+
+def test_runs_of_earlier_versions_lack_metrics(made_up, tmp_path):
+    results = made_up.cutting()
+    results.runs = results.runs.drop(columns=["cutting_time", "power_max", "energy", "taper"])
+    assert np.isnan(results.summary()["energy"]).all()
+    assert len(sheets(results)) == 1
+    text = page.page(tmp_path, {"cutting": results}, {})
+    assert "roughness Rz" in text
+    assert "energy</button>" not in text
 
 
 def test_the_best_and_who_is_tied_are_marked(made_up):
