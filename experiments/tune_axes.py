@@ -3,6 +3,9 @@
 ``wu-tuned`` has the largest gain whose step overshoots by at most 1 % (Wu: no overshoot), found by bisection on the
 nominal axes in simulation. ``wu-feedforward`` keeps that gain; its feed-forward of the velocity is the inverse of the
 drive's gain, that of the acceleration the one with the smallest contour error on the tune seeds of the contour suite.
+``wu-stiff`` may overshoot a step, which no planned path holds: it has half the gain at which the loop becomes unstable
+(linear; a step of 1 mm, where limits act, rings on from 1.7 times its gain), and both feed-forwards are those with the
+smallest contour error.
 """
 
 import time
@@ -11,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import tomli_w
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize, minimize_scalar
 
 from ..baselines import PRESETS
 from ..envs import job_metrics, scenarios, workshop
@@ -24,6 +27,9 @@ from . import runs
 OVERSHOOT = 0.01
 STEP = 1.0
 """mm."""
+
+MARGIN = 2.0
+"""Factor on the gain of ``wu-stiff`` at which its loop becomes unstable."""
 
 SEEDS = range(0, 4)
 
@@ -81,8 +87,28 @@ def write(name: str, parameters: dict[str, float], provenance: dict[str, Any]) -
         part.write_text(head + tomli_w.dumps({"parameters": parameters, "provenance": provenance}), encoding="utf-8")
 
 
+def stiff(axes: xy_axes.Params) -> tuple[dict[str, float], list[float]]:
+    """Parameters of ``wu-stiff``, and the contour error of every trial, µm."""
+    law, tried = stacks.get("wu").part("law"), list[float]()
+    kp = float(np.floor(1e4 * xy_axes.largest_gain(axes) / (MARGIN * law.kn * axes.gain)) / 1e4)
+
+    def parameters(x: np.ndarray) -> dict[str, float]:
+        return {"law.kp": kp, "law.velocity": round(float(x[0]), 5), "law.acceleration": round(1e3 * float(x[1]), 3)}
+
+    def cost(x: np.ndarray) -> float:
+        tried.append(contour_error(stacks.get("wu").varied(parameters(x))))
+        return tried[-1]
+
+    first = [0.5 / axes.gain, axes.t1 / axes.gain]
+    found = minimize(
+        cost, first, method="Nelder-Mead", bounds=[(0.0, 1.5), (0.0, 0.06)],
+        options={"maxfev": 60, "xatol": 1e-4, "fatol": 1e-3},
+    )  # fmt: skip
+    return parameters(found.x), tried
+
+
 def main() -> None:
-    """Tunes, prints and writes both presets."""
+    """Tunes, prints and writes all three presets."""
     started, axes = time.process_time(), xy_axes.Params()
     kp = float(np.floor(1e4 * largest_gain(axes)) / 1e4)
     record = runs.record(["python", "-m", "kerfgym.experiments.tune_axes"])
@@ -107,9 +133,17 @@ def main() -> None:
         **common, "suite": "contour-1", "score_tune_um": round(float(found.fun), 3), "trials": len(tried),
         "tune_seeds": f"{SEEDS[0]}-{SEEDS[-1]}", "cpu_seconds": round(time.process_time() - started, 1),
     })  # fmt: skip
+    begun = time.process_time()
+    firm, trials = stiff(axes)
+    write("wu-stiff", firm, {
+        **common, "criterion": f"gain margin {MARGIN:g}", "suite": "contour-1", "score_tune_um": round(min(trials), 3),
+        "trials": len(trials), "tune_seeds": f"{SEEDS[0]}-{SEEDS[-1]}",
+        "cpu_seconds": round(time.process_time() - begun, 1),
+    })  # fmt: skip
     plain = contour_error(stacks.get("wu").varied({"law.kp": kp}))
     print(f"wu-tuned: Kp {kp}, overshoot {overshoot:.2%}, contour error {plain:.2f} µm")
     print(f"wu-feedforward: {parameters}, contour error {found.fun:.2f} µm after {len(tried)} trials")
+    print(f"wu-stiff: {firm}, contour error {min(trials):.2f} µm after {len(trials)} trials")
 
 
 if __name__ == "__main__":

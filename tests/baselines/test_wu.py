@@ -7,6 +7,7 @@ from kerfgym.baselines import wu
 from kerfgym.envs.plant import xy_axes
 from kerfgym.envs.plant.controller import AxesSensed
 from kerfgym.envs.stack import get
+from kerfgym.experiments import tune_axes
 from kerfgym.experiments.reproduce import axes
 from kerfgym.experiments.reproduce.wu import distorted, harmonics
 
@@ -46,3 +47,13 @@ def test_wu_matched_is_wu_with_the_reciprocals_of_the_mismatch_scenarios_mean():
     assert matched.kp == plain.kp
     assert matched.x_plus * np.mean([1.02, 1.05]) == pytest.approx(1.0, abs=1e-3)
     assert matched.y_minus * np.mean([0.95, 0.98]) == pytest.approx(1.0, abs=1e-3)
+
+
+@pytest.mark.parametrize(("share", "grows"), [(0.98, False), (1.02, True)])
+def test_the_loop_of_wu_stiff_bears_twice_its_gain_and_no_more(share, grows, monkeypatch):
+    """A step so small that no limit acts; the limits of speed and acceleration make a large one ring earlier."""
+    monkeypatch.setattr(tune_axes, "STEP", 0.05)
+    ideal = xy_axes.Params(dac=0.0, encoder=0.0)
+    seen = tune_axes.step_response(share * tune_axes.MARGIN * get("wu-stiff").part("law").kp, ideal, 2000)
+    early, late = (np.abs(part - tune_axes.STEP).max() for part in (seen[500:1000], seen[1500:]))
+    assert (late > early) == grows
