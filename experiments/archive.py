@@ -136,8 +136,8 @@ def _record(folder: Path) -> dict[str, Any]:
     """``run.json`` in today's form."""
     if not folder.is_dir():
         there = [file.parent.name for file in sorted(folder.parent.glob("*/run.json"))]
-        hint = did_you_mean(folder.name, there) if there else f"there is none in '{folder.parent}'"
-        raise InvalidInput(f"no run folder '{folder}'; {hint}")
+        hint = f"; {did_you_mean(folder.name, there)}" if there else f"; there is none in '{folder.parent}'"
+        raise InvalidInput(f"no run folder '{folder}'{hint.replace('; (', ' (')}")
     file = folder / "run.json"
     if not file.is_file():
         if (folder / PARTS).is_dir() or (folder / runs.BEGUN).is_file():

@@ -1,8 +1,11 @@
 """Films of one episode."""
 
+import itertools
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 from ..envs import scenarios, workshop
 from ..envs import stack as stacks
@@ -12,6 +15,7 @@ from ..envs.kerf_picture import QUANTITIES
 from ..envs.plant.quantity import InvalidInput, did_you_mean
 from ..envs.scenarios import Scenario
 from . import rollout
+from .bars import Bars
 from .jobs import LONGEST
 from .runs import atomic
 
@@ -50,16 +54,21 @@ def film(
         return
     slow = slow or 10.0
     stack = stacks.resolve(controller)
-    fleet = rollout.fleet_for(case, stack, [seed])
-    reel = Film(case, stack.name, seed)
     every = max(1, round(1000 / slow / FRAMES_PER_SECOND))
     steps = case.steps if seconds is None else min(max(1, round(seconds * 1000)), case.steps)
-    frames = []
+    _write(out, _frames(case, stack, seed, steps, every, out.suffix == ".png"), max(1, steps // every))
+
+
+def _frames(case: Scenario, stack: stacks.Stack, seed: int, steps: int, every: int, last: bool) -> Iterator[np.ndarray]:
+    """A picture of every so many steps, at least one; the ``last`` only if that is wanted."""
+    fleet = rollout.fleet_for(case, stack, [seed])
+    reel = Film(case, stack.name, seed)
     for step in rollout.periods(fleet, stack, steps):
         reel.take(fleet)
-        if out.suffix != ".png" and step % every == every - 1:
-            frames.append(reel.frame())
-    _write(out, frames or [reel.frame()])
+        if not last and step % every == every - 1:
+            yield reel.frame()
+    if last or steps < every:
+        yield reel.frame()
 
 
 def _film_job(
@@ -68,30 +77,53 @@ def _film_job(
     """The kerf as it grows; a picture of the whole job takes no longer than the job."""
     if colour not in QUANTITIES:
         raise InvalidInput(f"unknown colour '{colour}'; {did_you_mean(colour, QUANTITIES)}")
+    every = max(1, round(1000 / slow / FRAMES_PER_SECOND))
+    length = len(workshop.programme(case, team).x)
+    most = round(LONGEST * length) if seconds is None else max(1, round(seconds * 1000))
+    frames = _frames_of_job(case, team, seed, most, every, out.suffix == ".png", colour)
+    _write(out, frames, max(1, min(most, length) // every))
+
+
+def _frames_of_job(
+    case: Scenario, team: stacks.Team, seed: int, most: int, every: int, last: bool, colour: str
+) -> Iterator[np.ndarray]:
     fleet, job = workshop.fleet_for(case, team, [seed]), workshop.programme(case, team)
     reel = KerfFilm(job, f"{case.name} · {team.name} · seed {seed}", colour)
-    every = max(1, round(1000 / slow / FRAMES_PER_SECOND))
-    most = round(LONGEST * len(job.x)) if seconds is None else max(1, round(seconds * 1000))
-    frames = []
+    shown = 0
     for step in rollout.periods(fleet, team.z, most):
         if step % SAMPLE == 0:
             reel.take(fleet)
-        if out.suffix != ".png" and step % every == every - 1:
-            frames.append(reel.frame())
+        if not last and step % every == every - 1:
+            yield reel.frame()
+            shown += 1
         assert fleet.gantries
         if fleet.gantries.column("progress.near")[0] >= len(job.x) - 1.5:
             break
-    _write(out, frames or [reel.frame()])
+    if not shown:
+        yield reel.frame()
 
 
-def _write(out: Path, frames: list[np.ndarray]) -> None:
-    import imageio.v3 as imageio
+def _write(out: Path, frames: Iterator[np.ndarray], expected: int) -> None:
+    """Writes pictures as they come: all those of three seconds would take a gigabyte of memory."""
+    with atomic(out) as part, Bars() as bars:
+        shown = bars.each("drawing", frames, 1 if out.suffix == ".png" else expected)
+        first = next(shown)
+        if out.suffix == ".mp4":
+            import imageio_ffmpeg
 
-    out.parent.mkdir(parents=True, exist_ok=True)
-    with atomic(out) as part:
-        if out.suffix == ".png":
-            imageio.imwrite(part, frames[-1], extension=".png")
+            film_ = imageio_ffmpeg.write_frames(
+                str(part), first.shape[1::-1], fps=FRAMES_PER_SECOND, codec="libx264", macro_block_size=2,
+                output_params=["-f", "mp4"],
+            )  # fmt: skip
+            film_.send(None)
+            for frame in itertools.chain([first], shown):
+                film_.send(np.ascontiguousarray(frame))
+            film_.close()
         elif out.suffix == ".gif":
-            imageio.imwrite(part, frames, extension=".gif", duration=1000 / FRAMES_PER_SECOND, loop=0)
+            others = map(Image.fromarray, shown)
+            Image.fromarray(first).save(
+                part, format="GIF", save_all=True, append_images=others, duration=1000 // FRAMES_PER_SECOND, loop=0
+            )  # fmt: skip
         else:
-            imageio.imwrite(part, frames, extension=".mp4", fps=FRAMES_PER_SECOND, codec="libx264", macro_block_size=2)
+            Image.fromarray(first).save(part, format="PNG")
+            next(shown, None)

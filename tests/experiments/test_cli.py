@@ -9,6 +9,8 @@ from pathlib import Path
 
 import ezdxf
 import gymnasium as gym
+import imageio.v3 as imageio
+import numpy as np
 import pandas as pd
 import pytest
 from PIL import Image
@@ -322,6 +324,23 @@ def test_render_writes_the_last_moment_as_a_picture(here, capsys):
         assert picture.size > (400, 200)
         assert len(picture.convert("RGB").getcolors(maxcolors=1 << 20)) > 5
     assert [p.name for p in (here / "out").iterdir()] == ["last.png"]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["-c", "pid", "-s", "short.toml", "--seconds", "0.2", "--slow", "1.0"],
+        ["-c", "wu", "-s", "contour-square", "--seconds", "2.0", "--slow", "0.1"],
+    ],
+)
+@pytest.mark.parametrize("kind", ["mp4", "gif"])
+def test_render_writes_films(here, kind, words):
+    main(["render", f"film.{kind}", *words])
+    frames = imageio.imread(f"film.{kind}")
+    assert frames.ndim == 4
+    assert len(frames) == 5  # 25 a second
+    assert np.ptp(frames[-1]) > 100
+    assert not list(here.glob(".*"))
 
 
 def test_render_shows_at_least_one_period(here):
