@@ -6,6 +6,7 @@ states are not in it: every checkpoint begins episodes and random sequences afre
 same machine with the same number of threads.
 """
 
+import errno
 import os
 import tempfile
 from collections import deque
@@ -21,6 +22,9 @@ from ..envs.plant.quantity import InvalidInput
 
 FORMAT = "kerfgym training 1"
 COUNTERS = ("num_timesteps", "_n_updates", "_episode_num")
+LITTLE = 65536
+"""Bytes; a disk with fewer free ones is full."""
+
 MEMORY = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 """Arrays of a replay buffer."""
 
@@ -46,11 +50,17 @@ def replaced(path: Path) -> Iterator[Path]:
         part.chmod(0o666 & ~mask)  # temporary files are private, checkpoints are not
         part.replace(path)
     except (OSError, RuntimeError) as error:  # the second is torch's word for a full disk
-        reason = getattr(error, "strerror", None) or error
+        reason = getattr(error, "strerror", None) or (os.strerror(errno.ENOSPC) if _full(path.parent) else error)
         raise InvalidInput(f"cannot write '{path}': {reason}; nothing written before is lost") from None
     finally:
         if part:
             part.unlink(missing_ok=True)
+
+
+def _full(folder: Path) -> bool:
+    """Whether the disk takes next to nothing any more."""
+    disk = os.statvfs(folder)
+    return disk.f_bavail * disk.f_frsize < LITTLE
 
 
 def state_of(model: Any) -> dict[str, Any]:

@@ -196,6 +196,18 @@ def test_what_cannot_be_written_leaves_the_last_checkpoint(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["checkpoint.pt"]
 
 
+def test_a_full_disk_is_named_though_torch_speaks_of_positions(tmp_path, monkeypatch):
+    def full(*_):
+        raise RuntimeError("[enforce fail at inline_container.cc:672] . unexpected pos 163776 vs 163664")
+
+    monkeypatch.setattr(torch, "save", full)
+    with pytest.raises(InvalidInput, match=r"checkpoint\.pt': \[enforce fail"):
+        checkpoint.write(tmp_path / "checkpoint.pt", {})
+    monkeypatch.setattr(checkpoint, "LITTLE", 2**63)
+    with pytest.raises(InvalidInput, match=r"checkpoint\.pt': No space left on device; nothing written before is lost"):
+        checkpoint.write(tmp_path / "checkpoint.pt", {})
+
+
 def fill_the_disk(file):
     with checkpoint.replaced(file) as part:
         part.write_bytes(b"half")
