@@ -79,6 +79,8 @@ def carried_out(task: Search, workers: int, threads: int, told: Told) -> Any:
     else:
         _processes(task, workers, threads, stale, tell)
     _wait(study, tell)
+    if left := abandoned(study, exclusive=False):  # by processes that died meanwhile
+        work.run(left, tell)
     return work
 
 

@@ -6,6 +6,7 @@ import math
 import os
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -25,11 +26,11 @@ from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.experiments import rollout
 from kerfgym.experiments.cli import main
 from kerfgym.experiments.ledger import Ledger, ranges
-from kerfgym.experiments.tune import Limit, Limits, Task, goals, sampling, storage, tune
+from kerfgym.experiments.tune import Limit, Limits, Task, crew, goals, sampling, storage, tune
 from kerfgym.experiments.tune.command import steps_left
 from kerfgym.experiments.tune.evaluate import Evaluator
 from kerfgym.experiments.tune.space import READS, Space, space, start_of
-from kerfgym.experiments.tune.work import abandoned, done
+from kerfgym.experiments.tune.work import WORKER, abandoned, done
 
 optuna.logging.set_verbosity(optuna.logging.ERROR)
 
@@ -545,6 +546,23 @@ def test_two_processes_started_together_share_a_fresh_database(here, postgresql)
     with pytest.raises(InvalidInput, match=r"is another one \(it has: seed 0; asked for: seed 5\)"):
         tune(other, Path("runs/other"))
     assert not Path("runs").exists()
+
+
+def test_what_a_process_that_died_meanwhile_left_is_finished(here, plain):
+    task = replace(TASK, url=f"sqlite:///{here / 'study.db'}", name="x", trials=5)
+    left = []
+
+    def dies(*_):
+        """Another process takes a trial and is gone."""
+        if not left:
+            study = task.open()
+            left.append(study.ask().number)
+            study._storage.set_trial_user_attr(study.trials[-1]._trial_id, WORKER, f"{socket.gethostname()}/1/0")
+
+    crew.carried_out(task, 1, 1, dies)
+    trials = task.open().trials
+    assert left == [0]
+    assert [t.state.is_finished() for t in trials] == [True] * 5
 
 
 def test_several_workers_share_a_study(here, plain):
