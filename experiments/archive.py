@@ -30,7 +30,7 @@ FORMAT = 2
 PARTS = "parts"
 """Where a run that is not finished keeps what is done."""
 
-TABLES = {"following": ("traces", "sensitivity", "margins", "blame", "headroom"), "jobs": ("traces",)}
+TABLES = {"following": ("traces", "sensitivity", "margins", "blame", "headroom", "detuned"), "jobs": ("traces",)}
 """Tables of a grid of either kind, beside ``runs``; each may be absent."""
 
 
@@ -206,7 +206,7 @@ def _grid(folder: Path, name: str, entry: Any, meta: dict[str, Any], notes: list
             )  # fmt: skip
         return Results(
             rows, frames["traces"], frames["sensitivity"], own, core, tuple(entry["exempt"]), entry["summaries"],
-            frames["margins"], frames["blame"], frames["headroom"],
+            frames["margins"], frames["blame"], frames["headroom"], frames["detuned"],
         )  # fmt: skip
     except (KeyError, TypeError, ValueError) as error:
         if isinstance(error, InvalidInput):

@@ -14,7 +14,7 @@ from ..envs import stack as stacks
 from ..envs.plant import kernels
 from ..envs.plant.quantity import InvalidInput
 from ..envs.scenarios import Scenario
-from . import archive, decisions, digest, jobs, pool, rollout, runs
+from . import archive, decisions, detuned, digest, jobs, pool, rollout, runs
 from .bars import Bars
 from .grids import Grid, resolved
 from .ledger import Ledger
@@ -47,6 +47,7 @@ def run_grids(
     with_ms: bool = True,
     with_cost: bool = False,
     with_blame: bool = False,
+    with_detuned: bool = False,
     workers: int = 2,
     backend: str = "loky",
     scheduler: str | None = None,
@@ -63,6 +64,7 @@ def run_grids(
         with_ms: measure |S| and margins of height followers.
         with_cost: time their decisions.
         with_blame: ask what each stage of the machine costs reference and best (:mod:`blame`).
+        with_detuned: ask how well the parameters of the best presets must be known (:mod:`detuned`).
         workers: processes.
         backend: of the processes, see :mod:`pool`.
         scheduler: address of a dask cluster.
@@ -125,6 +127,9 @@ def run_grids(
             if with_blame and isinstance(results, Results):
                 with bars.counted("blame") as told:
                     results.blame, results.headroom = in_report(results, grid.scenarios, parts, workers, told)
+            if with_detuned and isinstance(results, Results) and grid.suite == detuned.SUITE:
+                with bars.counted("one parameter 20 % off") as told:
+                    results.detuned = detuned.in_report(results, workers, told)
         texts = {grid.suite: {s.name: s.to_toml() for s in grid.scenarios} for grid in grids}
         with bars.busy("writing tables and report"):
             written = archive.save_tables(folder, found, record, texts)

@@ -79,6 +79,7 @@ def benchmark(
     ms: bool = True,
     cost: bool = True,
     blame: bool = True,
+    detuned: bool = True,
     markdown: bool = False,
     overwrite: bool = False,
     resume: bool = False,
@@ -106,6 +107,7 @@ def benchmark(
         ms: measure the sensitivity peak Ms by injection, and the margins of gain and dead time.
         cost: time the controllers' decisions.
         blame: ask what each stage of the machine costs the reference and the best controller.
+        detuned: ask how much worse the best shipped presets get when one of their parameters is 20 % off.
         markdown: print the summary as Markdown, for an issue, instead of the tables; it is also in summary.md.
         overwrite: replace an existing run folder.
         resume: finish what another command began; what the same command began goes on without.
@@ -122,8 +124,8 @@ def benchmark(
     folder = runs.named(name, resume=resume)
     try:
         results = bench.run_grids(
-            planned, folder, with_ms=ms, with_cost=cost, with_blame=blame, workers=jobs, backend=backend,
-            scheduler=scheduler, overwrite=overwrite, resume=resume,
+            planned, folder, with_ms=ms, with_cost=cost, with_blame=blame, with_detuned=detuned, workers=jobs,
+            backend=backend, scheduler=scheduler, overwrite=overwrite, resume=resume,
         )  # fmt: skip
     except KeyboardInterrupt:
         print(f"\nkerfgym: interrupted; {archive.resumption(folder)} goes on", file=sys.stderr)

@@ -84,6 +84,7 @@ class Results(Comparison):
         margins: ``controller, gain`` (factor) and ``delay_ms``, worst over the corner plants (:mod:`margins`).
         blame: shares of stages in the error of some controllers, see :func:`blame.tables.shares`.
         headroom: what those could gain at most, see :func:`blame.tables.headroom`.
+        detuned: how much worse presets get with one parameter 20 % off, see :func:`detuned.in_report`.
     """
 
     runs: pd.DataFrame
@@ -96,6 +97,7 @@ class Results(Comparison):
     margins: pd.DataFrame = field(default_factory=pd.DataFrame)
     blame: pd.DataFrame = field(default_factory=pd.DataFrame)
     headroom: pd.DataFrame = field(default_factory=pd.DataFrame)
+    detuned: pd.DataFrame = field(default_factory=pd.DataFrame)
 
     metric, reference = "rms_true", REFERENCE
 

@@ -25,7 +25,10 @@ HEAVY = {
 }  # fmt: skip
 """What is made smaller in blocks that are run; each is there."""
 
-RUN = {"benchmark": ["--seeds", "2", "--jobs", "1", "--no-ms", "--no-cost", "--no-blame"], "render": [], "list": []}
+RUN = {
+    "benchmark": ["--seeds", "2", "--jobs", "1", "--no-ms", "--no-cost", "--no-blame", "--no-detuned"], "render": [],
+    "list": [],
+}  # fmt: skip
 """Commands that are run if the files that they name are there, and with what; all others are only read."""
 
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)

@@ -105,7 +105,7 @@ def page(folder: Path, grids: dict[str, Results | JobResults], meta: dict[str, A
         spectra=_there([spectra.figure(suites, look, labels)]),
         sensitivities=_there(sensitivity.figure(s, look, labels) for s in suites if s.name != out_of_distribution.NAME),
         quality=[quality.figure(*steel) for steel in materials(suites)],
-        tuned=_there([tuning.figure(tuning.studies(controllers), labels)]),
+        tuned=_there([tuning.figure({**tuning.presets(suites), **tuning.studies(controllers)}, labels)]),
         trained=_there([training.figure(curves, look, labels)]),
         beyond=out_of_distribution.table(suites, labels), beyond_name=out_of_distribution.NAME,
         blamed=_there(blame.figure(s, look, labels) for s in suites),

@@ -7,6 +7,7 @@ from typing import Any
 import pandas as pd
 import plotly.graph_objects as go
 
+from ...envs.stack import shelved
 from .figure import Figure, line
 from .palette import Look
 
@@ -16,9 +17,10 @@ def curves(controllers: list[str]) -> dict[str, tuple[pd.DataFrame, dict[str, An
 
     ``runs/x/policy`` has them one folder up, a shipped policy beside itself.
     """
-    out = {}
+    out, shipped = {}, shelved()
     for name in controllers:
-        folder = Path(name.rpartition("=")[2] if name.startswith(("z=", "xy=", "process=")) else name)
+        own = name.rpartition("=")[2] if name.startswith(("z=", "xy=", "process=")) else name
+        folder = shipped.get(own, Path(own))
         for place in (folder, folder.parent):
             table = place / "evaluations.csv"
             if (folder / "policy.json").is_file() and table.is_file():

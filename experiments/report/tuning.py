@@ -7,6 +7,7 @@ import plotly.graph_objects as go
 
 from .figure import Figure
 from .palette import COLOURS, INK
+from .suite import Suite
 
 
 def studies(controllers: list[str]) -> dict[str, pd.DataFrame]:
@@ -20,6 +21,12 @@ def studies(controllers: list[str]) -> dict[str, pd.DataFrame]:
             if {"parameter", "side", "moved"} <= set(frame) and len(frame):
                 out[name] = frame
     return out
+
+
+def presets(suites: list[Suite]) -> dict[str, pd.DataFrame]:
+    """The same of shipped presets, which the benchmark asked for (:mod:`detuned`)."""
+    tables = [s.following.detuned for s in suites if s.following is not None and len(s.following.detuned)]
+    return {str(name): rows for table in tables for name, rows in table.groupby("controller", sort=False)}
 
 
 def figure(found: dict[str, pd.DataFrame], labels: dict[str, str]) -> Figure | None:

@@ -25,7 +25,7 @@ FILES = ("runs.parquet", "runs.csv", "traces.parquet", "summary.parquet", "summa
 CASES = [load(name).varied(duration=0.4) for name in ("wavy", "step", "impulses")]
 WORDS = [
     "benchmark", "-c", "mine.py:Mine", "-c", "pid", "-s", "wavy.toml", "-s", "step.toml", "-s", "impulses.toml",
-    "--seeds", "12", "--no-ms", "--no-cost", "--no-blame",
+    "--seeds", "12", "--no-ms", "--no-cost", "--no-blame", "--no-detuned",
 ]  # fmt: skip
 
 

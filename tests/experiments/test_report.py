@@ -459,6 +459,7 @@ def test_studies_and_trainings_are_found_beside_their_controllers(tmp_path):
     found = curves(names)
     assert list(found) == names[2:]
     assert found[names[2]][0]["score"].tolist() == [9, 7]
+    assert list(curves(["height-following-ppo"])) == ["height-following-ppo"]  # a shipped one has them beside itself
 
 
 # ------------------------------------------------------------------------------------------------------- the numbers
