@@ -29,6 +29,7 @@ TRAINED = Path(__file__).parents[1] / "agents" / "trained"
 SHIPPED: dict[str, tuple[str, str, int, dict[str, Any]]] = {
     "height-following-ppo": ("ppo", "kerfgym/HeightFollowing-v0", 0, {}),
     "contour-following-ppo": ("ppo", "kerfgym/ContourFollowing-v0", 0, {}),
+    "cutting-ppo": ("ppo", "kerfgym/Cutting-v0", 0, {}),
 }  # fmt: skip
 """Algorithm, environment and seed of each, and what differs from the preset."""
 

@@ -7,7 +7,8 @@ import pytest
 
 from kerfgym.agents import settings
 from kerfgym.envs import job_metrics, scenarios, stack, workshop
-from kerfgym.experiments import ship
+from kerfgym.envs.plant import spot
+from kerfgym.experiments import jobs, ship
 from kerfgym.experiments.budgets import spent
 
 
@@ -28,21 +29,33 @@ def test_a_shipped_policy_is_small_and_carries_the_record_of_its_making(name):
     assert not spent(policy.provenance).edited  # what its preset changed in the base is on record as its training
 
 
+def figures(name, team, seeds=6):
+    """Every metric of jobs on the first test seeds of a scenario."""
+    fleet, job, _ = jobs.roll(scenarios.load(name), team, list(scenarios.SPLITS["test"])[:seeds])
+    return job_metrics.evaluate(job_metrics.Jobs.of(fleet, job))
+
+
 def test_the_contour_policy_keeps_twice_as_close_to_the_path_in_no_more_time():
     """On each job of the suite, two of which it was not trained on; in corners both slow down."""
-
-    def figures(name, controller):
-        scenario, team = scenarios.load(name), stack.team(controller)
-        assert team.xy.part("plan").corners == 1.0
-        fleet = workshop.fleet_for(scenario, team, list(scenarios.SPLITS["test"])[:6])
-        job = workshop.programme(scenario, team)
-        fleet.advance(len(job.x) + 500)
-        return job_metrics.evaluate(job_metrics.Jobs.of(fleet, job))
-
     for name in scenarios.suite("contour"):
-        mine, base = figures(name, "contour-following-ppo"), figures(name, "wu-tuned")
+        teams = [stack.team(controller) for controller in ("contour-following-ppo", "wu-tuned")]
+        assert [team.xy.part("plan").corners for team in teams] == [1.0, 1.0]
+        mine, base = (figures(name, team) for team in teams)
         rms = [float(np.sqrt(np.mean(each["contour_rms"] ** 2))) for each in (mine, base)]
         assert 2.0 * rms[0] < rms[1], (name, rms)
         assert np.all(mine["time"] <= base["time"]), name
         for worse in ("dross", "roughness"):
             assert np.mean(mine[worse]) <= 1.05 * np.mean(base[worse]), (name, worse)
+
+
+@pytest.mark.parametrize("controller", ["huang2024-tuned", "cutting-ppo"])
+def test_who_cuts_faster_than_huang2024_cuts_no_worse_on_any_run_and_with_no_more_power(controller):
+    for name in scenarios.suite("cutting"):
+        mine, base = (figures(name, stack.team(each), 4) for each in (controller, "huang2024-dynamic"))
+        assert np.all(mine["cutting_time"] < 0.95 * base["cutting_time"]), name
+        for metric in ("dross", "roughness"):
+            assert np.all(mine[metric] < base[metric]), (name, metric)
+        assert np.all(mine["through"] == 1.0), name
+        assert np.all(mine["power_max"] <= base["power_max"]), name
+        assert np.all(mine["power_max"] <= workshop.material_of(scenarios.load(name)).power), name
+        assert np.all(mine["dither_max"] <= spot.Params().galvo_range), name
