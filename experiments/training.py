@@ -8,7 +8,7 @@ from ..agents import settings as presets
 from ..agents.settings import Settings
 from ..envs import stack as stacks
 from . import runs, stability
-from .bars import progress
+from .bars import Bars, progress
 
 SETTINGS = "settings.toml"
 
@@ -58,13 +58,17 @@ def into(
     with progress(f"{settings.name} on {settings.env}") as told:
         trained = learn(settings, folder, seed, device, threads, True, told)
     last, record = trained.evaluations[-1], runs.record(command)
-    exported = export(trained.model, folder / "policy", {
-        "command": record["command"], "git": record["git"], "score_tune": trained.score,
-        "ledger": trained.ledger,
-    })  # fmt: skip
     peak = None
-    if ms and presets.ENVIRONMENTS[settings.env][0] == "height-following":
-        peak = round(stability.sensitivity(stacks.resolve(str(exported.folder))).peak, 4)
+    with Bars() as bars:
+        with bars.busy("exporting the policy, comparing it with the model"):
+            exported = export(trained.model, folder / "policy", {
+                "command": record["command"], "git": record["git"], "score_tune": trained.score,
+                "ledger": trained.ledger,
+            })  # fmt: skip
+        if ms and presets.ENVIRONMENTS[settings.env][0] == "height-following":
+            with bars.busy("Ms of 16 corner plants"):
+                peak = round(stability.sensitivity(stacks.resolve(str(exported.folder))).peak, 4)
+    if peak is not None:
         print(f"worst |S| over 16 corner plants: Ms {peak:.2f}")
     runs.write_json(folder / "run.json", {
         **record, "kind": "train", "env": settings.env, "algorithm": settings.name, "seed": seed,

@@ -84,11 +84,15 @@ def tune(
     with crew.placed(task, folder, workers, threads, overwrite, resume) as (task, threads):
         started = time.time()
         work = crew.carried_out(task, workers, threads, told)
-        return _finish(work, folder, workers, started, command)
+        return _finish(work, folder, workers, started, command, told)
 
 
-def _finish(work: RollOuts, folder: Path, workers: int, started: float, command: list[str] | None) -> Result:
+def _finish(
+    work: RollOuts, folder: Path, workers: int, started: float, command: list[str] | None, told: crew.Told
+) -> Result:
     task, study = work.task, work.study
+    over, _, best = task.state(study)
+    told(over, over, f"{best} · now its neighbourhood and its score on test seeds")
     trials = done(study)
     table = outcome.frame(trials, task)
     runs.write_table(folder, "trials", table)
