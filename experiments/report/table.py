@@ -236,6 +236,9 @@ def _jobs(suite: Suite, standings: dict[str, Standing]) -> list[Group]:
         """None of what is scored, which stands in front."""
         return [] if metric == suite.metric else [column(title, metric)]
 
+    through = [column("through", "through")] if "through" in suite.metrics else []
+    if through and all(cell.text == "1.00" for cell in through[0].cells.values()):
+        through = []  # everybody cuts through, so the room is better used
     rough = column("Rz", "roughness", ranges("iso_roughness"))
     if suite.metric == "roughness":
         iso = {name: Cell(str(suite.summary.at[name, "iso_roughness"])) for name in suite.ranked}
@@ -243,8 +246,7 @@ def _jobs(suite: Suite, standings: dict[str, Standing]) -> list[Group]:
     contour = Group("contour error", [*first("RMS", "contour_rms"), column("max", "contour_max")], first=True)
     gap = Group("true gap error", [*first("RMS", "gap_rms"), column("max", "gap_max")])
     cut = Group("cut", [
-        column("dross", "dross"), rough, column("u", "taper", ranges("iso_taper")), column("through", "through"),
-        column("kerf", "kerf"),
+        column("dross", "dross"), rough, column("u", "taper", ranges("iso_taper")), *through, column("kerf", "kerf"),
     ], first=True)  # fmt: skip
     time = Group("time", [column("job", "time"), column("feed", "mean_feed"), column("energy", "energy")], first=True)
     return [contour, gap, cut, time, Group("safety", [_collisions(suite), _failed(suite)])]

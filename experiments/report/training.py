@@ -34,30 +34,33 @@ def curves(controllers: list[str]) -> dict[str, tuple[pd.DataFrame, dict[str, An
 def figure(
     found: dict[str, tuple[pd.DataFrame, dict[str, Any]]], look: dict[str, Look], labels: dict[str, str]
 ) -> Figure | None:
-    """Score on tune seeds against simulated steps; None if no policy left its evaluations."""
-    if not found:
-        return None
-    plot = go.Figure()
+    """Score on tune seeds against simulated steps, a view for each environment, because what is scored differs; None
+    if no policy left its evaluations."""
+    views: dict[str, go.Figure] = {}
     words = []
     for name, (frame, record) in found.items():
+        env = str(record.get("env", "")).removeprefix("kerfgym/") or "environment not recorded"
+        if env not in views:
+            views[env] = go.Figure().update_layout(
+                xaxis={"title": "simulated steps of training", "tickformat": "~s", "rangemode": "tozero"},
+                yaxis={"title": "score on tune seeds (lower is better)"}, showlegend=True,
+            )  # fmt: skip
         best = int(frame["score"].idxmin())
-        plot.add_scatter(
+        views[env].add_scatter(
             x=frame["steps"], y=frame["score"], mode="lines+markers", name=labels[name], line=line(look[name]),
-            marker={"symbol": look[name].symbol, "size": [11 if i == best else 6 for i in frame.index]},
+            marker={"symbol": look[name].symbol, "size": [14 if i == best else 8 for i in frame.index]},
             customdata=frame.get("cpu_seconds"),
             hovertemplate="%{y:.3g} after %{x:.3s} steps" + (
                 ", %{customdata:.0f} CPU-s" if "cpu_seconds" in frame else ""),
         )  # fmt: skip
         algorithm = f" ({record['algorithm']}, seed {record['seed']})" if {"algorithm", "seed"} <= set(record) else ""
         words.append(f"{labels[name]}{algorithm}: {frame['score'][best]:.3g} after {frame['steps'][best] / 1e6:.3g} M")
-    plot.update_layout(
-        xaxis={"title": "simulated steps of training", "tickformat": "~s", "rangemode": "tozero"},
-        yaxis={"title": "score on tune seeds (lower is better)"},
-    )
+    if not views:
+        return None
     return Figure(
         "training", "Training curves",
         f"Evaluations without exploration, on tune seeds; the large point is the policy that was kept. "
         f"{'; '.join(words)} steps. One training is one draw: another seed of training would end elsewhere, and "
         "nothing here says how far.",
-        {"": plot}, height=380,
+        views, "environment", height=380,
     )  # fmt: skip

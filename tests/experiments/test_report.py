@@ -21,6 +21,7 @@ from kerfgym.experiments.report.scores import figure as scores
 from kerfgym.experiments.report.spectra import spectrum
 from kerfgym.experiments.report.suite import Suite
 from kerfgym.experiments.report.training import curves
+from kerfgym.experiments.report.training import figure as trained
 from kerfgym.experiments.report.tuning import studies
 from kerfgym.experiments.table import sheets
 
@@ -459,7 +460,9 @@ def test_studies_and_trainings_are_found_beside_their_controllers(tmp_path):
     found = curves(names)
     assert list(found) == names[2:]
     assert found[names[2]][0]["score"].tolist() == [9, 7]
-    assert list(curves(["height-following-ppo"])) == ["height-following-ppo"]  # a shipped one has them beside itself
+    shipped = curves(["height-following-ppo", "contour-following-ppo"])  # these have them beside themselves
+    shown = trained(shipped, looks(list(shipped)), {name: name for name in shipped})
+    assert list(shown.views) == ["HeightFollowing-v0", "ContourFollowing-v0"]  # different scores, different views
 
 
 # ------------------------------------------------------------------------------------------------------- the numbers
