@@ -6,6 +6,8 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from .figure import Figure
+from .heat import SHOWN
+from .numbers import fixed
 from .palette import COLOURS, INK
 from .suite import Suite
 
@@ -24,9 +26,13 @@ def studies(controllers: list[str]) -> dict[str, pd.DataFrame]:
 
 
 def presets(suites: list[Suite]) -> dict[str, pd.DataFrame]:
-    """The same of shipped presets, which the benchmark asked for (:mod:`detuned`)."""
-    tables = [s.following.detuned for s in suites if s.following is not None and len(s.following.detuned)]
-    return {str(name): rows for table in tables for name, rows in table.groupby("controller", sort=False)}
+    """The same of shipped presets, which the benchmark asked for (:mod:`detuned`); the reference last."""
+    out: dict[str, pd.DataFrame] = {}
+    for suite in suites:
+        if suite.following is not None and len(suite.following.detuned):
+            found = {str(name): rows for name, rows in suite.following.detuned.groupby("controller", sort=False)}
+            out |= {name: found[name] for name in sorted(found, key=lambda name: name == suite.reference)}
+    return out
 
 
 def figure(found: dict[str, pd.DataFrame], labels: dict[str, str]) -> Figure | None:
@@ -34,19 +40,37 @@ def figure(found: dict[str, pd.DataFrame], labels: dict[str, str]) -> Figure | N
     views = {labels[name]: _view(frame) for name, frame in found.items()}
     if not views:
         return None
-    rows = max(frame["parameter"].nunique() for frame in found.values())
     return Figure(
-        "tuned", "One parameter 20 % off",
+        "tuned", _title(found, labels),
         "How the tuned metric changes, on tune seeds, when a single parameter is moved by 20 % (a whole one by at "
         "least 1) from where the search ended. Short bars: it need not be known well. A bar to the left would say that "
         "the search stopped early, or at a limit such as Ms.",
-        views, "controller", height=110 + 44 * rows,
+        views, "controller", height=_height(next(iter(found.values()))),
     )  # fmt: skip
 
 
+def _height(frame: pd.DataFrame) -> int:
+    return 110 + 44 * int(frame["parameter"].nunique())
+
+
+def _metric(frame: pd.DataFrame) -> str:
+    """What was tuned stands behind the parameter's columns."""
+    return str(frame.columns[list(frame.columns).index("moved") + 1])
+
+
+def _title(found: dict[str, pd.DataFrame], labels: dict[str, str]) -> str:
+    """Which parameter of the first controller must be known best."""
+    name, frame = next(iter(found.items()))
+    change = frame[_metric(frame)]
+    if not change.notna().any():
+        return "One parameter 20 % off"
+    worst = frame.loc[change.idxmax()]
+    cost = fixed(100.0 * (float(change.max()) - 1.0), 0 if change.max() > 1.1 else 1)
+    return f"{labels[name]}: {worst['parameter']} 20 % off costs most, {cost} %"
+
+
 def _view(frame: pd.DataFrame) -> go.Figure:
-    columns = list(frame.columns)
-    metric = columns[columns.index("moved") + 1]
+    metric = _metric(frame)
     plot = go.Figure()
     for side, colour, words in ((-1, COLOURS[0], "20 % less"), (1, COLOURS[1], "20 % more")):
         rows = frame[frame["side"] == side]
@@ -59,7 +83,8 @@ def _view(frame: pd.DataFrame) -> go.Figure:
     plot.update_layout(
         barmode="group",
         bargap=0.35,
-        xaxis={"title": f"change of {metric} (%)"},
+        xaxis={"title": f"change of the {SHOWN.get(metric, metric)} (%)"},
+        height=_height(frame),
         yaxis={"autorange": "reversed"},
         hovermode="closest",
     )

@@ -41,6 +41,7 @@ def test_the_change_is_that_of_roll_outs_on_tune_seeds(made_up, monkeypatch):
     assert rows.at[("law.kv", -1), "rms_true"] > 1.05
 
     shown = figure(presets([Suite("following", results)]), {"xi2023-tuned": "reference"})
+    assert shown.title.startswith("reference: law.kv 20 % off costs most, ")
     (view,) = shown.views.values()
     np.testing.assert_allclose(
         np.concatenate([np.asarray(bar.x, float) for bar in view.data]),
