@@ -79,11 +79,21 @@ def _plain(axes: Axes, x: str, y: str) -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def _window(axes: Axes, values: Any, by: Callable[[float, float], Any]) -> None:
-    """Limits that leave the worst of the trials out, which would press the rest flat."""
+def _window(values: Any, good: Any, by: Callable[[float, float], Any]) -> None:
+    """Limits that leave the worst of the trials out, which would press the rest flat.
+
+    Args:
+        values: of all trials.
+        good: of those that keep the limits; what is far beyond them is left out.
+        by: sets the limits.
+    """
     kept = np.asarray([v for v in values if math.isfinite(v) and abs(v) < 1e5], float)
     if len(kept) > 4:
         low, high = float(kept.min()), float(np.quantile(kept, 0.9))
+        if len(good):
+            least, most = float(np.min(good)), float(np.max(good))
+            beyond = max(2 * (most - least), 0.5 * abs(most))
+            low, high = max(low, least - beyond), min(high, most + beyond)
         by(low - 0.05 * (high - low or abs(low) or 1.0), high + 0.1 * (high - low or abs(high) or 1.0))
 
 
@@ -110,7 +120,7 @@ def history(trials: pd.DataFrame, title: str, name: str, text: str, higher: bool
         at = trials[trials["state"] == state]["trial"]
         if len(at) or state == "pruned":
             axes.plot(at, np.zeros(len(at)), "|", color=colour, transform=axes.get_xaxis_transform(), label=state)
-    _window(axes, whole[name], axes.set_ylim)
+    _window(whole[name], good[name], axes.set_ylim)
     _plain(axes, "trial", text)
     axes.legend(frameon=False, fontsize=8)
     return figure
@@ -146,7 +156,7 @@ def slices(
         if axis.choices:
             axes.tick_params(axis="x", rotation=40, labelsize=7)
         _plain(axes, axis.name + (f" ({units[axis.name]})" if axis.name in units else ""), "")
-        _window(axes, mine[name], axes.set_ylim)
+        _window(mine[name], mine[mine["feasible"]][name], axes.set_ylim)
     for row in grid:
         row[0].set_ylabel(text)
     return figure
@@ -182,8 +192,9 @@ def pareto(trials: pd.DataFrame, task: Task, front: list[Found]) -> Figure:
             axes.plot(part[first], part[other], marker, color=colour, markersize=4, label=text)
         points = sorted((f.values[0], f.values[i]) for f in front)
         axes.plot(*zip(*points, strict=True), "o-", color=COLOURS[1], markersize=5, label="front")
-        _window(axes, whole[first], axes.set_xlim)
-        _window(axes, whole[other], axes.set_ylim)
+        kept = whole[whole["feasible"]]
+        _window(whole[first], kept[first], axes.set_xlim)
+        _window(whole[other], kept[other], axes.set_ylim)
         _plain(axes, label(first, task), label(other, task))
     grid[0].legend(frameon=False, fontsize=8)
     return figure

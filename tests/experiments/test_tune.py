@@ -11,12 +11,14 @@ import subprocess
 import sys
 import time
 import tomllib
+import types
 from dataclasses import replace
 from pathlib import Path
 
 import cmaes
 import numpy as np
 import optuna
+import pandas as pd
 import pytest
 from PIL import Image
 
@@ -26,7 +28,7 @@ from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.experiments import rollout
 from kerfgym.experiments.cli import main
 from kerfgym.experiments.ledger import Ledger, ranges
-from kerfgym.experiments.tune import Limit, Limits, Task, crew, goals, sampling, storage, tune
+from kerfgym.experiments.tune import Limit, Limits, Task, crew, goals, pictures, sampling, storage, tune
 from kerfgym.experiments.tune.command import steps_left
 from kerfgym.experiments.tune.evaluate import Evaluator
 from kerfgym.experiments.tune.space import READS, Space, space, start_of
@@ -382,6 +384,18 @@ def test_several_metrics_give_a_front(here, few):
     assert (np.diff(points[:, 1]) < 0).all()  # … as the other shrinks
     assert len(list((here / "runs/front/front").glob("*.toml"))) == len(result.front)
     assert (here / "runs/front/plots/front.png").is_file()
+
+
+def test_what_breaks_limits_by_far_does_not_press_the_front_flat():
+    rms = [7.4, 8.0, 9.1, *np.linspace(2000.0, 4000.0, 20)]
+    trials = pd.DataFrame({"rms_true": rms, "jitter": np.linspace(0.4, 4.0, 23), "state": "complete"})
+    trials["feasible"] = trials["rms_true"] < 10.0
+    task = Task("pid", ("law",), metrics=("rms_true", "jitter"), sampler="nsga2")
+    front = [types.SimpleNamespace(values=(v, j)) for v, j in zip(rms[:3], trials["jitter"], strict=False)]
+    (axes,) = pictures.pareto(trials, task, front).axes
+    low, high = axes.get_xlim()
+    assert low < 7.4
+    assert 9.1 < high < 20.0
 
 
 def test_jobs_are_tuned_as_teams_or_one_stack_of_them(here, plain, monkeypatch):
