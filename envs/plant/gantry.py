@@ -183,6 +183,8 @@ _STRIDE_Z = machine.STRIDE
 _JOB = U(len(JOB))
 _AHEAD = U(AHEAD)
 LEAST_OVERRIDE = 0.05
+_REACH, _STILL = 2e-3, 1e-3
+"""mm, and mm/s of both axes together: closer to where it waits, and slower, a nozzle has arrived."""
 _SLEW = 0.5
 """Share of the axes' acceleration that a change of the feed override may take."""
 _FADE = 0.5
@@ -229,6 +231,22 @@ def _nearest(jobs, j, near, latest, x, y):
         if there <= best:
             best, near = there, k
         k += 1.0
+    return near
+
+
+@part
+def _arrived(jobs, j, near, latest, ax, ay):
+    """``near``, or the sample at which the reference waits if drives that stand still are within ``_REACH`` of it.
+
+    Encoder and D/A converter let an axis rest some tenths of a micrometre short, nearer to a sample before the end,
+    where a planned stop is that dense; the beam would never be switched off.
+    """
+    still = ax.command == 0.0 and ay.command == 0.0 and abs(xy_axes.velocity(ax)) + abs(xy_axes.velocity(ay)) < _STILL
+    if near < latest and still:
+        i, k = _at(jobs, j, latest), _at(jobs, j, latest - 1.0)
+        waits = jobs[i] == jobs[k] and jobs[i + U1] == jobs[k + U1]
+        if waits and _distance2(jobs, j, latest, ax.position, ay.position) < _REACH * _REACH:
+            near = latest
     return near
 
 
@@ -294,6 +312,7 @@ def locate_all(g, base, n, jobs, now):
         j, s = load(Journey, g, a + P_JOURNEY), load(Progress, g, a + PROGRESS)
         ax, ay = load(xy_axes.Axis, g, a + X), load(xy_axes.Axis, g, a + Y)
         near = _nearest(jobs, j, s.near, np.floor(s.tau), ax.position, ay.position)
+        near = _arrived(jobs, j, near, np.floor(s.tau), ax, ay)
         i = _at(jobs, j, near)
         tx, ty = jobs[i + U(4)], jobs[i + U(5)]
         dx, dy = ax.position - jobs[i], ay.position - jobs[i + U1]
