@@ -264,7 +264,10 @@ class _Flight:
         more = {"raw": int(kind == "raw"), "size": size, "width": width, "machines": count}
         addresses = {name: array.ctypes.data for name, array in values.items()}
         if following:
-            io: Any = interface.Io(**addresses, **more, control=interface.CONTROLS.index(control))
+            self.memory = np.zeros((len(interface.Memory._fields), count))
+            io: Any = interface.Io(
+                **addresses, **more, control=interface.CONTROLS.index(control), memory=self.memory.ctypes.data
+            )
         else:
             assert fleet.gantries
             io = job_interface.Io(

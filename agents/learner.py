@@ -63,7 +63,11 @@ def learner(settings: Settings, env: Any, seed: int, device: str = "cpu") -> Any
         options["action_noise"] = NormalActionNoise(np.zeros(width), np.full(width, options.pop("noise")))
     spread, gain = network.pop("spread", None), network.pop("output_gain", 1.0)
     network["activation_fn"] = {"tanh": nn.Tanh, "relu": nn.ReLU}[network.pop("activation", "tanh")]
-    policy = "MlpLstmPolicy" if settings.name == "recurrent-ppo" else "MlpPolicy"
+    policy: Any = "MlpLstmPolicy" if settings.name == "recurrent-ppo" else "MlpPolicy"
+    if network.pop("spread_by_state", False):
+        from .spread import SpreadPolicy
+
+        policy = SpreadPolicy
     try:
         torch.empty(0, device=device)  # the library would take the processor where there is no such device
     except (RuntimeError, AssertionError) as error:

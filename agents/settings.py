@@ -47,6 +47,7 @@ _OUTSIDE = (  # set by the run itself, or not a plain value
 _SHARES = ("gamma", "gae_lambda", "tau", "clip_range")
 _POLICY = ("net_arch", "activation", "spread", "output_gain")
 _RECURRENT = ("lstm_hidden_size", "n_lstm_layers", "shared_lstm", "enable_critic_lstm")
+_BY_STATE = ("spread_by_state",)
 _CRITICS = ("n_critics",)
 _QUANTILES = ("n_quantiles", "top_quantiles_to_drop_per_net")  # the second belongs to the algorithm
 
@@ -58,7 +59,8 @@ class Settings:
     ``algorithm`` holds arguments of the algorithm's class, besides ``final_learning_rate`` (the rate falls to it
     geometrically) and ``noise`` (standard deviation of TD3's exploration, share of the action's range of ±1).
     ``policy`` describes the network: ``net_arch``, ``activation``, ``spread`` (standard deviation of the first actions,
-    one number or one for each), ``output_gain`` (factor on the first weights of the action's layer: below 1, a residual
+    one number or one for each), ``spread_by_state`` (PPO: that becomes a function of the observation, see
+    :mod:`agents.spread`), ``output_gain`` (factor on the first weights of the action's layer: below 1, a residual
     begins small).
     """
 
@@ -170,8 +172,8 @@ def known(settings: Settings, table: str) -> list[str]:
     if table == "algorithm":
         return [*_arguments(settings.name), *(n for n in _OURS if n != "noise" or settings.name == "td3")]
     if table == "policy":
-        more = {"recurrent-ppo": _RECURRENT, "ppo": (), "tqc": (*_CRITICS, _QUANTILES[0])}.get(settings.name, _CRITICS)
-        return [*_POLICY, *more]
+        more = {"recurrent-ppo": _RECURRENT, "ppo": _BY_STATE, "tqc": (*_CRITICS, _QUANTILES[0])}
+        return [*_POLICY, *more.get(settings.name, _CRITICS)]
     if table == "checkpoint":
         return ["every"]
     return []
@@ -205,6 +207,9 @@ def checked(settings: Settings) -> Settings:
     for key, value in settings.algorithm.items():
         if key in arguments:
             _check_argument(f"algorithm.{key}", value, arguments[key].default)
+    by_state = settings.policy.get("spread_by_state", False)
+    if not isinstance(by_state, bool):
+        raise InvalidInput(f"policy.spread_by_state = {by_state!r}; true or false")
     activation = settings.policy.get("activation", "tanh")
     if activation not in ACTIVATIONS:
         raise InvalidInput(f"policy.activation = {activation!r}; {did_you_mean(str(activation), ACTIVATIONS)}")

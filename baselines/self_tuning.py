@@ -46,7 +46,7 @@ MEMORY = NEARER + 3 * TERMS
 FADE = 0.98
 """Of the largest speed seen, per period."""
 
-RECALL, DOUBT = 0.97, 6.0
+RECALL, DOUBT = 0.99, 6.0
 """Memory of what was predicted, per period; how soon predictions that miss most of the motion are not trusted."""
 
 SWING, STRAY = 1.2, 0.05
@@ -191,7 +191,8 @@ def control(params, state, signals, tables, memory):
     expected = last + (last - m[READINGS + _slot(tick, RECENT)]) / (RECENT - 1)
     off = abs(seen - expected) > p.jump
     bridges = off and state.bridged >= 0.0 and state.bridged < p.hold
-    measured = expected if bridges else seen
+    # Across the bridge the trend of more readings: what noise adds to it would be taken for motion.
+    measured = last + (last - m[READINGS + _slot(tick, RING)]) / (RING - 1) if bridges else seen
     # One that outlasts is real; then the trend is that of the jump for a while.
     bridged = state.bridged + 1.0 if bridges or state.bridged < 0.0 else (-float(RECENT) if off else 0.0)
     # Far from the sheet and over a hole the reading says nothing of the sheet.

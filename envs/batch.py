@@ -19,6 +19,7 @@ from .interface import (
     OBSERVATIONS,
     RAW_HISTORY,
     Io,
+    Memory,
     Reward,
     act,
     observe,
@@ -77,12 +78,13 @@ class Batch(Episodes):
         self.base.install(self.fleet, np.arange(size))
         if control == "schedule":
             self.fleet.widest_window(LONGEST_WINDOW, LARGEST_TRIM)
-        self._weights = np.array(self.weights)
+        self._weights, self._memory = np.array(self.weights), np.zeros((len(Memory._fields), size))
         self._io = np.array(Io(
             self.actions.ctypes.data, self.observations.ctypes.data, self.rewards.ctypes.data,
             self.returns.ctypes.data, self.infos.ctypes.data, self._weights.ctypes.data, CONTROLS.index(control),
             int(observation == "raw"), self.observations.shape[1], self.actions.shape[1], size,
             self.left.ctypes.data, self.terminated.ctypes.data, self.truncated.ctypes.data,
+            self._memory.ctypes.data,
         ), np.uint64)  # fmt: skip
         self.fleet.hook(stage_address(act), stage_address(observe), self._io)
         self.advance = self.fleet.stepper()

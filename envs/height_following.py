@@ -50,12 +50,12 @@ class HeightFollowingEnv(gym.Env):
 
     ## Observation Space
 
-    `observation="features"`: `Box(-10, 10, (25,), float32)`, normalised. symlog(x) = sign(x)·ln(1 + |x|/2 µm)/5.
+    `observation="features"`: `Box(-10, 10, (32,), float32)`, normalised. symlog(x) = sign(x)·ln(1 + |x|/2 µm)/5.
 
     | index | signal                                                                     | unit       |
     |-------|----------------------------------------------------------------------------|------------|
     | 0–5   | measured height − set height, 0, 1, 2, 3, 5, 8 ms ago                       | symlog     |
-    | 6–11  | change of (encoder − unfiltered height), the sheet, between 0, 1, 2, 3, 5, 8, 13 ms ago | symlog |
+    | 6–11  | change of (encoder − unfiltered height), the sheet, between 0, 1, 2, 3, 5, 8, 13 ms ago; from 1 ms ago on a median of three readings around, from 3 ms ago on of five, which leave out impulses | symlog |
     | 12–15 | head velocity from the encoder, 0, 1, 2, 4 ms ago                           | 100 mm/s   |
     | 16–19 | last four commands sent to the drive                                       | 100 mm/s   |
     | 20    | command of the base controller for the coming period (0 if `direct`)        | 100 mm/s   |
@@ -63,6 +63,13 @@ class HeightFollowingEnv(gym.Env):
     | 22    | 1 while the supervisor's command replaces the stack's                       | 1          |
     | 23    | 1 once the approach is over                                                | 1          |
     | 24    | 1 while the supervisor holds over a hole                                    | 1          |
+    | 25    | how far the head has moved in 8 ms, running mean over 64 ms                 | symlog     |
+    | 26–27 | size of how it moves otherwise, running mean of the symlog over 64 and 256 ms | 1        |
+    | 28–29 | size of measured height − set height, running mean of the symlog over 64 and 256 ms | 1  |
+    | 30–31 | measured height − set height, running mean over 64 and 256 ms               | symlog     |
+
+    A running mean y takes in each x by y += (x − y)/n, n in periods; it begins at 0. They tell a policy how restless the
+    sheet is, which 13 ms do not show, and where it is wrong on average.
 
     `observation="raw"`: `Box(low, high, (38,), float32)`, physical.
 

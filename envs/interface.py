@@ -50,12 +50,17 @@ SPEED_LAGS = (0, 1, 2, 4)
 COMMAND_LAGS = (0, 1, 2, 3)
 RAW_HISTORY = 8
 
+SOON, LATE = 64.0, 256.0
+"""Periods over which running means are taken."""
+
 FEATURES = (
     *(f"error_{k}" for k in ERROR_LAGS),
     *(f"surface_step_{a}_{b}" for a, b in zip(SURFACE_LAGS[:-1], SURFACE_LAGS[1:], strict=True)),
     *(f"speed_{k}" for k in SPEED_LAGS),
     *(f"command_{k}" for k in COMMAND_LAGS),
     "base_command", "set_height", "override", "captured", "holding",
+    "mean_motion_64", "restless_64", "restless_256",
+    "error_size_64", "error_size_256", "mean_error_64", "mean_error_256",
 )  # fmt: skip
 """Names of the normalised features, in order."""
 
@@ -101,23 +106,37 @@ class Io(NamedTuple):
     left: int  # float64, (machines,), periods until the time is over
     terminated: int  # bool, (machines,)
     truncated: int  # bool, (machines,)
+    memory: int  # float64, (len(Memory._fields), machines)
+
+
+class Memory(NamedTuple):
+    """What the features remember of an episode: running means, over SOON or LATE periods."""
+
+    motion_soon: float = 0.0  # mm in 8 periods, of the head
+    restless_soon: float = 0.0  # compressed: size of how its motion differs from that
+    restless_late: float = 0.0
+    size_soon: float = 0.0  # compressed: size of the measured error
+    size_late: float = 0.0
+    error_soon: float = 0.0  # mm, measured
+    error_late: float = 0.0
 
 
 (
     _ACTIONS, _OBSERVATIONS, _REWARDS, _RETURNS, _INFOS, _WEIGHTS, _CONTROL, _RAW, _SIZE, _WIDTH, _MACHINES, _LEFT,
-    _TERMINATED, _TRUNCATED,
+    _TERMINATED, _TRUNCATED, _MEMORY,
 ) = range(len(Io._fields))  # fmt: skip
 _IO = U(len(Io._fields))
 _ANY = U(2**40)
 _SPEED = 0.01 / PERIOD  # of a millimetre per period, in 100 mm/s
 _ROWS = len(RAW) * lanes.W
 _INFO = U(len(INFO))
+_MEMORY_ROWS, _MEANS = U(FEATURES.index("mean_motion_64")), U(len(Memory._fields))
 _COLLIDED = machine.TALLY + U(machine.Tally._fields.index("collided") * lanes.W)
 _SCORED = machine.COURSE + U(machine.Course._fields.index("scored") * lanes.W)
 _HERE = machine.S_PATH + U(machine.path.State._fields.index("here") * lanes.W)
-_GAP, _HEIGHT, _SET, _MODE, _OVERRIDE, _CAPTURED, _FEED = (
+_GAP, _HEIGHT, _SET, _MODE, _OVERRIDE, _CAPTURED, _FEED, _FRESH = (
     machine.SIGNALS + U(Privileged._fields.index(name) * lanes.W)
-    for name in ("gap", "height", "set_height", "mode", "override", "captured", "feed")
+    for name in ("gap", "height", "set_height", "mode", "override", "captured", "feed", "fresh")
 )
 
 
@@ -176,11 +195,61 @@ def _back(tick, k):
 # Numbers are gathered in rows of lanes, which vectorises, and then laid out machine by machine, as policies read them.
 
 
+@stage
+def sheets(block, at, n, rows, tick):
+    """The sheet at each of SURFACE_LAGS as far as it is known now, in the rows that the memory has later.
+
+    An impulse on the sensor does not last, a step does: a reading that has neighbours is the median of three, or of
+    five, with those before and after it.
+    """
+    for lane in range(n):
+        a = at + lane
+        s0, s1, s2 = _read(block, a, tick, 0), _read(block, a, tick, 1), _read(block, a, tick, 2)
+        s3, s4, s5 = _read(block, a, tick, 3), _read(block, a, tick, 4), _read(block, a, tick, 5)
+        s6, s7, s8 = _read(block, a, tick, 6), _read(block, a, tick, 7), _read(block, a, tick, 8)
+        s9, s10, s11 = _read(block, a, tick, 9), _read(block, a, tick, 10), _read(block, a, tick, 11)
+        s12, s13, s14 = _read(block, a, tick, 12), _read(block, a, tick, 13), _read(block, a, tick, 14)
+        s15 = _read(block, a, tick, 15)
+        o = _MEMORY_ROWS * UW + lane
+        rows[o] = s0
+        rows[o + UW] = _middle(s0, s1, s2)
+        rows[o + U(2) * UW] = _middle(s1, s2, s3)
+        rows[o + U(3) * UW] = _median(s1, s2, s3, s4, s5)
+        rows[o + U(4) * UW] = _median(s3, s4, s5, s6, s7)
+        rows[o + U(5) * UW] = _median(s6, s7, s8, s9, s10)
+        rows[o + U(6) * UW] = _median(s11, s12, s13, s14, s15)
+
+
+@part
+def _read(block, a, tick, k):
+    """The sheet as the sensor saw it ``k`` periods ago: encoder − unfiltered height, mm."""
+    then = a + _back(tick, k)
+    return block[then + machine.POSITIONS] - block[then + machine.RAW_HEIGHTS]
+
+
+@part
+def _middle(a, b, c):
+    """Median of three."""
+    return max(min(a, b), min(max(a, b), c))
+
+
+@part
+def _median(a, b, c, d, e):
+    """Median of five: that of the fifth and the two middle ones of the others."""
+    return _middle(max(min(a, b), min(c, d)), min(max(a, b), max(c, d)), e)
+
+
+@part
+def _sheet(rows, j, lane):
+    """The sheet at the j-th of SURFACE_LAGS."""
+    return rows[(_MEMORY_ROWS + U(j)) * UW + lane]
+
+
 @part
 def features(block, at, n, rows, tick):
     """Normalised features, one row of lanes each."""
     now, ago_1, ago_2, ago_3 = at + _back(tick, 0), at + _back(tick, 1), at + _back(tick, 2), at + _back(tick, 3)
-    ago_4, ago_5, ago_8, ago_13 = at + _back(tick, 4), at + _back(tick, 5), at + _back(tick, 8), at + _back(tick, 13)
+    ago_4, ago_5, ago_8 = at + _back(tick, 4), at + _back(tick, 5), at + _back(tick, 8)
     for lane in range(n):  # written out, because the vectoriser does not look into inner loops
         height = block[at + _SET + lane]
         _put(rows, 0, lane, _symlog(block[now + machine.HEIGHTS + lane] - height))
@@ -189,15 +258,12 @@ def features(block, at, n, rows, tick):
         _put(rows, 3, lane, _symlog(block[ago_3 + machine.HEIGHTS + lane] - height))
         _put(rows, 4, lane, _symlog(block[ago_5 + machine.HEIGHTS + lane] - height))
         _put(rows, 5, lane, _symlog(block[ago_8 + machine.HEIGHTS + lane] - height))
-        sheet_0, sheet_1 = _sheet(block, now + lane), _sheet(block, ago_1 + lane)
-        sheet_2, sheet_3 = _sheet(block, ago_2 + lane), _sheet(block, ago_3 + lane)
-        sheet_5, sheet_8 = _sheet(block, ago_5 + lane), _sheet(block, ago_8 + lane)
-        _put(rows, 6, lane, _symlog(sheet_0 - sheet_1))
-        _put(rows, 7, lane, _symlog(sheet_1 - sheet_2))
-        _put(rows, 8, lane, _symlog(sheet_2 - sheet_3))
-        _put(rows, 9, lane, _symlog(sheet_3 - sheet_5))
-        _put(rows, 10, lane, _symlog(sheet_5 - sheet_8))
-        _put(rows, 11, lane, _symlog(sheet_8 - _sheet(block, ago_13 + lane)))
+        _put(rows, 6, lane, _symlog(_sheet(rows, 0, lane) - _sheet(rows, 1, lane)))
+        _put(rows, 7, lane, _symlog(_sheet(rows, 1, lane) - _sheet(rows, 2, lane)))
+        _put(rows, 8, lane, _symlog(_sheet(rows, 2, lane) - _sheet(rows, 3, lane)))
+        _put(rows, 9, lane, _symlog(_sheet(rows, 3, lane) - _sheet(rows, 4, lane)))
+        _put(rows, 10, lane, _symlog(_sheet(rows, 4, lane) - _sheet(rows, 5, lane)))
+        _put(rows, 11, lane, _symlog(_sheet(rows, 5, lane) - _sheet(rows, 6, lane)))
         _put(rows, 12, lane, _speed(block, now + lane, ago_1 + lane))
         _put(rows, 13, lane, _speed(block, ago_1 + lane, ago_2 + lane))
         _put(rows, 14, lane, _speed(block, ago_2 + lane, ago_3 + lane))
@@ -213,15 +279,47 @@ def features(block, at, n, rows, tick):
         _put(rows, 24, lane, 1.0 if block[at + _MODE + lane] == supervisor.HOLD else 0.0)
 
 
+@stage
+def remember(block, at, n, rows, tick, memory, machines):
+    """The features that need a memory: how the head has moved of late, how restlessly, and how large errors were."""
+    now, ago_8 = at + _back(tick, 0), at + _back(tick, 8)
+    for j in range(_MEANS):
+        for lane in range(n):  # no memory where an episode begins
+            rows[(_MEMORY_ROWS + j) * UW + lane] = (1.0 - block[at + _FRESH + lane]) * memory[j * machines + lane]
+    for lane in range(n):
+        moved = block[now + machine.POSITIONS + lane] - block[ago_8 + machine.POSITIONS + lane]
+        error = block[now + machine.HEIGHTS + lane] - block[at + _SET + lane]
+        size = abs(_symlog(error))
+        motion = _mean(rows, 0, lane, moved, 1.0 / SOON)
+        restless = abs(_symlog(moved - motion))
+        _mean(rows, 1, lane, restless, 1.0 / SOON)
+        _mean(rows, 2, lane, restless, 1.0 / LATE)
+        _mean(rows, 3, lane, size, 1.0 / SOON)
+        _mean(rows, 4, lane, size, 1.0 / LATE)
+        _mean(rows, 5, lane, error, 1.0 / SOON)
+        _mean(rows, 6, lane, error, 1.0 / LATE)
+    for j in range(_MEANS):
+        for lane in range(n):
+            memory[j * machines + lane] = rows[(_MEMORY_ROWS + j) * UW + lane]
+    for lane in range(n):
+        o = _MEMORY_ROWS * UW + lane
+        rows[o] = _symlog(rows[o])
+        rows[o + U(5) * UW] = _symlog(rows[o + U(5) * UW])
+        rows[o + U(6) * UW] = _symlog(rows[o + U(6) * UW])
+
+
+@part
+def _mean(rows, j, lane, now, share):
+    """Takes one more into a running mean: y += share·(x − y)."""
+    at = (_MEMORY_ROWS + U(j)) * UW + lane
+    mean = rows[at] + share * (now - rows[at])
+    rows[at] = mean
+    return mean
+
+
 @part
 def _put(rows, j, lane, x):
     rows[U(j) * UW + lane] = x
-
-
-@part
-def _sheet(block, then):
-    """Surface of the sheet as the sensor saw it: encoder − unfiltered height, mm."""
-    return block[then + machine.POSITIONS] - block[then + machine.RAW_HEIGHTS]
 
 
 @part
@@ -330,7 +428,9 @@ def observe(block_address, at, n, io_address, first):
     if io[_RAW] == U1:
         raw_signals(block, at, n, rows, tick)
     else:
+        sheets(block, at, n, rows, tick)
         features(block, at, n, rows, tick)
+        remember(block, at, n, rows, tick, doubles(io[_MEMORY] + first * U(8), _ANY), io[_MACHINES])
     lay_out(rows, n, singles(io[_OBSERVATIONS], _ANY), first * io[_SIZE], io[_SIZE])
     judge(block, at, n, rows, doubles(io[_WEIGHTS], _ANY), tick)
     put_infos(rows, n, doubles(io[_INFOS], _ANY), first, io[_MACHINES])

@@ -22,13 +22,14 @@ from kerfgym.agents.policy import Policy
 from kerfgym.agents.vec_env import ContourFollowingVecEnv, CuttingVecEnv, HeightFollowingVecEnv
 from kerfgym.envs import scenarios, stack, workshop
 from kerfgym.envs.batch import Batch
+from kerfgym.envs.interface import FEATURES
 from kerfgym.envs.job_batch import ContourBatch, CuttingBatch
 from kerfgym.envs.plant import gantry
 from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.experiments import decisions, rollout, stability
 
 torch.set_num_threads(1)
-SEED = 3
+SEED, SIZE = 3, len(FEATURES)
 SHORT = scenarios.load("wavy").varied(duration=0.4, settle=0.1)
 SETTINGS = {
     PPO: {"n_steps": 8, "batch_size": 8, "policy_kwargs": {"net_arch": [16, 7]}},
@@ -167,8 +168,8 @@ def test_the_onnx_graph_acts_as_the_policy_does(tmp_path):
     env = VecFrameStack(VecNormalize(HeightFollowingVecEnv(2)), 2)
     policy, graph = session(model(SAC, env), tmp_path / "sac")
     env.reset()
-    seen = rng.normal(0, 0.3, (6, 25)).astype(np.float32)
-    before = np.zeros(25, np.float32)
+    seen = rng.normal(0, 0.3, (6, SIZE)).astype(np.float32)
+    before = np.zeros(SIZE, np.float32)
     for i, row in enumerate(seen):
         (action,) = graph.run(["action"], {"observation": np.concatenate([before, row])[None]})
         np.testing.assert_allclose(action[0], policy.act(row, start=i == 0), atol=2e-6)
@@ -316,13 +317,13 @@ def copy_of(folder, place, numbers=None, **changes):
         ({"version": 1}, "version 1 of environment"),
         ({"format": 2}, "format 2"),
         ({"control": "schedule"}, "action.shape is"),
-        ({"observation__shape": [26]}, "observation.shape is"),
+        ({"observation__shape": [SIZE + 1]}, "observation.shape is"),
         ({"action__at_one": [100.0]}, "action.at_one is"),
         ({"network": None}, "network: Field required"),
         ({"base": {}}, "base controllers for slots"),
         ({"base__z__law": "kerfgym.pif"}, "did you mean 'kerfgym.pid'"),
         ({"base__z__parameters": {"filter.window": 1000.0}}, "out of range"),
-        ({"network__layers__0__inputs": 24}, "takes 24 numbers, but gets 25"),
+        ({"network__layers__0__inputs": SIZE - 1}, f"takes {SIZE - 1} numbers, but gets {SIZE}"),
         ({"network__layers__0__activation": "gelu"}, "activation"),
         ({"network__layers__2__outputs": 2}, "gives 2 numbers"),
         ({"network__frames": 0}, "network.frames"),
@@ -397,12 +398,12 @@ def test_damaged_weights_are_refused(folder, tmp_path):
 
 def test_observations_that_do_not_fit_are_refused(folder):
     policy = Policy.load(folder)
-    for bad in (np.zeros(24), np.zeros((1, 1, 25)), np.full(25, np.nan), np.array(["x"] * 25)):
+    for bad in (np.zeros(SIZE - 1), np.zeros((1, 1, SIZE)), np.full(SIZE, np.nan), np.array(["x"] * SIZE)):
         with pytest.raises(InvalidInput, match="observation"):
             policy.act(bad)
-    assert policy.act(np.zeros((3, 25), np.float32)).shape == (3, 1)
+    assert policy.act(np.zeros((3, SIZE), np.float32)).shape == (3, 1)
     with pytest.raises(InvalidInput, match="after 3 before"):
-        policy.act(np.zeros((2, 25), np.float32))
+        policy.act(np.zeros((2, SIZE), np.float32))
 
 
 def test_what_an_artefact_cannot_do_is_refused_with_what_it_can(tmp_path):

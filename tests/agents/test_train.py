@@ -9,13 +9,17 @@ import sys
 import time
 import tomllib
 
+import gymnasium as gym
 import numpy as np
 import pytest
 import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.vec_env import DummyVecEnv
 
 from kerfgym.agents import checkpoint, settings
 from kerfgym.agents.evaluation import Evaluator
 from kerfgym.agents.learner import environment, falling, learner
+from kerfgym.agents.spread import SpreadPolicy
 from kerfgym.agents.train import CHECKPOINT, train
 from kerfgym.envs import scenarios
 from kerfgym.envs.plant.quantity import InvalidInput
@@ -228,12 +232,37 @@ def test_the_first_policy_is_near_the_base_controller(name):
 
 
 def test_the_first_spread_is_what_was_asked():
-    for name in ("ppo", "sac"):
-        given = tiny(name, policy__spread=0.05, policy__output_gain=1e-6)
+    for name, more in (("ppo", {}), ("ppo", {"policy__spread_by_state": True}), ("sac", {})):
+        given = tiny(name, policy__spread=0.05, policy__output_gain=1e-6, **more)
         env = environment(given)
         model, seen = learner(given, env, 0), env.reset()
         drawn = np.concatenate([model.predict(seen)[0] for _ in range(500)])
         assert drawn.std() == pytest.approx(0.05, rel=0.1)
+
+
+class Trembling(gym.Env):
+    """A chain of situations at random; in one kind trembling costs, in the other nothing does."""
+
+    observation_space, action_space = gym.spaces.Box(-1, 1, (1,)), gym.spaces.Box(-1, 1, (1,))
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.situation = self.np_random.choice([-1.0, 1.0])
+        return np.array([self.situation], np.float32), {}
+
+    def step(self, action):
+        reward = -float(action[0] ** 2) if self.situation > 0 else 0.0
+        return *self.reset()[:1], reward, False, False, {}
+
+
+def test_a_spread_by_state_falls_where_trembling_costs():
+    model = PPO(SpreadPolicy, DummyVecEnv([Trembling] * 8), n_steps=32, batch_size=64, gamma=0.0, seed=0, device="cpu",
+                policy_kwargs={"net_arch": [16], "log_std_init": np.log(0.3)}, learning_rate=1e-3)  # fmt: skip
+    model.learn(6000)
+    seen = torch.tensor([[-1.0], [1.0]])
+    elsewhere, here = model.policy.get_distribution(seen).distribution.stddev.detach().flatten().tolist()
+    assert here < 0.7 * elsewhere
+    assert elsewhere > 0.2
 
 
 def test_the_presets_own_scenario_is_found_and_trains_what_the_suite_has_not():
@@ -269,6 +298,8 @@ def test_values_are_set_as_in_toml():
         (["ppo", "--set", "environment.base=pidd"], "unknown controller 'pidd'; did you mean 'pid'"),
         (["ppo", "--set", "environment.reward.rat=1"], "unknown reward term 'rat'; did you mean 'rate'"),
         (["ppo", "--set", "policy.activation=gelu"], "policy.activation = 'gelu'"),
+        (["ppo", "--set", "policy.spread_by_state=1"], "policy.spread_by_state = 1; true or false"),
+        (["sac", "--set", "policy.spread_by_state=true"], "unknown setting 'policy.spread_by_state'"),
         (["ppo", "--set", "steps=1.5"], "steps = 1.5; a whole number, at least 1"),
         (["ppo", "--steps", "0"], "steps = 0; a whole number, at least 1"),
         (["ppo", "--seed", "-1"], "seed = -1; a whole number from 0 on"),

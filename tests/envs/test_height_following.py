@@ -8,6 +8,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from scipy.signal import lfilter
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
 import kerfgym  # noqa: F401
@@ -198,7 +199,7 @@ def history(env, rng, steps):
     return past, observation, reward, info
 
 
-@pytest.mark.parametrize("steps", [1, 4, 40])
+@pytest.mark.parametrize("steps", [1, 4, 40, 400])
 def test_the_features_are_those_of_the_table(steps):
     env, _ = begun(1006, scenario="wavy", observation="features")
     past, observation, _, _ = history(env, np.random.default_rng(1), steps)
@@ -212,11 +213,25 @@ def test_the_features_are_those_of_the_table(steps):
     x = past[-1]
     expected = [symlog(ago(k).height - x.set_height) for k in (0, 1, 2, 3, 5, 8)]
     lags = (0, 1, 2, 3, 5, 8, 13)
-    surface = [ago(k).head_position - ago(k).raw_height for k in lags]
+    read = [ago(k).head_position - ago(k).raw_height for k in range(16)]
+    half = (0, 1, 1, 2, 2, 2, 2)  # an impulse is left out as soon as there are readings after it
+    surface = [np.median(read[k - w : k + w + 1]) for k, w in zip(lags, half, strict=True)]
     expected += [symlog(a - b) for a, b in zip(surface[:-1], surface[1:], strict=True)]
     expected += [(ago(k).head_position - ago(k + 1).head_position) / 1e-3 / 100 for k in (0, 1, 2, 4)]
     expected += [command(k) / 100 for k in range(4)]
     expected += [-50.0 * (x.height - x.set_height) / 100, x.set_height, x.override, x.captured, 0.0]
+
+    def mean(values, periods):  # a first-order lag from zero on
+        return lfilter([1 / periods], [1, 1 / periods - 1], values)
+
+    position, error = (
+        np.array(v) for v in zip(*((p.head_position, p.height - p.set_height) for p in past), strict=True)
+    )
+    moved = position - np.concatenate([np.full(8, position[0]), position])[: len(position)]
+    restless = np.abs(symlog(moved - mean(moved, 64)))
+    expected += [symlog(mean(moved, 64)[-1]), mean(restless, 64)[-1], mean(restless, 256)[-1]]
+    expected += [mean(np.abs(symlog(error)), periods)[-1] for periods in (64, 256)]
+    expected += [symlog(mean(error, periods)[-1]) for periods in (64, 256)]
     assert observation.shape == (len(FEATURES),) == (len(expected),)
     assert observation == pytest.approx(np.array(expected, float), abs=2e-6)
 
