@@ -178,7 +178,7 @@ def test_a_relay_swings_on_and_does_not_settle(monkeypatch):
 def test_friction_and_limits_make_the_margins_of_the_machine_its_own():
     """The paper's tuned law: friction damps the structure's resonance a little, and impulses stay harmless."""
     tuned = get("xi2023-tuned")
-    real, linear_gain = Bench(tuned).measure(tuned), linear(90.176)[0]
+    real, linear_gain = Bench(tuned).measure(tuned), linear(90.265)[0]
     assert 1.0 < real.gain / linear_gain < 1.15
 
 
