@@ -28,6 +28,14 @@ TRAINED = Path(__file__).parents[1] / "agents" / "trained"
 
 SHIPPED: dict[str, tuple[str, str, int, dict[str, Any]]] = {
     "height-following-ppo": ("ppo", "kerfgym/HeightFollowing-v0", 0, {}),
+    # Window, trim and gain of the paper's loop from millisecond to millisecond, against the best fixed ones.
+    "height-following-schedule-ppo": ("ppo", "kerfgym/HeightFollowing-v0", 0, {
+        "environment.control": "schedule", "environment.base": "xi2023-tuned",
+        "environment.reward.rate": 0.3,  # the default: a change of gain is no tremor
+        "environment.reward.tolerance": 5e-4, "policy.spread": 0.4, "policy.spread_by_state": False,
+        "algorithm.learning_rate": 1e-3, "algorithm.gamma": 0.98,  # what a window did shows later than a velocity
+        "steps": 1_920_000, "checkpoint.every": 480_000, "evaluation.every": 480_000, "evaluation.episodes": 112,
+    }),
     "contour-following-ppo": ("ppo", "kerfgym/ContourFollowing-v0", 0, {}),
     "cutting-ppo": ("ppo", "kerfgym/Cutting-v0", 0, {}),
 }  # fmt: skip
