@@ -18,14 +18,14 @@ SLACK = 1.1
 
 CPU_SLACK = 2.0
 """The same for CPU-seconds: on one machine, searches of 634 million steps took from 230 to 470 of them. They are the
-measure for what learns, whose effort is not in simulated steps alone, and where nothing else is known of both."""
+measure of the learning itself, whose effort is not in simulated steps alone, and where nothing else is known of both."""
 
 NONE, LARGER, EDITED = "none", "larger", "edited"
 MARKS = {
     NONE: "no budget recorded",
     LARGER: (
         f"more than {SLACK:g} times the simulated steps (or trials) of the reference, where that was not tuned of the "
-        f"smallest, or more than {CPU_SLACK:g} times its CPU-seconds in learning"
+        f"smallest, or more than {CPU_SLACK:g} times its CPU-seconds in training alone"
     ),
     EDITED: "parameters changed since they were tuned, or by hand",
 }
@@ -43,7 +43,8 @@ class Spent:
         trials: candidates of a search.
         steps: simulated control periods.
         cpu_seconds: of search and training together.
-        learns: whether a policy was trained.
+        learning: CPU-seconds of the training alone; NaN if no policy was trained.
+        learns: whether one was.
         edited: parameters changed by hand, in words; empty if none was.
         recorded: whether there is a record at all.
         name: of whose measure it is, if it is one.
@@ -52,6 +53,7 @@ class Spent:
     trials: float = math.nan
     steps: float = math.nan
     cpu_seconds: float = math.nan
+    learning: float = math.nan
     learns: bool = False
     edited: str = ""
     recorded: bool = False
@@ -65,11 +67,13 @@ class Spent:
     def beyond(self, measure: "Spent") -> str:
         """By how much, and in what, this is larger than a measure; empty if it is not."""
         known = [k for k in _UNITS if not math.isnan(getattr(self, k) + getattr(measure, k))]
-        checked = known[:1] + ["cpu_seconds"] * (self.learns and "cpu_seconds" in known[1:])
-        for key in checked:
+        for key in known[:1]:
             times = getattr(self, key) / (getattr(measure, key) or math.nan)
             if times > (CPU_SLACK if key == "cpu_seconds" else SLACK):
                 return f"{times:.2g} times the {_UNITS[key]} of {measure.name}"
+        times = self.learning / (measure.cpu_seconds or math.nan)
+        if times > CPU_SLACK:  # never so if one of them is not known
+            return f"{times:.2g} times the CPU-seconds of {measure.name} in training alone"
         return ""
 
 
@@ -85,11 +89,12 @@ def spent(record: dict[str, Any]) -> Spent:
     steps = _number(record, "simulated_steps", "steps")
     if trials == 0:  # then nothing was simulated or computed either, unless it is said
         steps, cpu = _zero(steps), _zero(cpu)
-    trained = record.get("policy")
+    trained, learning = record.get("policy"), math.nan
     if isinstance(trained, dict):  # its steps are in the total already, its CPU-seconds are not
-        cpu = _zero(cpu) + _number(trained.get("ledger", trained), "cpu_seconds")
+        learning = _number(trained.get("ledger", trained), "cpu_seconds")
+        cpu = _zero(cpu) + learning
     known = bool({"trials", "simulated_steps", "steps", "policy"} & set(record))
-    own = Spent(trials, steps, cpu, isinstance(trained, dict), str(record.get("edited", "")), known)
+    own = Spent(trials, steps, cpu, learning, isinstance(trained, dict), str(record.get("edited", "")), known)
     start = record.get("start")
     if isinstance(start, dict) and start:
         for first in map(spent, slots(start).values()):

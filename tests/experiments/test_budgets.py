@@ -45,10 +45,11 @@ def test_trials_are_the_measure_where_steps_are_unknown():
 
 def test_cpu_seconds_count_for_what_learns_and_nowhere_else():
     slow = {**EQUAL, "cpu_seconds": 300.0 * CPU_SLACK + 1}
-    learned = {**EQUAL, "policy": {"ledger": {"cpu_seconds": 300.0 * (CPU_SLACK - 1) + 1}}}  # on a tuned base
+    learned = {**EQUAL, "policy": {"ledger": {"cpu_seconds": 300.0 * CPU_SLACK + 1}}}
     modest = {**EQUAL, "policy": {"ledger": {"cpu_seconds": 60.0}}}
-    found = marks({"ref": EQUAL, "slow": slow, "learned": learned, "modest": modest})
-    assert found == {"ref": "", "slow": "", "learned": "larger", "modest": ""}
+    on_slow = {**slow, "policy": {"ledger": {"cpu_seconds": 60.0}}}  # what it stands on is measured in steps
+    found = marks({"ref": EQUAL, "slow": slow, "learned": learned, "modest": modest, "on_slow": on_slow})
+    assert found == {"ref": "", "slow": "", "learned": "larger", "modest": "", "on_slow": ""}
     assert budgets({"m": modest}, ["m"], "ref").at["m", "tuning_cpu"] == 360
     assert marks({"ref": EQUAL, "m": {**EQUAL, "policy": {"seed": 0}}})["m"] == "none"  # without CPU-seconds
 
