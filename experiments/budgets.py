@@ -18,7 +18,7 @@ SLACK = 1.1
 
 CPU_SLACK = 2.0
 """The same for CPU-seconds: on one machine, searches of 634 million steps took from 230 to 470 of them. They are the
-measure of the learning itself, whose effort is not in simulated steps alone, and where nothing else is known of both."""
+measure of learning itself, whose effort is not in simulated steps alone, and where nothing else is known of both."""
 
 NONE, LARGER, EDITED = "none", "larger", "edited"
 MARKS = {
