@@ -1,5 +1,6 @@
 """Roll-outs: a controller on many seeds of a scenario, closed-loop at kernel speed, recorded."""
 
+import math
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
@@ -44,21 +45,29 @@ def roll(
 
 def run(fleet: Fleet, scenario: Scenario, stack: Stack, seeds: np.ndarray) -> Recording:
     """Rolls a fleet that has begun through one episode and records it."""
-    record = fleet.start_recording(scenario.steps)
+    record, broken = fleet.start_recording(scenario.steps), np.zeros(fleet.size, bool)
     if stack.python is None:
         fleet.advance(scenario.steps)
     else:
-        for _ in periods(fleet, stack, scenario.steps):
+        for _ in periods(fleet, stack, scenario.steps, broken):
             pass
     fleet.stop_recording()
+    record[:, :, broken] = np.nan  # a failed run, whatever the machine did afterwards
     return Recording(
         scenario, seeds, fleet.column("job.set_height"), record, fleet.column("tally.collided") > 0.5,
         fleet.column("tally.lowest"),
     )  # fmt: skip
 
 
-def periods(fleet: Fleet, stack: Stack, steps: int) -> Iterator[int]:
-    """Advances a fleet that has begun period by period; a plain-Python controller gets one mind per machine."""
+def periods(fleet: Fleet, stack: Stack, steps: int, broken: np.ndarray | None = None) -> Iterator[int]:
+    """Advances a fleet that has begun period by period; a plain-Python controller gets one mind per machine.
+
+    Args:
+        fleet, stack: the machines, and what controls them.
+        steps: periods.
+        broken: bool, one for each machine; set where the controller's answer is not finite, after which it is not asked
+            again. Without it such an answer is an error.
+    """
     minds = [stack.python() for _ in range(fleet.size)] if stack.python else []
     signals: Any = INFORMATION[stack.information]
     views = [fleet.slots(machine.SIGNALS, len(signals._fields), i) for i in range(len(minds))]
@@ -66,30 +75,38 @@ def periods(fleet: Fleet, stack: Stack, steps: int) -> Iterator[int]:
     for mind in minds:
         mind.reset()
     for step in range(steps):
-        for mind, view, hand in zip(minds, views, hands, strict=True):
-            hand[0] = command_of(mind.control(unflat(signals, view.tolist())), stack.name)
+        for i, (mind, view, hand) in enumerate(zip(minds, views, hands, strict=True)):
+            if broken is not None and broken[i]:
+                continue
+            value = command_of(mind.control(unflat(signals, view.tolist())), stack.name)
+            if not math.isfinite(value):
+                if broken is None:
+                    raise InvalidInput(
+                        f"controller '{stack.name}' returned {value}; control() must return a finite number, mm/s"
+                    )
+                broken[i], value = True, 0.0
+            hand[0] = value
         fleet.advance()
         yield step
 
 
 def command_of(answer: Any, name: str) -> float:
-    """A plain-Python controller's answer as a number.
+    """A plain-Python controller's answer as a number, finite or not.
 
     Raises:
-        InvalidInput: it is not one finite number.
+        InvalidInput: it is not one number.
     """
     try:
         array = np.asarray(answer, float)
     except (TypeError, ValueError):
-        raise InvalidInput(f"controller '{name}' returned {answer!r}; control() must return one number, mm/s") from None
+        array = None
+    if array is None or answer is None:
+        raise InvalidInput(f"controller '{name}' returned {answer!r}; control() must return one number, mm/s")
     if array.size != 1:
         raise InvalidInput(
             f"controller '{name}' returned an array of shape {array.shape}; control() must return one number, mm/s"
         )
-    value = float(array.reshape(-1)[0])
-    if not np.isfinite(value):
-        raise InvalidInput(f"controller '{name}' returned {value}; control() must return a finite number, mm/s")
-    return value
+    return float(array.reshape(-1)[0])
 
 
 def chunks(seeds: Iterable[int], size: int = CHUNK) -> Iterator[np.ndarray]:
