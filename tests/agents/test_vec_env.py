@@ -128,11 +128,11 @@ def test_wrappers_and_evaluation_of_stable_baselines_work_around_it():
 
 @pytest.mark.parametrize("algorithm", [PPO, SAC])
 def test_stable_baselines_learns_on_it(algorithm):
-    env = HeightFollowingVecEnv(8, max_steps=25)
+    env = HeightFollowingVecEnv(8, max_steps=15)  # too short to touch the sheet in
     settings = {"n_steps": 32, "batch_size": 64} if algorithm is PPO else {"learning_starts": 64, "batch_size": 32}
     model = algorithm("MlpPolicy", env, device="cpu", seed=0, **settings).learn(320)
     assert model.num_timesteps >= 320
-    assert {info["l"] for info in model.ep_info_buffer} == {25}
+    assert {info["l"] for info in model.ep_info_buffer} == {15}
 
 
 def begun():
