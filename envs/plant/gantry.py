@@ -163,8 +163,8 @@ PLACES = {
 """Offset and class of each part that Python reads or writes."""
 
 (D_BLOCK, D_JOBS, D_LAW, D_LAW_TABLES, D_LAW_SIZE, D_PROCESS, D_PROCESS_TABLES, D_PROCESS_SIZE, D_RECORD,
- D_RECORD_TICK, D_MACHINES) = range(11)  # fmt: skip
-DECK = 11
+ D_RECORD_TICK, D_MACHINES, D_RECORD_STEPS) = range(12)  # fmt: skip
+DECK = 12
 _DECK = U(DECK)
 
 CHANNELS = (
@@ -531,7 +531,7 @@ def _finish(block_address, at, n, deck_address, tick):
     base = column_of(at)
     now, after = TRAIL + (tick & TRAIL_LAST) * _TRAIL, TRAIL + ((tick + U1) & TRAIL_LAST) * _TRAIL
     cut_all(block, at, g, base, n, now)
-    if deck[D_RECORD] > U0:
+    if deck[D_RECORD] > U0 and tick - deck[D_RECORD_TICK] < deck[D_RECORD_STEPS]:
         first = (at // _STRIDE_Z) * UW
         where = (tick - deck[D_RECORD_TICK]) * _CHANNELS * deck[D_MACHINES] + first
         record_all(block, at, g, base, n, now, singles(deck[D_RECORD], _ANY), where, deck[D_MACHINES])

@@ -146,8 +146,9 @@ the period counts as cutting; distance along the path, mm; whether the superviso
 (D_BLOCK, D_KEYS, D_MACHINES, D_TICK, D_WINDOW, D_WAVES, D_VIBRATIONS, D_FLAGS, D_FREQUENCIES, D_HEIGHTS, D_TABLES,
  D_CONTOUR_X, D_CONTOUR_Y, D_CONTOUR_ON, D_CONTOURS, D_PROFILE, D_PROFILES, D_LAW, D_LAW_TABLES, D_LAW_SIZE, D_ACT,
  D_OBSERVE, D_IO, D_RECORD, D_RECORD_TICK, D_NEXT, D_STEPS, D_START, D_READY, D_TRAVEL,
- D_FINISH, D_GANTRY, D_SIGNAL, D_SIGNALS, D_PILOT, D_PILOT_IO, D_FILTERED, D_FILTERED_IO) = range(38)  # fmt: skip
-DECK = 38
+ D_FINISH, D_GANTRY, D_SIGNAL, D_SIGNALS, D_PILOT, D_PILOT_IO, D_FILTERED, D_FILTERED_IO,
+ D_RECORD_STEPS) = range(39)  # fmt: skip
+DECK = 39
 _DECK = U(DECK)
 
 F_CONTOURS, F_FEATURES, F_PROFILES, F_BULGES, F_RANKS = (U(2**i) for i in range(5))
@@ -594,7 +595,7 @@ def live_all(deck, b):
         for k in range(0, SUBSTEPS, _AT_ONCE):
             move_all(block, at, n, k)
         sense_and_control(block, at, n, tick, keys, b * UW, deck)
-        if deck[D_RECORD] > U0:
+        if deck[D_RECORD] > U0 and tick - deck[D_RECORD_TICK] < deck[D_RECORD_STEPS]:
             place = (tick - deck[D_RECORD_TICK]) * _CHANNELS * machines + b * UW
             record_all(block, at, n, tick, record, place, machines)
         if deck[D_FINISH] > U0:
