@@ -424,6 +424,7 @@ def speed(
     """
     from . import runs
     from .bars import status
+    from .speed.proof import NothingDone
     from .speed.run import speed as measure
     from .table import print_speed
 
@@ -432,8 +433,11 @@ def speed(
             raise InvalidInput(f"{what} {value} is out of range; at least 1")
     folder = runs.named(name, "speed-")
     runs.open_folder(folder, overwrite)
-    with status() as progress:
-        tables = measure(folder, rounds, train, torch_threads, progress)
+    try:
+        with status() as progress:
+            tables = measure(folder, rounds, train, torch_threads, progress)
+    except NothingDone as error:
+        raise SystemExit(f"kerfgym: error: {error}") from None
     print_speed(tables)
     print(f"\n{folder}")
 
