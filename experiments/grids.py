@@ -119,8 +119,14 @@ def plan(
 
 def _suites_of(cases: list[Scenario]) -> list[str]:
     """The suites that hold scenarios; for one of nobody's the plain suite of its kind."""
-    homes = {name: suite for suite in scenarios.suites() for name in scenarios.rules(suite)["scenarios"]}
-    return list(dict.fromkeys(homes.get(s.name, "contour" if s.job else "following") for s in cases))
+    named = {name: suite for suite in reversed(scenarios.suites()) for name in scenarios.rules(suite)["scenarios"]}
+
+    def home(case: Scenario) -> str:
+        # Suites of several versions share names; the one that holds this very scenario is meant.
+        same = [suite for suite in scenarios.suites() if scenarios.suite(suite).get(case.name) == case]
+        return (same or [named.get(case.name, "contour" if case.job else "following")])[0]
+
+    return list(dict.fromkeys(home(s) for s in cases))
 
 
 def _dealt(cases: list[Scenario], suites: list[str]) -> dict[str, list[Scenario]]:

@@ -38,6 +38,7 @@ class Fleet(Columns):
         self._owned: dict[int, np.ndarray] = {}
         self._contours: dict[int, tuple[path.Contour, int]] = {}  # with the index of their first sample
         self._profiles: dict[int, tuple[np.ndarray, int]] = {}
+        self._randoms: dict[tuple[float, float, float], tuple[np.ndarray, int]] = {}
         self._maps: dict[int, tuple[np.ndarray, np.ndarray]] = {}
         self._deck = np.zeros(machine.DECK, np.uint64)
         self._at = int(address(self._deck))
@@ -74,15 +75,28 @@ class Fleet(Columns):
 
     # -------------------------------------------------------------------------------- lists beside the sheet
 
-    def put_wave(self, machines: Any, i: int, amplitude: Any, kx: Any, ky: Any, phase: Any) -> None:
-        """Wave ``i`` of the sheet: true amplitude (mm) and wave vector (rad/mm); the footprint is allowed for here."""
-        felt = np.asarray(amplitude) * sheet.attenuation(np.hypot(kx, ky))
-        self._put_list(machine.WAVES, 4, machines, i, (felt, kx, ky, phase))
+    def put_plate(self, machines: Any, radius: float) -> None:
+        """Radius of the footprint of the sensor's plate, mm; before waves and random sheets."""
+        self.set("sheet.plate", machines, radius)
+        if radius != sheet.FOOTPRINT:
+            self.use(machine.F_PLATES)
+
+    def put_wave(
+        self, machines: Any, i: int, amplitude: Any, kx: Any, ky: Any, phase: Any, plate: float = sheet.FOOTPRINT
+    ) -> None:
+        """Wave ``i`` of the sheet: true amplitude (mm), wave vector (rad/mm); the footprints are allowed for here."""
+        k = np.hypot(kx, ky)
+        tip = np.asarray(amplitude) * sheet.attenuation(k)
+        felt = np.asarray(amplitude) * sheet.attenuation(k, plate)
+        self._put_list(machine.WAVES, 5, machines, i, (tip, kx, ky, phase, felt - tip))
         self._deck[machine.D_WAVES] = max(int(self._deck[machine.D_WAVES]), i + 1)
 
-    def put_vibration(self, machines: Any, i: int, amplitude: Any, frequency: Any, phase: Any) -> None:
-        """Vibration ``i``: amplitude in mm, frequency in Hz."""
-        self._put_list(machine.VIBRATIONS, 3, machines, i, (amplitude, 2 * np.pi * np.asarray(frequency), phase))
+    def put_vibration(self, machines: Any, i: int, amplitude: Any, frequency: Any, phase: Any, zeta: Any = 0.0) -> None:
+        """Vibration ``i``: amplitude in mm (of a band √2 times its RMS), frequency in Hz, damping ratio (0: a tone)."""
+        omega = 2 * np.pi * np.asarray(frequency)
+        self._put_list(machine.VIBRATIONS, 4, machines, i, (amplitude, omega, phase, zeta))
+        if np.any(np.asarray(zeta) > 0):
+            self.use(machine.F_BANDS)
         self._deck[machine.D_VIBRATIONS] = max(int(self._deck[machine.D_VIBRATIONS]), i + 1)
 
     def put_feature(self, machines: Any, i: int, start: Any, stop: Any, rise: Any, across: Any) -> None:
@@ -115,9 +129,29 @@ class Fleet(Columns):
         none = flat(sheet.Feature())
         self._put_rows(int(machine.FEATURES) // W, machines, none * sheet.FEATURES)
 
+    def put_random(self, machines: Any, source: tuple[float, float, float] | None, numbers: Any = ()) -> None:
+        """A sheet of continuous spectrum: arguments of :func:`sheet.random_tables`, and the numbers of
+        :class:`sheet.Random` after the first; None: none."""
+        if source is None:
+            self.set("random.first", machines, -1.0)
+            return
+        if source not in self._randoms:
+            tables = sheet.random_tables(*source)
+            self._randoms[source] = (tables, sum(len(t) for t, _ in self._randoms.values()))
+            known = [t for t, _ in self._randoms.values()]
+            self._point(machine.D_RANDOM, known[0] if len(known) == 1 else np.concatenate(known))
+            self._deck[machine.D_RANDOMS] = sum(len(t) for t in known)
+        for name, value in zip(sheet.Random._fields, (self._randoms[source][1], *numbers), strict=True):
+            self.set(f"random.{name}", machines, value)
+        self.use(machine.F_RANDOM)
+
     def use_bulges(self) -> None:
         """Switches the thermal bulge on."""
         self.use(machine.F_BULGES)
+
+    def use_turns(self) -> None:
+        """Switches the turns of long episodes on."""
+        self.use(machine.F_TURNS)
 
     def use(self, flag: Any) -> None:
         """Switches on an optional stage, see ``machine.F_…``."""
