@@ -133,7 +133,7 @@ def share(u):
 
 
 def attenuation(k, radius=FOOTPRINT):
-    """Factor by which a footprint of ``radius`` mm reduces a wave of ``k`` rad/mm: 3(sin κ − κ cos κ)/κ³, κ = k·radius."""
+    """Factor by which a footprint of ``radius`` mm reduces a wave of ``k`` rad/mm: 3(sin κ − κ cos κ)/κ³."""
     kappa = np.maximum(np.abs(np.asarray(k, float)) * radius, 1e-4)
     exact = 3.0 * (np.sin(kappa) - kappa * np.cos(kappa)) / kappa**3
     return np.where(kappa < 0.02, 1.0 - kappa**2 / 10.0, exact)
@@ -253,7 +253,7 @@ def bulge(p, s, x, y):
 
 @part
 def features(s, along, radius):
-    """Height of the steps behind and of the current feature at ``along`` the path, mm; ``radius`` of the footprint, mm."""
+    """Height of the steps behind and of the current feature at ``along`` the path under a footprint, mm."""
     f = s.current
     return s.level + f.rise * (share((along - f.start) / radius) - share((along - f.stop) / radius))
 
