@@ -6,7 +6,8 @@ Three figures for each scenario, all RMS of the true gap error over the benchmar
   that were drawn; it must learn phases, amplitudes, slopes and, of steps, when they come and which way.
 - ``learned``: the same, but frequencies have to be learned in the episode too (Cramér–Rao, so an estimate of what is
   possible rather than a bound).
-- ``linear``: for a controller that is linear and fixed, given the machine and the ensemble's mean spectrum (Wiener).
+- ``linear``: for a controller that is linear and fixed and has half a second of memory, given the machine and the
+  ensemble's mean spectrum (Wiener).
 
 What is added when machines learn to do more: an ingredient of :mod:`spectrum` or :mod:`shapes` in :func:`random_part`,
 :func:`drawn_part` or :func:`ensemble`.
@@ -25,6 +26,7 @@ from ...envs.plant.quantity import InvalidInput
 from ...envs.scenarios import Scenario
 from . import noise, prediction, shapes
 from .reach import Reach
+from .record import Bound
 from .shapes import Shapes
 from .spectrum import NOTHING, Random, tones
 
@@ -39,16 +41,6 @@ NEWEST = 6
 
 UNKNOWN = ("holes", "bulge", "profile", "map")
 """Parts of a sheet for which there is no bound."""
-
-
-@dataclass(frozen=True)
-class Bound:
-    """Bounds of a scenario, RMS over the seeds, µm; see the module's text. ``parts``: of what ``bound`` is made."""
-
-    bound: float
-    learned: float
-    linear: float
-    parts: dict[str, float]
 
 
 def prepared(scenario: Scenario, seeds: Sequence[int]) -> Fleet:
@@ -152,8 +144,6 @@ def of(scenario: Scenario, seeds: Sequence[int]) -> Bound:
         if len(lines.omega):
             whole = random + mean
             squares["linear"][i] = prediction.wiener(whole, float(sigma[i]), axis.horizon)[0]
-        else:
-            squares["linear"][i] = squares["sheet"][i]
         if scenario.sheet.steps:
             squares["steps"][i] = _steps(fleet, scenario, i, axis, float(sigma[i]))
 
@@ -161,7 +151,7 @@ def of(scenario: Scenario, seeds: Sequence[int]) -> Bound:
         return float(np.sqrt(np.mean(sum(squares[name] for name in names))))
 
     return Bound(
-        rms("sheet", "steps"), rms("learned", "steps"), rms("linear", "steps"),
+        rms("sheet", "steps"), rms("learned", "steps"), rms("linear", "steps") if len(lines.omega) else None,
         {"prediction": rms("sheet"), "steps": rms("steps"), **noise.ingredients(fleet)},
     )  # fmt: skip
 
