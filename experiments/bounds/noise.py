@@ -2,8 +2,8 @@
 
 Only what is Gaussian makes the bound: capacitance noise and oscillator jitter. Counting acts on a reading that has
 these in it already, so it can take information away and never add any; likewise impulses, which a controller may
-recognise, and the quantisation of encoder and D/A, since who knows machine and commands knows where the head is. Leaving
-them out keeps a bound a bound.
+recognise, and the quantisation of encoder and D/A, since who knows machine and commands knows where the head is.
+Leaving them out keeps a bound a bound.
 """
 
 import numpy as np

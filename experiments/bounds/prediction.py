@@ -113,8 +113,8 @@ def held_back(variances: np.ndarray, reach: np.ndarray) -> np.ndarray:
     """Error variances when what was learnt late can only move the head so far.
 
     Between the readings up to n − h − k and those up to n − h the estimate of ``x(n)`` moves by a normal number of
-    variance ``V_{h+k} − V_h``. The k commands that can answer move the head by ``reach[k−1]`` at most, to either side of
-    where it would be anyway. So the error is at least ``V_h + E[max(|δ_k| − r_k, 0)²]`` for every k.
+    variance ``V_{h+k} − V_h``. The k commands that can answer move the head by ``reach[k−1]`` at most, to either side
+    of where it would be anyway. So the error is at least ``V_h + E[max(|δ_k| − r_k, 0)²]`` for every k.
 
     Args:
         variances: of horizons h, h + 1, …, shape (1 + k, …), µm².

@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 from scipy.special import ndtr
 
-from ...envs.plant import sheet, z_axis
+from ...envs.plant import machine, sheet, z_axis
 from ...envs.plant.controller import PERIOD
 
 FINE = 40
@@ -61,7 +61,8 @@ class Reach:
     @classmethod
     def of(cls, p: z_axis.Params) -> "Reach":
         """From an axis' parameters."""
-        return cls(1e3 * p.jerk, p.omega_r, p.zeta_r, p.compliance, 1e3 * p.backlash, p.dead_time)
+        jerk = 1e3 * p.jerk * (1.0 + 1.0 / machine.SUBSTEPS**2)  # by so much its substeps go further than g says
+        return cls(jerk, p.omega_r, p.zeta_r, p.compliance, 1e3 * p.backlash, p.dead_time)
 
     @property
     def horizon(self) -> int:

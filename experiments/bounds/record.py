@@ -86,7 +86,7 @@ def _record(file: Path = FILE) -> dict:
 
 
 def recorded(scenario: Scenario) -> Bound | None:
-    """The bounds of a scenario, from the record; None if it has none, or if its physics differ from what is recorded."""
+    """The bounds of a scenario from the record; None if it has none, or if its physics are not those recorded."""
     entry = dict(_record()["scenarios"].get(scenario.name, {}))
     if not entry or entry.pop("physics") != physics(scenario):
         return None

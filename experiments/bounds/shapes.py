@@ -1,8 +1,8 @@
 """Shapes of unknown size: what was drawn once for an episode and has to be learned while it lasts.
 
-A sine of known frequency is two shapes (cosine and sine), a slope is one. A shape is a column over the control periods of an episode, as the sensor sees it and as the score does, with the variance of its
-size before anything was measured. Sizes are taken as Gaussian and independent, so the error of the best estimate
-follows from linear regression.
+A sine of known frequency is two shapes (cosine and sine), a slope is one. A shape is a column over the control periods
+of an episode, as the sensor sees it and as the score does, with the variance of its size before anything was measured.
+Sizes are taken as Gaussian and independent, so the error of the best estimate follows from linear regression.
 """
 
 from dataclasses import dataclass
@@ -67,4 +67,3 @@ def stretch(
     """
     column = (amplitude * np.asarray(course) * np.cos(phase))[:, None]
     return Shapes(sensor * column, score * column, np.array([variance]))
-

@@ -165,5 +165,3 @@ def _steps(fleet: Fleet, scenario: Scenario, i: int, axis: Reach, sigma: float) 
     scored = range(scenario.settle_steps, scenario.steps)
     costs = axis.cost_of_steps(heights, starts, feed, sigma, sheet.FOOTPRINT, sheet.FOOTPRINT, scored)
     return float(costs.sum()) / len(scored)
-
-
