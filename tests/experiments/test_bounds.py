@@ -208,6 +208,24 @@ def test_no_command_moves_the_machines_head_further(sign):
     assert moved[2] > 0.8 * most[2]  # and the bound is not idle
 
 
+@pytest.mark.parametrize("dead", [0.0, 0.001, 0.0015, 0.002])
+def test_the_machine_lets_a_command_act_no_sooner_than_the_horizon(dead):
+    flat = scenarios.load("flat").varied(axis={"dead_time": dead, "friction": 0.0}, duration=0.1, settle=0.0)
+    gaps = []
+    for push in (0.0, 400.0):
+        fleet = rollout.fleet_for(flat, stacks.resolve("xi2023-ma"), [3])
+        gap, hand = fleet.row("moment.gap"), fleet.row("hand.residual")
+        fleet.set("hand.gain", 0, 0.0)
+        seen = []
+        for period in range(30):
+            hand[0] = push if period >= 20 else 0.0  # decided on the reading of period 19
+            fleet.advance()
+            seen.append(float(gap[0]))
+        gaps.append(seen)
+    first = int(np.argmax(np.abs(np.subtract(*gaps)) > 0))
+    assert first - 19 == reach.Reach.of(fleet.get("z", 0)).horizon
+
+
 # ---------------------------------------------------------------------------------------------------------------- steps
 
 
