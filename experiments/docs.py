@@ -30,6 +30,7 @@ from ..envs import stack as stacks
 from ..envs.plant import controller
 from ..envs.plant.lanes import is_part
 from ..envs.plant.quantity import InvalidInput, Quantity, quantities
+from .bounds import record
 from .runs import atomic
 
 FOLDER = Path(_root).parent / "docs"
@@ -314,7 +315,7 @@ def _distribution(value: Any) -> str:
 WHOLE: dict[str, Callable[[], str]] = {"machine.md": machine, "environments.md": environments}
 MADE: dict[str, Callable[[], str]] = {
     "controllers": controllers, "signals": signals, "metrics of followers": followers, "metrics of jobs": jobs,
-    "scenario": scenario_tables,
+    "scenario": scenario_tables, "bounds": record.table, "noise of a reading": record.noise_table,
 }  # fmt: skip
 """What stands between marks in pages written by hand."""
 

@@ -2,8 +2,9 @@
 
 Per scenario a controller's error is the RMS over all its scored periods of all its seeds (so a run that collides, and
 sits retracted afterwards, weighs as heavily as it deserves). The score is the geometric mean over the suite's core; the
-ratio is that of the reference over it. On the scale, 0 is ``xi2023-tuned`` and 1 is ``preview-5ms``, in the logarithm.
-Rankings never mix information classes.
+ratio is that of the reference over it. On the scale, 0 is ``xi2023-tuned`` and 1 is ``preview-5ms``, in the logarithm;
+who is better than the latter, which has other information and is no bound, has more than 1. Rankings never mix
+information classes.
 """
 
 import functools
@@ -83,7 +84,7 @@ class Results(Comparison):
         exempt: names of the scenarios in which collisions are expected.
         margins: ``controller, gain`` (factor) and ``delay_ms``, worst over the corner plants (:mod:`margins`).
         blame: shares of stages in the error of some controllers, see :func:`blame.tables.shares`.
-        headroom: what those could gain at most, see :func:`blame.tables.headroom`.
+        headroom: those beside references with other information, see :func:`blame.tables.headroom`.
         detuned: how much worse presets get with one parameter 20 % off, see :func:`detuned.in_report`.
     """
 
@@ -104,6 +105,17 @@ class Results(Comparison):
     def pooled(self, metric: str = "rms_true") -> pd.DataFrame:
         """RMS over seeds of an RMS metric, controllers × scenarios; NaN where a run failed."""
         return super().pooled(metric)
+
+    @property
+    def bounds(self) -> dict[str, float]:
+        """What no controller with only the sensor can go below (:mod:`bounds`), µm, by scenario, where it is known."""
+        return {name: bound for name, bound in (self.meta.get("bounds") or {}).items() if name in self.scenarios}
+
+    @property
+    def bound(self) -> float:
+        """The score of a controller at its bound in every scored scenario, µm; NaN if one of them has none."""
+        values = np.array([self.bounds.get(name, np.nan) for name in self.scored])
+        return float(np.exp(np.log(values).mean()))
 
     def summary(self) -> pd.DataFrame:
         """One row per controller: score (µm), ratio, scale, stability, budget, collision and failure counts, jitter,

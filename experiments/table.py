@@ -12,6 +12,7 @@ from ..envs.job_metrics import METRICS
 from ..envs.material import material
 from ..envs.plant.controller import INFORMATION, PERIOD
 from ..envs.plant.machine import SUBSTEPS
+from .bounds.record import LABEL
 from .budgets import MARKS, in_words
 from .comparison import by_scenario, methods, relative
 from .jobs import JobResults
@@ -161,6 +162,11 @@ def _following(results: Results) -> list[Sheet]:
         str(row["failed"]), _number(_cell(costs, name, "median_us")), _number(_cell(costs, name, "p99_us")),
         in_words(row), row["information"],
     ])  # fmt: skip
+    known = results.bounds if core else {}
+    if known:
+        at = {"score": results.bound, **known}
+        row = [_number(at[title]) if title in at else "–" for title in sheet.titles]
+        sheet.sections.append([[LABEL, *row[1:]]])
     exempt = f" ({', '.join(results.exempt)} left out)" if results.exempt else ""
     explained = [
         *_ranking(summary, REFERENCE),
@@ -172,12 +178,18 @@ def _following(results: Results) -> list[Sheet]:
         f"µs: a decision, median and 99th percentile, in a period of {1e6 * PERIOD:.0f} µs;",
         f"budget: trials and simulated steps of tuning. {budget_note(summary)}",
     ]
+    if known:
+        explained.append(f"{LABEL}: what no such controller can go below, docs/bounds.md.")
     if core:
         sheet.notes = explained
         return [sheet]
     names = [row[0] for section in sheet.sections for row in section]
     rows = [[s, *(_number(_cell(pooled, name, s), "{:.1f}") for name in names)] for s in scored]
-    return [sheet, Sheet("by scenario, µm", ["scenario", *names], [rows], explained)]
+    if results.bounds:
+        rows = [[*row, _number(results.bounds.get(row[0], math.nan))] for row in rows]
+        explained.append(f"{LABEL}: what no such controller can go below, docs/bounds.md.")
+    last = [LABEL] * bool(results.bounds)
+    return [sheet, Sheet("by scenario, µm", ["scenario", *names, *last], [rows], explained)]
 
 
 def _jobs(results: JobResults) -> list[Sheet]:
@@ -272,7 +284,7 @@ def _seeds(results: Results | JobResults) -> str:
 
 
 def print_blame(shares: Any, headroom: Any) -> None:
-    """Prints what each controller's error is made of, and what could be gained."""
+    """Prints what each controller's error is made of, and how references with other information do."""
     table = Table(title=f"shares of the mean-square true error, {shares['unit'].iloc[0]}, 95 % intervals over seeds")
     for title in ("scenario", "controller", "stage", "share", "interval", "of all", "idealised alone", "interval"):
         table.add_column(title, justify="left" if title in ("scenario", "controller", "stage") else "right")
@@ -290,12 +302,12 @@ def print_blame(shares: Any, headroom: Any) -> None:
         table.add_row("", "", "all", _number(whole))
     console = Console(width=max(Console().width, Console(width=1000).measure(table).maximum))
     console.print(table)
-    table = Table(title="headroom: the RMS of the true error could fall at most by this factor")
-    for title in ("scenario", "controller", "RMS, µm", "known more", "its RMS, µm", "factor", "interval"):
-        table.add_column(title, justify="left" if title in ("scenario", "controller", "known more") else "right")
+    table = Table(title="beside references with other information: RMS of the true error, and the factor between")
+    for title in ("scenario", "controller", "RMS, µm", "reference", "its RMS, µm", "factor", "interval"):
+        table.add_column(title, justify="left" if title in ("scenario", "controller", "reference") else "right")
     for row in headroom.itertuples():
         table.add_row(
-            row.scenario, row.controller, _number(row.rms), row.bound, _number(row.bound_rms), _number(row.ratio),
+            row.scenario, row.controller, _number(row.rms), row.informed, _number(row.informed_rms), _number(row.ratio),
             _ends(row.low, row.high),
         )  # fmt: skip
     console.print(table)
@@ -303,7 +315,8 @@ def print_blame(shares: Any, headroom: Any) -> None:
         "share: Shapley value of idealising the stage; all of a controller add up to its mean-square error;\n"
         "law: what the fully idealised machine has left, law, supervisor and sampling, at these gains;\n"
         "below 0, interval and all: the controller is tuned around this fault, and does worse without it;\n"
-        "headroom: no controller that has only the sensor reaches these, they know the sheet ahead or the true gap."
+        "references know the sheet ahead or the true gap; they are no bounds (below 1: closer than they are). Bounds:\n"
+        "docs/bounds.md."
     )
     if shares["share"].isna().any():
         console.print("–: a run failed, so there are no shares; which one stands in coalitions.parquet.")

@@ -109,6 +109,14 @@ class Fleet(Columns):
         row = int(place) // W + i * width
         self._write(machines, {row + offset: value for offset, value in enumerate(values)})
 
+    def listed(self, kind: Any, i: int) -> Any:
+        """Entry ``i`` of a list beside the sheet as all machines have it: ``kind`` (:class:`sheet.Wave`, ``Vibration``
+        or ``Feature``) of arrays, shape (size,)."""
+        place = {sheet.Wave: machine.WAVES, sheet.Vibration: machine.VIBRATIONS, sheet.Feature: machine.FEATURES}[kind]
+        count = len(kind._fields)
+        row = int(place) // W + i * count
+        return kind(*self._view[:, row : row + count].transpose(1, 0, 2).reshape(count, -1)[:, : self.size])
+
     @property
     def nbytes(self) -> int:
         """Bytes that the machines take, without the tables that they share."""
