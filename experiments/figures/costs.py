@@ -1,4 +1,4 @@
-"""Studies that take minutes and no suite: speed, the search of filters against a grid, coverage of intervals, documents."""
+"""Studies that take minutes: speed, the search of filters against a grid, coverage of intervals, the documents."""
 
 import shutil
 from typing import Any

@@ -13,7 +13,7 @@ from typing import Any
 from ...envs.plant.quantity import InvalidInput
 from . import store
 
-MARKED = re.compile(r"(<!-- n: (?P<path>\S+?)(?: (?P<form>\S+))? -->)(?P<shown>.*?)(<!-- /n -->)", re.DOTALL)
+MARKED = re.compile(r"(<!-- n: (?P<path>[\w-]+\.[^\s…]+)(?: (?P<form>\S+))? -->)(?P<shown>.*?)(<!-- /n -->)", re.DOTALL)
 NOT_YET = "(not measured yet)"
 
 

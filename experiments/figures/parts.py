@@ -18,7 +18,8 @@ AXES: dict[str, tuple[str, dict[str, Any]]] = {
         "gains 20 % higher", {"gantry": {"x_plus": 1.2, "x_minus": 1.2, "y_plus": 1.2, "y_minus": 1.2}},
     ),
     "unequal": (
-        "gains 10 % off in opposite directions", {"gantry": {"x_plus": 1.1, "x_minus": 0.9, "y_plus": 0.9, "y_minus": 1.1}},
+        "gains 10 % off in opposite directions",
+        {"gantry": {"x_plus": 1.1, "x_minus": 0.9, "y_plus": 0.9, "y_minus": 1.1}},
     ),
     "half": ("half the feed", {"feed": 0.5}),
     "faster": ("one and a half times the feed", {"feed": 1.5}),
@@ -29,7 +30,7 @@ AXES: dict[str, tuple[str, dict[str, Any]]] = {
 JOBS = ("contour-gear", "contour-corners", "contour-slots")
 CONTOUR = ("wu-tuned", "wu-feedforward", "wu-stiff", "contour-following-ppo")
 CUTTING = ("huang2024-dynamic", "huang2024-adjusting", "huang2024-tuned", "cutting-ppo")
-PARTS = ("gear", "rosette", "slots")
+PARTS = ("gear", "rosette", "slot-plate")
 
 
 def beyond() -> list[Scenario]:
@@ -46,7 +47,8 @@ def beyond() -> list[Scenario]:
 
 
 @study(
-    "contour-beyond", "axes and feeds that nobody was trained on", "python -m kerfgym.experiments.figures contour-beyond",
+    "contour-beyond", "axes and feeds that nobody was trained on",
+    "python -m kerfgym.experiments.figures contour-beyond",
     2.0, (*MACHINE, *LAWS, *POLICIES, *FIGURES, *suite("contour"), *trained("contour-")),
 )  # fmt: skip
 def contour_beyond(trial: Trial) -> dict[str, Any]:
@@ -59,7 +61,8 @@ def contour_beyond(trial: Trial) -> dict[str, Any]:
 
 
 @study(
-    "cutting-parts", "parts that neither policy nor rules have seen", "python -m kerfgym.experiments.figures cutting-parts",
+    "cutting-parts", "parts that neither policy nor rules have seen",
+    "python -m kerfgym.experiments.figures cutting-parts",
     2.0, (*MACHINE, *LAWS, *POLICIES, *FIGURES, *suite("cutting"), *trained("cutting-")),
 )  # fmt: skip
 def cutting_parts(trial: Trial) -> dict[str, Any]:

@@ -4,7 +4,6 @@ import json
 from dataclasses import asdict, replace
 from typing import Any
 
-
 from ...envs import scenarios
 from .. import archive, benchmark, comparison, runs
 from ..grids import Grid, plan
@@ -59,7 +58,9 @@ def concluded(results: Results | JobResults) -> dict[str, Any]:
         whole = comparison.relative(results, WEIGHED)
         apart = {metric: comparison.by_scenario(replace(results, metric=metric)) for metric in WEIGHED}
         for name, row in whole.iterrows():
-            there = {metric: table[table["controller"] == name].set_index("scenario") for metric, table in apart.items()}
+            there = {
+                metric: table[table["controller"] == name].set_index("scenario") for metric, table in apart.items()
+            }
             numbers[str(name)]["over"] = dict(row) | {
                 "in": {s: {m: 1.0 / t.at[s, "ratio"] for m, t in there.items()} for s in results.scenarios}
             }
@@ -93,5 +94,3 @@ for _name in scenarios.suites():
             _name, f"everything shipped on the suite {_name}",
             f"kerfgym benchmark --suite {_name} --shipped", MINUTES.get(_name, 6.0), _depends(_name),
         )(compared(_name))  # fmt: skip
-
-

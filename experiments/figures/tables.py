@@ -19,7 +19,8 @@ MADE: dict[str, Callable[[], str]] = {}
 """Tables by the name that stands in a mark."""
 
 FOLLOWERS = (
-    "controller", "rank", "score", "× xi2023-tuned", "wins", "Ms", "gain", "delay, ms", "jitter", "collisions", "budget",
+    "controller", "rank", "score", "× xi2023-tuned", "wins", "Ms", "gain", "delay, ms", "jitter", "collisions",
+    "budget",
 )  # fmt: skip
 """Columns of followers' suites."""
 
@@ -133,7 +134,8 @@ def _suite(name: str) -> None:
 
 
 def _over(found: dict[str, Any]) -> list[str]:
-    return list(found["sheets"][1]["titles"])
+    """All but what is better and worse in words, which the figures tell."""
+    return [title for title in found["sheets"][1]["titles"] if not re.match("better|worse", title)]
 
 
 for _name in scenarios.suites():
@@ -205,7 +207,7 @@ def quality(found: dict[str, Any]) -> str:
         (f"`{name}`", written(row["thickness"]), written(row["threshold"], ".0f"))
         for name, row in found["numbers"].items()
     ]
-    return markdown.table(("material", "thickness, mm", "following error from which dross or Rz change by 1 %, µm RMS"), rows)
+    return markdown.table(("material", "thickness, mm", "following error that shows by 1 %, µm RMS"), rows)
 
 
 # ---------------------------------------------------------------------------------------------------------------- rest
@@ -258,7 +260,7 @@ def policies(found: dict[str, Any]) -> str:
         spread = "one training only"
         if seeds:
             score = seeds["score"]
-            ends = f"{_three(score['median'])} ({_three(score['best'])} … {_three(score['worst'])})"
+            ends = f"{written(score['median'])} ({written(score['best'])} … {written(score['worst'])})"
             spread = f"{ends}, {seeds['count']} seeds"
         base = str(own["base"] or "–").split(":")[0]
         layers = "–".join(map(str, own["layers"]))
@@ -272,8 +274,9 @@ def policies(found: dict[str, Any]) -> str:
 
 
 _SUITES = {
-    "kerfgym/HeightFollowing-v0": "following", "kerfgym/ContourFollowing-v0": "contour", "kerfgym/Cutting-v0": "cutting",
-}
+    "kerfgym/HeightFollowing-v0": "following", "kerfgym/ContourFollowing-v0": "contour",
+    "kerfgym/Cutting-v0": "cutting",
+}  # fmt: skip
 
 
 def _of_base(own: dict[str, Any], base: str) -> str:
