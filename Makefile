@@ -11,7 +11,7 @@ benchmark: $(READY)  ## all that is shipped, compared: tables here, report in ru
 test: $(READY)  ## all tests, a file after the other on each core
 	$(BIN)/python -m pytest -n auto --dist loadfile
 
-train: $(READY)  ## the shipped policies anew, each in about ten CPU-minutes
+train: $(READY)  ## the shipped policies anew
 	$(BIN)/python -m kerfgym.experiments.ship
 
 figures: $(READY)  ## what README and manual show and is older than the code, measured anew

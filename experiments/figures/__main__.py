@@ -15,7 +15,7 @@ import traceback
 
 from ...envs.plant.quantity import InvalidInput
 from .. import docs
-from . import store
+from . import marks, store
 from .study import Study, run, studies
 
 
@@ -102,6 +102,9 @@ def write() -> bool:
     except InvalidInput as error:
         print(f"kerfgym: error: pages not written: {error}", file=sys.stderr)
         return True
+    for page in (docs.README, *sorted(docs.FOLDER.glob("*.md"))):
+        for claim in marks.broken(page.read_text(encoding="utf-8")):
+            print(f"kerfgym: {page.name} says what is no longer so: {claim}", file=sys.stderr)
     return False
 
 

@@ -34,7 +34,7 @@ PARTS = ("gear", "rosette", "slot-plate")
 
 
 def beyond() -> list[Scenario]:
-    """Every condition of :data:`AXES` on every job of :data:`JOBS`, named ``<job> <condition>``."""
+    """Every condition of :data:`AXES` on every job of :data:`JOBS`, named ``<job>-<condition>``."""
     found = []
     for job in JOBS:
         plain = scenarios.load(job)
@@ -42,7 +42,7 @@ def beyond() -> list[Scenario]:
             changes = dict(changes)
             if "feed" in changes:
                 changes["job"] = {"feed": workshop.material_of(plain).feed * changes.pop("feed")}
-            found.append(plain.varied(name=f"{job} {name}", **changes))
+            found.append(plain.varied(name=f"{job}-{name}", **changes))
     return found
 
 

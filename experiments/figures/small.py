@@ -31,7 +31,8 @@ def calibration(trial: Trial) -> dict[str, Any]:
 
 
 @study(
-    "quality", "from which following error on dross or roughness change by 1 %", "kerfgym benchmark", 0.2,
+    "quality", "from which following error on dross or roughness change by 1 %",
+    "python -m kerfgym.experiments.figures quality", 0.2,
     ("envs/material.py", "envs/materials/*.toml", "envs/plant/cut.py", "envs/plant/streamed.py",
      "experiments/report/quality.py"),
 )  # fmt: skip

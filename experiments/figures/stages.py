@@ -1,6 +1,5 @@
 """Study of blame: what each stage of the machine costs a few followers."""
 
-import shutil
 from typing import Any
 
 import pandas as pd
@@ -13,31 +12,30 @@ from .study import Trial, study
 
 SEEDS = 24
 
-PAIRS = {"rough": ("xi2023-improved", "xi2023-tuned", "observer"), "impulses": ("xi2023-tuned",)}
-"""Controllers by scenario: a shape that delays are felt in, and a disturbed sensor."""
+CONTROLLERS, SCENARIOS = ("xi2023-improved", "xi2023-tuned", "observer"), ("rough", "impulses")
+"""A shape in which delays are felt, and a disturbed sensor."""
+
+_WORDS = ["kerfgym", "blame", *(w for name in CONTROLLERS for w in ("-c", name)),
+          *(w for name in SCENARIOS for w in ("-s", name)), "--seeds", str(SEEDS)]  # fmt: skip
 
 
 @study(
-    "blame", "what each stage of the machine costs a follower",
-    "kerfgym blame -c xi2023-improved -c xi2023-tuned -c observer -s rough", 2.0,
+    "blame", "what each stage of the machine costs a follower", " ".join(_WORDS), 1.0,
     (*MACHINE, *LAWS, "experiments/blame/game.py", "experiments/blame/tables.py", "experiments/resampling.py",
-     *(f"envs/suites/following/{name}.toml" for name in PAIRS)),
+     *(f"envs/suites/following/{name}.toml" for name in SCENARIOS)),
 )  # fmt: skip
 def of_stages(trial: Trial) -> dict[str, Any]:
-    """One run for each scenario; what an interrupted one has done is kept."""
-    shares, headroom = [], []
-    for name, controllers in PAIRS.items():
-        grid = Grid("blame", controllers, (scenarios.load(name),), split_seeds(SEEDS))
-        folder = trial.folder / name
-        if (folder / "run.json").is_file():
-            shutil.rmtree(folder)
-        tables = blame(grid, folder, threads=trial.workers, resume=True, command=trial.study.command.split())
-        shares.append(tables[0])
-        headroom.append(tables[1])
+    """Shares and headroom; what an interrupted run has done is kept."""
+    seeds = split_seeds(SEEDS)
+    grid = Grid("blame", CONTROLLERS, tuple(map(scenarios.load, SCENARIOS)), seeds)
+    finished = (trial.folder / "run.json").is_file()
+    shares, headroom = blame(
+        grid, trial.folder, threads=trial.workers, overwrite=finished, resume=not finished, command=_WORDS
+    )
     return {
-        "seeds": f"{split_seeds(SEEDS)[0]}-{split_seeds(SEEDS)[-1]}",
-        "numbers": {"shares": nested(pd.concat(shares), "stage"), "headroom": nested(pd.concat(headroom), "bound")},
-    }  # fmt: skip
+        "seeds": f"{seeds[0]}-{seeds[-1]}",
+        "numbers": {"shares": nested(shares, "stage"), "headroom": nested(headroom, "bound")},
+    }
 
 
 def nested(frame: pd.DataFrame, last: str) -> dict[str, Any]:

@@ -74,11 +74,10 @@ def concluded(results: Results | JobResults) -> dict[str, Any]:
 def compared(name: str) -> Any:
     """The study of a suite."""
     words = ["kerfgym", "benchmark", "--suite", name, "--shipped", "--no-cost", "--no-blame", "--no-detuned"]
-    following = scenarios.rules(name)["slot"] == "z"
 
     def make(trial: Trial) -> dict[str, Any]:
         grids = plan([name], everything=True)
-        return concluded(benchmarked(trial, grids, words, with_ms=following))
+        return concluded(benchmarked(trial, grids, words, with_ms=name.startswith("following")))
 
     return make
 

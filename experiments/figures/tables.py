@@ -166,7 +166,7 @@ def contour_beyond(found: dict[str, Any]) -> str:
     for name, (words, _) in AXES.items():
         cells = []
         for controller in CONTOUR:
-            each = [found["numbers"][controller]["rms"][f"{job} {name}"] for job in JOBS]
+            each = [found["numbers"][controller]["rms"][f"{job}-{name}"] for job in JOBS]
             known = [value for value in each if isinstance(value, int | float)]
             cells.append(f"{written(min(known), '.1f')}–{written(max(known), '.1f')}" if known else "failed")
         rows.append((words, *cells))

@@ -118,6 +118,23 @@ def test_a_number_is_shown_as_it_is_stored(place):
 
 
 @pytest.mark.parametrize(
+    ("claim", "why"),
+    [
+        ("one.pid.score < one.lqg.score", ""), ("one.lqg.score > 9", ""), ("one.pid.budget = larger", ""),
+        ("one.pid.room > one.pid.score", ""), ("one.pid.score > one.lqg.score", "it is 8 and 9.5"),
+        ("one.pid.score > 8", "it is 8 and 8.0"), ("one.pid.budget = none", "it is larger and none"),
+        ("one.pid.failed > 0", "it is None and 0.0"), ("one.pdi.score < 9", "did you mean 'pid'"),
+        ("two.pid.score < 9", "it is None and 9.0"),
+    ],
+)  # fmt: skip
+def test_a_claim_that_is_no_longer_so_is_found(place, claim, why):
+    pid = {"score": 8.0, "budget": "larger", "failed": None, "room": float("inf")}
+    study.run(of("one", lambda trial: {"numbers": {"pid": pid, "lqg": {"score": 9.5}}}), 1)
+    found = marks.broken(f"It is so. <!-- holds: {claim} -->\n")
+    assert found == [] if not why else why in found[0]
+
+
+@pytest.mark.parametrize(
     ("value", "form", "text"),
     [
         (-0.5, ".2f", "−0.50"),
