@@ -55,7 +55,7 @@ def contour_beyond(trial: Trial) -> dict[str, Any]:
     """On *tune* seeds, because it is no part of the suite."""
     cases = tuple(beyond())
     grid = Grid("contour", CONTOUR, cases, split_seeds(SEEDS, "tune"), tuple(case.name for case in cases))
-    found = concluded(benchmarked(trial, [grid], trial.study.command.split(), with_ms=False))
+    found = concluded(benchmarked(trial, grid, trial.study.command.split(), with_ms=False))
     numbers = {name: {"rms": row["rms"], "collided": row["collided"]} for name, row in found["numbers"].items()}
     return {"seeds": found["seeds"], "wall_seconds": found["wall_seconds"], "numbers": numbers}
 
@@ -70,4 +70,4 @@ def cutting_parts(trial: Trial) -> dict[str, Any]:
     plain = scenarios.load(scenarios.rules("cutting")["along"])
     cases = tuple(plain.varied(name=f"cut-{part}", job={"part": part, "size": 0.0}) for part in PARTS)
     grid = Grid("cutting", CUTTING, cases, split_seeds(SEEDS), tuple(case.name for case in cases))
-    return concluded(benchmarked(trial, [grid], trial.study.command.split(), with_ms=False))
+    return concluded(benchmarked(trial, grid, trial.study.command.split(), with_ms=False))

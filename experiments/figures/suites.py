@@ -1,5 +1,6 @@
 """Studies of suites: everything that is shipped, compared as ``kerfgym benchmark --shipped`` does."""
 
+import hashlib
 import json
 from dataclasses import asdict, replace
 from typing import Any
@@ -22,19 +23,26 @@ MINUTES = {"following": 6.0, "ood": 5.0, "repeated": 2.0, "contour": 1.0, "cutti
 _ENVIRONMENTS = {"z": "height-", "xy": "contour-", "process": "cutting-"}
 
 
-def benchmarked(trial: Trial, grids: list[Grid], words: list[str], **options: Any) -> Results | JobResults:
-    """Results of the only grid of a benchmark. A run that is finished and was made from the same is read back; one that
-    was interrupted goes on."""
-    folder, of = trial.folder, _without_figures(trial)
+def benchmarked(trial: Trial, grid: Grid, words: list[str], **options: Any) -> Results | JobResults:
+    """Results of a benchmark. A run that is finished and was made from the same is read back; one that was interrupted
+    goes on."""
+    folder, of = trial.folder, _without_figures(trial) | {"asked": asked(grid, options)}
     mark, finished = folder / MADE_FROM, (folder / "run.json").is_file()
     if finished and mark.is_file() and not changed(json.loads(mark.read_text(encoding="utf-8")), of):
         print(f"  {folder} was made from the same sources; it is read back", flush=True)
         return next(iter(archive.load(folder).grids.values()))
     found = benchmark.run_grids(
-        grids, folder, workers=trial.workers, overwrite=finished, resume=not finished, command=words, **options
+        [grid], folder, workers=trial.workers, overwrite=finished, resume=not finished, command=words, **options
     )
     runs.write_json(mark, of)
     return next(iter(found.values()))
+
+
+def asked(grid: Grid, options: dict[str, Any]) -> str:
+    """A hash of what is run, in words of scenarios, controllers and seeds."""
+    texts = [case.to_toml() for case in grid.scenarios]
+    whole = json.dumps([grid.suite, grid.controllers, texts, list(grid.seeds), grid.core, sorted(options.items())])
+    return hashlib.sha256(whole.encode()).hexdigest()[:16]
 
 
 def _without_figures(trial: Trial) -> dict[str, str]:
@@ -76,8 +84,8 @@ def compared(name: str) -> Any:
     words = ["kerfgym", "benchmark", "--suite", name, "--shipped", "--no-cost", "--no-blame", "--no-detuned"]
 
     def make(trial: Trial) -> dict[str, Any]:
-        grids = plan([name], everything=True)
-        return concluded(benchmarked(trial, grids, words, with_ms=name.startswith("following")))
+        (grid,) = plan([name], everything=True)
+        return concluded(benchmarked(trial, grid, words, with_ms=name.startswith("following")))
 
     return make
 

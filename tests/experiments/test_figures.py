@@ -1,6 +1,7 @@
 """Studies behind README and manual: stored with what they depend on, stale when that changes, shown as stored."""
 
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -209,8 +210,8 @@ def test_a_run_that_was_made_from_the_same_is_read_back(place, monkeypatch):
     trial = study.Trial(of("tiny", None), 1)
     grid = Grid("following", ("xi2023-tuned", "pid"), (tiny,), (1000, 1001), ("tilt",))
 
-    def made(**options):
-        return suites.benchmarked(trial, [grid], ["kerfgym", "list"], with_ms=False, quiet=True, **options)
+    def made(what=grid):
+        return suites.benchmarked(trial, what, ["kerfgym", "list"], with_ms=False, quiet=True)
 
     first = store.plain(suites.concluded(made()))
     runs = trial.folder / "runs.parquet"
@@ -224,6 +225,8 @@ def test_a_run_that_was_made_from_the_same_is_read_back(place, monkeypatch):
     (place / "laws" / "pid.toml").write_text("gain = 4\n", encoding="utf-8")
     made()
     assert runs.stat().st_mtime_ns > age
+    assert made(replace(grid, seeds=(1000, 1002))).meta["seeds"] == "1000-1002"
+    assert made(replace(grid, scenarios=(tiny.varied(name="other"),))).scenarios == ["other"]
 
 
 def test_what_is_stored_is_json(place):
