@@ -18,7 +18,8 @@ SLACK = 1.1
 
 CPU_SLACK = 2.0
 """The same for CPU-seconds, in which searches of equally many steps differ by about as much on one machine. They are
-the measure of learning itself, whose effort is not in simulated steps alone, and where nothing else is known of both."""
+the measure of learning itself, whose effort is not in simulated steps alone, and where nothing else is known of
+both."""
 
 NONE, LARGER, EDITED = "none", "larger", "edited"
 MARKS = {

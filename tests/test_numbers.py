@@ -71,7 +71,8 @@ def stripped(text: str) -> str:
         return "\n\n".join(re.findall(r"(?m)(?:^| )# (.*)$", found[0]))
 
     text = re.sub(r"(?ms)^```.*?^```$", comments, text)
-    for pattern in (docs._MARKED, marks.MARKED, r"(?s)<!--.*?-->", r"`[^`\n]*`", r"\]\([^)]*\)"):
+    own = r"(?s)<!-- run: .*?<!-- end -->"  # of scripts with records of their own
+    for pattern in (docs._MARKED, marks.MARKED, own, r"(?s)<!--.*?-->", r"`[^`\n]*`", r"\]\([^)]*\)"):
         text = re.sub(pattern, " ", text)
     return re.sub(r"[ \t]+", " ", text)
 
@@ -96,6 +97,13 @@ def test_no_result_stands_outside_the_marks(name):
         "mark it (<!-- n: study.path -->, <!-- made: table -->); a constant goes into ALLOWED, with a reason"
     )
     assert not unused, "ALLOWED names what is no longer there"
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_no_sentence_goes_on_behind_a_mark_that_begins_a_line(name):
+    # Markdown takes such a line as HTML, and shows what follows on it as it stands.
+    for line in PAGES[name].read_text(encoding="utf-8").splitlines():
+        assert not re.match(r"\s*<!--.*?-->\s*\S", line), line
 
 
 @pytest.mark.parametrize("name", PAGES)

@@ -16,7 +16,7 @@ ROUNDS, REPEATS, SEEDS = 5, 1000, 24
 
 @study(
     "filter-grid", "the filter that a search finds, against the best of a full grid",
-    "python -m kerfgym.experiments.filter_grid", 30.0,
+    "python -m kerfgym.experiments.filter_grid", 8.0,
     (*MACHINE, "baselines/xi2023.py", *suite("following"), "experiments/filter_grid.py", "experiments/stability.py",
      "experiments/tune/*.py"),
 )  # fmt: skip

@@ -19,20 +19,25 @@ MADE: dict[str, Callable[[], str]] = {}
 """Tables by the name that stands in a mark."""
 
 FOLLOWERS = (
-    "controller", "rank", "score", "× xi2023-tuned", "wins", "Ms", "gain", "delay, ms", "jitter", "collisions",
-    "budget",
+    "controller", "rank", "score.*", "× xi2023-tuned", "wins", "failed", "Ms.*", "gain", "delay, ms", "jitter",
+    "collisions", "budget",
 )  # fmt: skip
-"""Columns of followers' suites."""
+"""Columns of followers' suites, as patterns of their titles."""
 
-SHORT = ("controller", "score", "× xi2023-tuned", "Ms", "delay, ms", "collisions")
+SHORT = ("controller", "score.*", "× xi2023-tuned", "Ms.*", "delay, ms", "failed", "collisions")
 """Of them those of the README."""
 
-MARGINS = ("Ms", "gain", "delay, ms")
+MARGINS = ("Ms.*", "gain", "delay, ms")
 """What only the following suite's runs measure."""
 
-JOBS = ("controller", "rank", "wins", "contour rms, µm", "max, µm", "gap rms, µm", "dross, mm", "Rz, µm", "time, s",
-        "collisions", "budget")  # fmt: skip
-"""Columns of the suites of jobs, beside the score and its ratio, which are called after metric and reference."""
+JOBS = (
+    "wins", "failed", "contour rms, µm", "(contour )?max, µm", "gap rms, µm", "dross, mm", "Rz, µm", "time, s",
+    "collisions", "budget", "evidence",
+)  # fmt: skip
+"""Columns of the suites of jobs, behind rank, score and ratio, which are called after metric and reference."""
+
+MAY_LACK = ("failed", "evidence")
+"""Columns that not every table has."""
 
 
 def made(name: str, study: str) -> Callable[[Callable[[dict[str, Any]], str]], Callable[[dict[str, Any]], str]]:
@@ -71,22 +76,30 @@ def origin(found: dict[str, Any]) -> str:
 # ------------------------------------------------------------------------------------------------------------- suites
 
 
-def columns(found: dict[str, Any], titles: Iterable[str], sheet: int = 0) -> str:
-    """Columns of a table that the command printed.
+def columns(found: dict[str, Any], patterns: Iterable[str], title: str = "") -> str:
+    """Columns of a table that the command printed: those whose titles fit the patterns, in the patterns' order.
+
+    Args:
+        found: results of a benchmark.
+        patterns: of titles, each of one column or more.
+        title: how the title of the table begins.
 
     Raises:
-        InvalidInput: it has no such column.
+        InvalidInput: there is no such table, or it has no such column.
     """
-    whole = found["sheets"][sheet]
-    wanted = list(titles)
-    for title in wanted:
-        if title not in whole["titles"]:
-            raise InvalidInput(
-                f"the table of '{found['study']}' has no column '{title}'; {did_you_mean(title, whole['titles'])}"
-            )
-    at = [whole["titles"].index(title) for title in wanted]
+    whole = next((sheet for sheet in found["sheets"] if sheet["title"].startswith(title)), None)
+    if whole is None:
+        raise InvalidInput(f"results of '{found['study']}' have no table '{title} …'")
+    at: list[int] = []
+    for pattern in patterns:
+        fits = [i for i, each in enumerate(whole["titles"]) if re.fullmatch(pattern, each, re.IGNORECASE)]
+        if not fits and pattern not in MAY_LACK:
+            hint = did_you_mean(pattern, whole["titles"])
+            raise InvalidInput(f"the table of '{found['study']}' has no column '{pattern}'; {hint}")
+        at += [i for i in fits if i not in at]
     rows = [[row[i] for i in at] for section in whole["sections"] for row in section]
-    return markdown.table(wanted, ([_named(row[0], found), *row[1:]] for row in rows))
+    titles = [whole["titles"][i] for i in at]
+    return markdown.table(titles, ([_named(row[0], found), *row[1:]] for row in rows))
 
 
 def _named(name: str, found: dict[str, Any]) -> str:
@@ -123,19 +136,14 @@ def _suite(name: str) -> None:
     def main(found: dict[str, Any]) -> str:
         if rules["slot"] == "z":
             return columns(found, (t for t in FOLLOWERS if name.startswith("following") or t not in MARGINS))
-        score, ratio = found["sheets"][0]["titles"][2:4]
-        return columns(found, (*JOBS[:2], score, ratio, *JOBS[2:]))
+        first = map(re.escape, found["sheets"][0]["titles"][:4])
+        return columns(found, (*first, *JOBS))
 
     made(f"{name} by scenario", name)(by_scenario)
     if rules["slot"] == "z":
         made(f"{name} short", name)(lambda found: columns(found, SHORT))
     else:
-        made(f"{name} over reference", name)(lambda found: columns(found, _over(found), 1))
-
-
-def _over(found: dict[str, Any]) -> list[str]:
-    """All but what is better and worse in words, which the figures tell."""
-    return [title for title in found["sheets"][1]["titles"] if not re.match("better|worse", title)]
+        made(f"{name} over reference", name)(lambda found: columns(found, ("(?!better|worse).*",), "over "))
 
 
 for _name in scenarios.suites():
