@@ -7,10 +7,13 @@ Comments, docstrings and blank lines of Python sources do not count, because the
 import ast
 import functools
 import hashlib
+import inspect
 import io
+import textwrap
 import tokenize
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Any
 
 from ... import __file__ as _root
 from ...envs.plant.quantity import InvalidInput
@@ -85,6 +88,13 @@ def _of(found: tuple[Path, ...]) -> str:
 def _said(path: Path, _: int) -> bytes:
     """Of a file, as it stood when it was written last."""
     return code(path.read_text(encoding="utf-8")).encode() if path.suffix == ".py" else path.read_bytes()
+
+
+def said(function: Callable[..., Any]) -> str:
+    """A hash of what a function does, without what decorates it."""
+    text = textwrap.dedent(inspect.getsource(function))
+    first = ast.parse(text).body[0].lineno - 1
+    return hashlib.sha256(code("\n".join(text.split("\n")[first:])).encode()).hexdigest()[:16]
 
 
 def code(text: str) -> str:

@@ -11,7 +11,7 @@ from ... import __version__
 from ...envs.plant.quantity import InvalidInput, did_you_mean
 from .. import runs
 from . import store
-from .stamp import changed, stamp
+from .stamp import changed, said, stamp
 
 MODULES = ("suites", "parts", "stages", "small", "costs")
 """Where studies are registered, in the order in which they are run."""
@@ -42,8 +42,7 @@ class Study:
 
     def stamp(self) -> dict[str, str]:
         """Of what it depends on, as it stands now."""
-        own = f"experiments/figures/{self.make.__module__.rpartition('.')[2]}.py"
-        return stamp((*self.depends, own))
+        return stamp(self.depends) | {"the study itself": said(self.make)}
 
     def outdated(self) -> list[str]:
         """Why its results are not today's: files that have changed; empty if they are."""

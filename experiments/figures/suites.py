@@ -14,6 +14,9 @@ from ..table import WEIGHED, sheets
 from .stamp import FIGURES, LAWS, MACHINE, POLICIES, changed, stamp, suite, trained
 from .study import Trial, study
 
+CONCLUDED = ("experiments/figures/suites.py",)
+"""What makes numbers of results."""
+
 MADE_FROM = "made-from.json"
 """File of a run folder: what the run depended on."""
 
@@ -47,7 +50,9 @@ def asked(grid: Grid, options: dict[str, Any]) -> str:
 
 def _without_figures(trial: Trial) -> dict[str, str]:
     """What the runs themselves depend on, not what is concluded from them."""
-    own = set(FIGURES) - {f"experiments/{name}.py" for name in ("jobs", "margins", "rollout", "stability", "tasks")}
+    own = {*FIGURES, *CONCLUDED} - {
+        f"experiments/{name}.py" for name in ("jobs", "margins", "rollout", "stability", "tasks")
+    }
     return stamp([each for each in trial.study.depends if each not in own])
 
 
@@ -92,7 +97,7 @@ def compared(name: str) -> Any:
 
 def _depends(name: str) -> tuple[str, ...]:
     slot = scenarios.rules(name)["slot"]
-    return *MACHINE, *LAWS, *POLICIES, *FIGURES, *suite(name), *trained(_ENVIRONMENTS[slot])
+    return *MACHINE, *LAWS, *POLICIES, *FIGURES, *CONCLUDED, *suite(name), *trained(_ENVIRONMENTS[slot])
 
 
 for _name in scenarios.suites():

@@ -1,6 +1,7 @@
 """Studies behind README and manual: stored with what they depend on, stale when that changes, shown as stored."""
 
 import json
+import linecache
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -52,6 +53,7 @@ def test_words_about_a_source_change_no_result():
     )  # fmt: skip
     assert stamp.code(other) == stamp.code(SOURCE)
     assert '"# no comment"' in stamp.code(SOURCE)
+    assert "# why" not in stamp.code(SOURCE)
     for before, after in (("3.0", "4.0"), ("x * SPEED", "x + SPEED"), ("# no comment", "# none")):
         assert stamp.code(SOURCE.replace(before, after)) != stamp.code(SOURCE)
 
@@ -66,6 +68,17 @@ def test_a_study_is_stale_when_a_file_that_it_depends_on_changes(place):
     study.run(one, 1)
     (place / "laws" / "lqg.py").write_text("", encoding="utf-8")  # a law more
     assert one.outdated() == ["laws/*.py"]
+
+
+def test_a_study_that_measures_something_else_is_another():
+    def function(number, words):
+        exec(compile(source := f"def one(trial):\n    {words}\n    return {number}\n", "<study>", "exec"), space := {})
+        linecache.cache["<study>"] = (len(source), None, source.splitlines(keepends=True), "<study>")
+        return space["one"]
+
+    first = stamp.said(function(1.0, '"""Of it."""'))
+    assert stamp.said(function(1.0, "# in other words")) == first
+    assert stamp.said(function(2.0, "# in other words")) != first
 
 
 def test_a_file_can_be_left_out(place):
