@@ -5,12 +5,12 @@ later. It acts behind law, residual, supervisor and D/A, where a machine's own s
 the *whole* command of a learned residual as of a classical law, and what a law knows of its own command stays what it
 asked for. (``hand.gain`` would leave a residual out, and would show the law the scaled command.)
 
-The nozzle runs over a step of the sheet of 0.1 mm, on the corner plants of a machine (:mod:`plants`). The loop *settles* when
-what is left of the response a second later has become smaller: the RMS of the true gap about its mean in the second
-window is below 0.9 of that in the first, or below 2 µm (friction, backlash and D/A keep a little hunting alive). A loop
-that swings on with constant amplitude does not settle, nor does one that touches the sheet. Nothing is assumed about
-the controller; for a linear loop this is the stability margin. Where friction, limits or a filter's threshold matter,
-the margin holds for this step: larger ones leave less of it.
+The nozzle runs over a step of the sheet of 0.1 mm, on the corner plants of a machine (:mod:`plants`). The loop
+*settles* when what is left of the response a second later has become smaller: the RMS of the true gap about its mean in
+the second window is below 0.9 of that in the first, or below 2 µm (friction, backlash and D/A keep a little hunting
+alive). A loop that swings on with constant amplitude does not settle, nor does one that touches the sheet. Nothing is
+assumed about the controller; for a linear loop this is the stability margin. Where friction, limits or a filter's
+threshold matter, the margin holds for this step: larger ones leave less of it.
 
 Many factors and delays are tried side by side, each on all corners, in two roll-outs: a coarse grid, and a fine one
 between the last value at which every corner settles and the next.

@@ -24,7 +24,7 @@ from ..envs import scenarios
 from ..envs.distributions import Choice, LogUniform, Uniform, as_number, bounds
 from ..envs.plant.fleet import Fleet
 from ..envs.plant.quantity import InvalidInput
-from ..envs.scenarios import Head, Scenario
+from ..envs.scenarios import Scenario
 
 NOT_MACHINE = (
     "name", "summary", "version", "duration", "settle", "feed", "set_height", "start_above", "guard", "exempt", "path",
@@ -75,7 +75,9 @@ class Machine:
         """What each corner plant has in place of the numbers that are drawn, by dotted name."""
         leaves = _leaves(json.loads(self.tables))
         limits = {
-            name: float(np.mean(bounds(as_number(leaves[name])))) for name in LIMITS if isinstance(leaves.get(name), dict)
+            name: float(np.mean(bounds(as_number(leaves[name]))))
+            for name in LIMITS
+            if isinstance(leaves.get(name), dict)
         }
         levels = design(len(self.drawn))
         return tuple(
@@ -148,7 +150,9 @@ def design(factors: int) -> np.ndarray:
     base = np.array(list(itertools.product((0, 1), repeat=min(factors, FULL))), int).reshape(-1, min(factors, FULL))
     words = [word for size in (3, 5) for word in itertools.combinations(range(FULL), size)]
     if factors - FULL > len(words):
-        raise InvalidInput(f"the machine draws {factors} numbers; corner plants can be made of at most {FULL + len(words)}")
+        raise InvalidInput(
+            f"the machine draws {factors} numbers; corner plants can be made of at most {FULL + len(words)}"
+        )
     more = [base[:, list(word)].sum(axis=1) % 2 for word in words[: max(0, factors - FULL)]]
     return np.column_stack([base, *more])
 
