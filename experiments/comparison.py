@@ -32,6 +32,8 @@ def failures(results: Any) -> pd.Series:
     by that."""
     frame = results.runs
     lost = frame["failed"].astype(bool)
+    if results.metric in frame:
+        lost = lost | frame[results.metric].isna()
     if "collision" in frame:
         lost = lost | ((frame["collision"] > 0) & ~frame["scenario"].isin(getattr(results, "exempt", ())))
     return lost

@@ -59,8 +59,9 @@ def log_pooled(power: float) -> Statistic:
         by_level, ones = (x.transpose(0, 2, 1).reshape(-1, values.shape[1]) for x in (powers, one))
 
         def of_seeds(kept: np.ndarray) -> np.ndarray:
-            flat = [(kept * factor).reshape(len(mean), -1) for factor in (shares, others)]
-            return (flat[0] @ by_level - flat[1] @ ones) / power
+            """How much each seed moves the value, but for what all have in common."""
+            moved = (kept * shares).reshape(len(mean), -1) @ by_level
+            return (moved if sound.all() else moved - (kept * others).reshape(len(mean), -1) @ ones) / power
 
         return _of_levels(level, weights, of_seeds)
 

@@ -165,7 +165,8 @@ class Results(Comparison):
         frame = pd.concat(parts, axis=1, sort=False).reindex(columns=[*STABILITY, "reason"])
         rows = pd.concat([each[by] for each in (room, curves) if len(each)]).drop_duplicates()
         frame = frame.reindex(pd.MultiIndex.from_frame(rows))
-        return frame.assign(reason=frame["reason"].fillna("")).reset_index()
+        reason = frame["reason"].astype(object)
+        return frame.assign(reason=reason.where(reason.notna(), "")).reset_index()
 
     def summary(self) -> pd.DataFrame:
         """One row per controller: score (µm) and ratio with intervals, scale, stability, budget, collision and failure
