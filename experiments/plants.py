@@ -147,7 +147,8 @@ def design(factors: int) -> np.ndarray:
     Raises:
         InvalidInput: more factors than there are such parities.
     """
-    base = np.array(list(itertools.product((0, 1), repeat=min(factors, FULL))), int).reshape(-1, min(factors, FULL))
+    full = min(factors, FULL)
+    base = np.array(list(itertools.product((0, 1), repeat=full)), int).reshape(2**full, full)
     words = [word for size in (3, 5) for word in itertools.combinations(range(FULL), size)]
     if factors - FULL > len(words):
         raise InvalidInput(

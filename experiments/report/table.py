@@ -130,7 +130,7 @@ def _estimates(standing: Standing, small: dict[str, str] | None = None) -> dict[
     for name, row in standing.frame.iterrows():
         low, value, high = (float(row[f"score{end}"]) for end in ("_low", "", "_high"))
         if not math.isfinite(value):
-            cells[name] = Cell("failed" if row["note"] else number(value), value, mark="bad")
+            cells[name] = Cell("failed" if row["note"] else "–", mark="bad")
             continue
         places = known(low, high, value)
         several = len(standing.ranked) > 1 and standing.varies

@@ -51,8 +51,8 @@ def test_the_corners_are_the_ends_of_all_that_is_drawn():
         assert ends.min() <= drawn.min() + 1e-12
         assert drawn.max() <= ends.max() + 1e-12
         assert ends.max() - ends.min() <= 1.02 * np.ptp(drawn) + 1e-12
-    assert len({tuple(corners.column(f"z.{name}")[i] for name in ("omega", "dead_time", "omega_r", "friction", "backlash"))
-                for i in range(machine.size)}) == machine.size  # fmt: skip
+    varied = [corners.column(f"z.{name}") for name in ("omega", "dead_time", "omega_r", "friction", "backlash")]
+    assert len(np.unique(varied, axis=1).T) == machine.size
 
 
 def test_limits_of_the_drive_stay_in_the_middle():
