@@ -142,11 +142,16 @@ class Results(Comparison):
         return super().pooled(metric)
 
     @property
+    def curves(self) -> pd.DataFrame:
+        """:attr:`sensitivity` with machine and signal, which runs of earlier versions did not name."""
+        return _of_machines(self.sensitivity)
+
+    @property
     def stability(self) -> pd.DataFrame:
         """One row per controller and machine: ``ms`` with sines, ``ms_noise`` with ``…_low`` and ``…_high``,
         ``gain_margin``, ``delay_margin`` (ms), and ``reason``, why one is missing; empty if nothing was measured."""
         by = ["controller", "machine"]
-        curves, room = (_of_machines(each) for each in (self.sensitivity, self.margins))
+        curves, room = self.curves, _of_machines(self.margins)
         parts = []
         if len(curves):
             signal = (curves["signal"] if "signal" in curves else pd.Series("sine", index=curves.index)).rename(
@@ -155,7 +160,7 @@ class Results(Comparison):
             peaks = curves.groupby([*by, signal], sort=False)["magnitude"].max().unstack()
             parts.append(peaks.rename(columns={"sine": "ms", "noise": "ms_noise"}))
             if "peak_low" in curves:
-                ends = curves[signal == "noise"].groupby(by, sort=False)[["peak_low", "peak_high"]].first()
+                ends = curves[curves["signal"] == "noise"].groupby(by, sort=False)[["peak_low", "peak_high"]].first()
                 parts.append(ends.rename(columns={"peak_low": "ms_noise_low", "peak_high": "ms_noise_high"}))
         if len(room):
             names = {"gain": "gain_margin", "delay_ms": "delay_margin"}
@@ -203,8 +208,10 @@ class Results(Comparison):
 
 
 def _of_machines(table: pd.DataFrame) -> pd.DataFrame:
-    """A table of stability, of which runs of earlier versions had but the standard machine."""
-    return table if "machine" in table or not len(table) else table.assign(machine=STANDARD.label)
+    """A table of stability, of which runs of earlier versions had but the standard machine, and sines."""
+    for column, usual in (("machine", STANDARD.label), ("signal", "sine")) if len(table) else ():
+        table = table.assign(**{column: table[column].fillna(usual) if column in table else usual})
+    return table
 
 
 def _worst(stability: pd.DataFrame) -> pd.DataFrame:

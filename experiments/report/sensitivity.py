@@ -20,10 +20,7 @@ def figure(suite: Suite, look: dict[str, Look], labels: dict[str, str]) -> Figur
     results = suite.following
     if results is None or not len(results.sensitivity):
         return None
-    curves = results.sensitivity.copy()
-    for column, only in (("machine", ""), ("signal", "sine")):  # runs of earlier versions had but one
-        if column not in curves:
-            curves[column] = only
+    curves = results.curves
     several = curves["machine"].nunique() > 1
     views: dict[str, go.Figure] = {}
     over: set[str] = set()
