@@ -320,6 +320,7 @@ def test_failed_runs_take_the_rank_and_not_the_figure(made_up):
     columns = {c.title: c.cells["pid"] for c in table.groups(suite, found)[0].columns}
     assert (columns["rank"].text, columns["failed"].text, columns["failed"].mark) == ("2", "2/18", "bad")
     assert 7.5 < columns["score"].value < 8.5
+    results = made_up.following()
     results.runs.loc[results.runs["controller"] == "pid", "failed"] = True
     suite, found = judged(results)
     words = " ".join(answer.remarks(suite, found["rms_true"], labels, 2.0))
