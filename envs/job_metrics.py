@@ -61,16 +61,21 @@ def metric(unit: str, better: str = "lower") -> Callable[[Callable[[Jobs], np.nd
 
 def evaluate(jobs: Jobs) -> dict[str, np.ndarray]:
     """Every metric by name; a failed run has no figure but its collision and what it covered."""
-    broken = failed(jobs)
+    lost = failed(jobs)
     kept = ("collision", "covered")
     figures = {name: each.function(jobs) for name, each in METRICS.items()}
-    return {name: f if name in kept else np.where(broken, np.nan, f) for name, f in figures.items()}
+    return {name: f if name in kept else np.where(lost, np.nan, f) for name, f in figures.items()}
 
 
-def failed(jobs: Jobs) -> np.ndarray:
+def broken(jobs: Jobs) -> np.ndarray:
     """Whether a run holds anything that is not finite, cut nothing, or left more than 2 % of the job undone."""
     finite = np.all([np.isfinite(values) for values in jobs.sums.values()], axis=0)
     return ~finite | (jobs.sums["length"] <= 0) | (jobs.covered < 0.98)
+
+
+def failed(jobs: Jobs) -> np.ndarray:
+    """Whether a run is broken or the nozzle touched the sheet: after that the head stays up, and nothing is cut."""
+    return broken(jobs) | jobs.collided
 
 
 @metric("µm")

@@ -1,8 +1,9 @@
 """Metrics: plain functions of a recorded run, each with unit, direction and meaning, registered once.
 
 Each takes a :class:`Recording` and returns one number per machine, shape (machines,). Following is measured on the
-*true* gap, and beside it on the reported height. A run with a value that is not finite is a failure: it shows as NaN
-here and is counted, never dropped (:func:`failed`).
+*true* gap, and beside it on the reported height. A run is scored until the nozzle touches the sheet, since afterwards
+the head is retracted; that it touched is a figure of its own. A run with a value that is not finite shows as NaN. Both
+are failures, which are counted and never dropped (:func:`failed`).
 """
 
 from collections.abc import Callable
@@ -48,16 +49,21 @@ def get(name: str) -> Metric:
 
 
 def evaluate(recording: Recording) -> dict[str, np.ndarray]:
-    """Every metric of a recording, by name; a failed run has no figure but its collision."""
-    broken = failed(recording)
+    """Every metric of a recording, by name; a broken run has no figure but its collision."""
+    lost = broken(recording)
     figures = {name: each.function(recording) for name, each in METRICS.items()}
-    return {name: f if name == "collision" else np.where(broken, np.nan, f) for name, f in figures.items()}
+    return {name: f if name == "collision" else np.where(lost, np.nan, f) for name, f in figures.items()}
 
 
-def failed(recording: Recording) -> np.ndarray:
+def broken(recording: Recording) -> np.ndarray:
     """Whether a run holds anything that is not finite, or nothing to score."""
     finite = np.isfinite(recording.data).all(axis=(0, 1))
     return ~finite | (recording.scored.sum(axis=0) == 0)
+
+
+def failed(recording: Recording) -> np.ndarray:
+    """Whether a run is broken, or the nozzle touched the sheet in a scenario that is not built for that."""
+    return broken(recording) | (recording.collided & (not recording.scenario.exempt))
 
 
 def _rms(error: np.ndarray, mask: np.ndarray) -> np.ndarray:

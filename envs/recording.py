@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from .material import material
-from .plant import cut, machine, streamed
+from .plant import cut, machine, streamed, supervisor
 from .plant.lanes import W
 from .scenarios import Scenario
 
@@ -16,7 +16,8 @@ class Recording:
     """One episode per seed.
 
     ``data`` is float32 of shape (periods, channels, machines), see ``machine.CHANNELS``; ``set_height`` (mm),
-    ``collided`` and ``lowest`` (mm, smallest true gap over sheet) have the shape (machines,).
+    ``collided`` and ``lowest`` (mm, smallest true gap over sheet) have the shape (machines,). With ``to_the_end`` a run
+    is scored beyond the moment at which the nozzle touched the sheet, as a search wants it that is to avoid that.
     """
 
     scenario: Scenario
@@ -25,6 +26,7 @@ class Recording:
     data: np.ndarray
     collided: np.ndarray
     lowest: np.ndarray
+    to_the_end: bool = False
 
     def __getitem__(self, channel: str) -> np.ndarray:
         """One channel, shape (periods, machines)."""
@@ -32,10 +34,22 @@ class Recording:
 
     @cached_property
     def scored(self) -> np.ndarray:
-        """Which periods count: beam on, over sheet, after the settling time; shape (periods, machines)."""
+        """Which periods count: beam on, over sheet, after the settling time, before the nozzle touched the sheet; shape
+        (periods, machines)."""
         mask = self["scored"] > 0.5
         mask[: self.scenario.settle_steps] = False
-        return mask
+        return mask if self.to_the_end else mask & (np.arange(len(mask))[:, None] < self.touched)
+
+    @cached_property
+    def touched(self) -> np.ndarray:
+        """Period in which the nozzle touched the sheet, shape (machines,); their number if it did not.
+
+        It is the first in which the gap is closed where there is sheet, or in which the supervisor has seen it: between
+        the ends of two periods nothing is recorded.
+        """
+        over = (self["mode"] == supervisor.ALARM) | ((self["gap"] <= 0.0) & (self["scored"] > 0.5))
+        first = np.where(over.any(axis=0), over.argmax(axis=0), len(over))
+        return np.where(self.collided, first, len(over))
 
     @cached_property
     def error(self) -> np.ndarray:

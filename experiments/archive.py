@@ -68,7 +68,7 @@ def save_tables(
     for name, results in grids.items():
         at = place(folder, name, len(grids) > 1)
         runs.write_table(at, "runs", results.runs)
-        runs.write_table(at, "summary", results.summary().reset_index())
+        runs.write_table(at, "summary", named(results))
         kind = "jobs" if isinstance(results, JobResults) else "following"
         for table in TABLES[kind]:
             frame = getattr(results, table)
@@ -81,6 +81,15 @@ def save_tables(
         own = {key: value for key, value in results.meta.items() if key not in meta or meta[key] != value}
         entries[name] = {"kind": kind, "folder": str(at.relative_to(folder)), **own, **_rest(results)}
     return {"format": FORMAT, **meta, "grids": entries}
+
+
+def named(results: Results | JobResults) -> pd.DataFrame:
+    """The summary as it is written. Followers have a ``score``; what jobs are ranked by has the name of its metric."""
+    frame = results.summary().rename_axis("controller").reset_index()
+    if isinstance(results, JobResults):
+        ends = {f"score{end}": f"{results.metric}{end}" for end in ("_low", "_high")}
+        frame = frame.drop(columns="score").rename(columns=ends)
+    return frame
 
 
 def _hash(file: Path) -> str:

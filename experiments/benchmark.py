@@ -14,7 +14,7 @@ from ..envs import stack as stacks
 from ..envs.plant import kernels
 from ..envs.plant.quantity import InvalidInput
 from ..envs.scenarios import Scenario
-from . import archive, decisions, detuned, digest, jobs, pool, rollout, runs
+from . import archive, decisions, detuned, digest, jobs, plants, pool, rollout, runs
 from .bars import Bars
 from .bounds import recorded
 from .grids import Grid, resolved
@@ -176,6 +176,8 @@ def _results(
         "programs": {name: _digest(stack.program) for name, stack in known.items()},
         "parameters": {name: {k: p.value for k, p in stack.parameters().items()} for name, stack in known.items()},
     }  # fmt: skip
+    if len(joined.get("margins", ())):
+        meta["machines"] = {machine.label: names for machine, names in plants.machines(grid.scenarios).items()}
     core, summaries = tuple(c for c in grid.core if c in names), {s.name: s.summary for s in grid.scenarios}
     traces = joined.get("traces", pd.DataFrame())
     if grid.with_jobs:

@@ -1,4 +1,13 @@
-"""What a benchmark's runs say about who is closer, by how much and how surely: :mod:`inference` on its tables."""
+"""What a benchmark's runs say about who is closer, by how much and how surely: :mod:`inference` on its tables.
+
+**A run fails** if the nozzle touches the sheet where it should not, if it holds a number that is not finite, if it has
+nothing to score, or if its job is not finished (:func:`failures`). What that means for each figure:
+
+- *score* and every other figure of a metric are over the runs that did not fail; how many did stands beside them;
+- *ratios* are over the runs in which neither of the two failed, so nobody gains by failing where it is difficult;
+- *wins*, *typical* and profiles compare run by run; a failed run is worse than all that did not fail on its seed;
+- *ranks*: who failed in no run stands above all who did (:func:`better`).
+"""
 
 import math
 import re
@@ -8,12 +17,26 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy import stats
 
-from .inference import Interval, Sample, iqm, probability_of_improvement
-from .resampling import Replicates, log_score, mean_of_middle, replicate
+from . import pooling
+from .inference import LEVEL, Interval, Sample, iqm, probability_of_improvement, share
+from .resampling import Replicates, log_pooled, mean_of_middle, replicate
 
 COLUMNS = ("score", "ratio", "typical", "wins")
 """Figures of :func:`figures`; each has its interval in the columns ``…_low`` and ``…_high``."""
+
+
+def failures(results: Any) -> pd.Series:
+    """Whether each run failed, one bool per row of ``results.runs``; those that are built to be touched in do not fail
+    by that."""
+    frame = results.runs
+    lost = frame["failed"].astype(bool)
+    if results.metric in frame:
+        lost = lost | frame[results.metric].isna()
+    if "collision" in frame:
+        lost = lost | ((frame["collision"] > 0) & ~frame["scenario"].isin(getattr(results, "exempt", ())))
+    return lost
 
 
 def samples(
@@ -25,8 +48,9 @@ def samples(
     of them.
     """
     chosen = list(scenarios or results.scored)
-    frame = results.runs[results.runs["scenario"].isin(chosen)]
-    values = frame[results.metric].where(~frame["failed"].astype(bool) & frame[results.metric].notna(), np.inf)
+    here = results.runs["scenario"].isin(chosen)
+    frame, lost = results.runs[here], failures(results)[here]
+    values = frame[results.metric].where(~lost & frame[results.metric].notna(), np.inf)
     tables = frame.assign(value=values).pivot(index=["controller", "seed"], columns="scenario", values="value")
     out = {}
     for name in results.controllers if names is None else names:
@@ -38,27 +62,38 @@ def samples(
     return out
 
 
-def sound(found: dict[str, Sample]) -> list[str]:
+def unfailing(found: dict[str, Sample]) -> list[str]:
     """Names of those of whom no run failed."""
-    return [name for name, sample in found.items() if np.isfinite(sample.values).all() and (sample.values > 0).all()]
+    return [name for name, sample in found.items() if np.isfinite(sample.values).all()]
 
 
-def bootstrapped(found: dict[str, Sample]) -> tuple[list[str], Replicates | None]:
-    """The logarithm of the scores of those without a failed run, and who they are."""
-    names = sound(found)
-    return names, replicate([found[name] for name in names], log_score) if names else None
+def measured(found: dict[str, Sample]) -> list[str]:
+    """Names of those who have a figure: in every scenario a run that did not fail, and none without any error."""
+    return [
+        name for name, sample in found.items()
+        if np.isfinite(sample.values).any(axis=1).all() and (sample.values > 0).all()
+    ]  # fmt: skip
+
+
+def bootstrapped(found: dict[str, Sample], power: float) -> tuple[list[str], Replicates | None]:
+    """The logarithm of the figures of those who have one, and who they are."""
+    names = measured(found) if math.isfinite(power) else []
+    return names, replicate([found[name] for name in names], log_pooled(power)) if names else None
 
 
 def figures(results: Any, typical: bool = True) -> pd.DataFrame:
     """One row per controller, intervals of 95 % beside each figure; NaN where there is none.
 
-    ``score``: geometric mean over the scenarios of the RMS over seeds, in the metric's unit (``inf`` if a run failed);
-    ``ratio``: that of the reference over it; ``typical``: the same, run by run on the same seeds, of which the
-    interquartile mean, which a few very bad runs do not move (NaN unless asked for, because it takes longest);
-    ``wins``: how probably a run is better than the reference's on the same seed (0.5 for the reference itself).
+    ``score``: the metric over seeds and scenarios (:mod:`pooling`), in its unit, of the runs that did not fail (``inf``
+    if all of a scenario's did); ``ratio``: that of the reference over it, of the runs in which neither failed;
+    ``typical``: the same, run by run on the same seeds, of which the interquartile mean, which a few very bad runs do
+    not move (NaN unless asked for, because it takes longest); ``wins``: how probably a run is better than the
+    reference's on the same seed (0.5 for the reference itself). ``lost`` and ``tried``: how many of the runs that make
+    the score failed, and their number.
     """
     found, reference = samples(results), results.reference
-    names, replicates = bootstrapped(found)
+    power = pooling.power(results.metric)
+    names, replicates = bootstrapped(found, power)
     rows: dict[str, dict[str, Interval]] = {name: {} for name in results.controllers}
     for name in found:
         rows[name]["score"] = Interval(math.inf)
@@ -67,7 +102,7 @@ def figures(results: Any, typical: bool = True) -> pd.DataFrame:
         one = np.eye(len(names))
         rows[name]["score"] = _exp(replicates.interval(one[i]))
         if reference in names:
-            rows[name]["ratio"] = _exp(replicates.interval(one[names.index(reference)] - one[i]))
+            rows[name]["ratio"] = _ratio(found, name, reference, power, names, replicates)
     if reference in found:
         for name, sample in found.items():
             mine, base = common(sample, found[reference])
@@ -83,7 +118,30 @@ def figures(results: Any, typical: bool = True) -> pd.DataFrame:
         }
         for name, row in rows.items()
     }
-    return pd.DataFrame.from_dict(flat, orient="index").reindex(results.controllers)
+    frame = pd.DataFrame.from_dict(flat, orient="index").reindex(results.controllers)
+    within = results.runs["scenario"].isin(results.scored)
+    lost = failures(results)[within].groupby(results.runs["controller"][within], sort=False)
+    return frame.assign(
+        lost=lost.sum().reindex(frame.index, fill_value=0).astype(int),
+        tried=lost.size().reindex(frame.index, fill_value=0).astype(int),
+    )
+
+
+def _ratio(
+    found: dict[str, Sample], name: str, reference: str, power: float, names: list[str], replicates: Replicates
+) -> Interval:  # fmt: skip
+    """The reference's figure over that of ``name``, over the runs in which neither failed."""
+    if all(np.isfinite(found[each].values).all() for each in (name, reference)):
+        one = np.eye(len(names))
+        return _exp(replicates.interval(one[names.index(reference)] - one[names.index(name)]))
+    if name == reference:
+        return Interval(1.0, 1.0, 1.0)
+    mine, base = common(found[name], found[reference])
+    both = np.isfinite(mine) & np.isfinite(base)
+    if not len(mine) or not both.any(axis=0).all():
+        return Interval(math.nan)
+    pair = [Sample.of(np.where(both, values, np.inf)) for values in (mine, base)]
+    return _exp(replicate(pair, log_pooled(power)).interval([-1.0, 1.0]))
 
 
 def _typical(mine: np.ndarray, base: np.ndarray) -> Interval:
@@ -105,48 +163,76 @@ def common(one: Sample, other: Sample) -> tuple[np.ndarray, np.ndarray]:
 
 
 def better(results: Any, names: Iterable[str]) -> pd.DataFrame:
-    """Names × names: whether the first has a significantly better score than the second.
+    """Names × names: whether the first is better than the second. The rule of all ranks.
 
-    All these statements hold together with 95 %. Who failed in a run is worse than all who did not.
+    1. Who failed in no run is better than who did. That is a rule, not a finding: machines that touch the sheet stop.
+    2. Of two without a failed run it is the one with the significantly smaller score.
+    3. Of two with failed runs it is the one that fails significantly less often, or, if neither does, whose single runs
+       are better than the other's on the same seeds in significantly more than half of the cases, a failed run being
+       worse than any other.
+
+    So a run that fails never helps: not in 1, and in 3 it is the worst that a run can be. All statements of 2 and 3
+    hold together with 95 %.
     """
     found = samples(results, names)
     table = pd.DataFrame(False, index=list(found), columns=list(found))
-    finite, replicates = bootstrapped(found)
+    clean = unfailing(found)
+    rest = [name for name in found if name not in clean]
+    parts = 2 if len(rest) > 1 and len(clean) > 1 else 1
+    level = 1.0 - (1.0 - LEVEL) / parts
+    finite, replicates = bootstrapped({name: found[name] for name in clean}, pooling.power(results.metric))
     if replicates:
-        table.loc[finite, finite] = replicates.better()
-    table.loc[finite, [name for name in found if name not in finite]] = True
+        table.loc[finite, finite] = replicates.better(level)
+    table.loc[clean, rest] = True
+    if len(rest) > 1:
+        table.loc[rest, rest] = _run_by_run({name: found[name] for name in rest}, level).to_numpy()
+    return table
+
+
+def _run_by_run(found: dict[str, Sample], level: float) -> pd.DataFrame:
+    """Rule 3 of :func:`better`; half of the error for either question, shared among the pairs (Bonferroni)."""
+    names = list(found)
+    table = pd.DataFrame(False, index=names, columns=names)
+    pairs = len(names) * (len(names) - 1) / 2
+    risk = (1.0 - level) / (2 * pairs)
+    for i, one in enumerate(names):
+        for other in names[i + 1 :]:
+            mine, theirs = common(found[one], found[other])
+            if not len(mine):
+                continue
+            less = np.isinf(mine).sum(axis=1) - np.isinf(theirs).sum(axis=1)
+            fewer, more = int((less < 0).sum()), int((less > 0).sum())  # seeds; what one seed did is not independent
+            if fewer + more and stats.binomtest(fewer, fewer + more).pvalue < risk:
+                table.loc[one, other], table.loc[other, one] = fewer > more, more > fewer
+                continue
+            won = share((mine < theirs) + 0.5 * (mine == theirs), 1.0 - risk)
+            table.loc[one, other], table.loc[other, one] = won.low > 0.5, won.high < 0.5
     return table
 
 
 def by_scenario(results: Any) -> pd.DataFrame:
-    """One row per controller and scenario: ``controller, scenario``, the RMS over seeds ``value, low, high``, and
-    ``ratio, ratio_low, ratio_high``, that of the reference over it."""
+    """One row per controller and scenario: ``controller, scenario``, the metric over seeds ``value, low, high``,
+    ``ratio, ratio_low, ratio_high``, that of the reference over it, and ``lost``, the failed runs."""
     rows = []
     for scenario in results.scenarios:
-        found = samples(results, scenarios=[scenario])
-        names, replicates = bootstrapped(found)
-        for name in found:
-            value, ratio = Interval(math.inf), Interval(math.nan)
-            if name in names:
-                assert replicates
-                one = np.eye(len(names))
-                i = names.index(name)
-                value = _exp(replicates.interval(one[i]))
-                if results.reference in names:
-                    ratio = _exp(replicates.interval(one[names.index(results.reference)] - one[i]))
-            rows.append((name, scenario, *value, *ratio))
-    columns = ["controller", "scenario", "value", "low", "high", "ratio", "ratio_low", "ratio_high"]
+        view = replace(results, core=(scenario,))
+        here = figures(view, typical=False)
+        for name in samples(view):
+            at = here.loc[name]
+            ends = [at[f"{figure}{end}"] for figure in ("score", "ratio") for end in ("", "_low", "_high")]
+            rows.append((name, scenario, *ends, int(at["lost"])))
+    columns = ["controller", "scenario", "value", "low", "high", "ratio", "ratio_low", "ratio_high", "lost"]
     return pd.DataFrame(rows, columns=columns)
 
 
 def relative(results: Any, metrics: Iterable[str]) -> pd.DataFrame:
     """One row per controller but the reference: each metric over the reference's, ``metric, metric_low, metric_high``.
 
-    Each is pooled as the score is, over runs on the same seeds; NaN where a run failed.
+    Each is pooled as :mod:`pooling` says, over the runs on the same seeds in which neither failed.
     """
     rows: dict[str, dict[str, float]] = {name: {} for name in results.controllers if name != results.reference}
     for metric in metrics:
-        found = figures(replace(results, metric=metric))
+        found = figures(replace(results, metric=metric), typical=False)
         for name, row in rows.items():
             at = found.loc[name]
             row[metric] = 1.0 / at["ratio"]
@@ -176,9 +262,9 @@ def methods(results: Any) -> pd.DataFrame:
     ``method``, its command; ``members``, their names; ``score`` and ``ratio`` with ``…_low`` and ``…_high``: of the
     method, so its interval is over trainings as over seeds; ``best`` and ``worst``: its members' scores.
     """
-    found = samples(results)
+    found, power = samples(results), pooling.power(results.metric)
     groups: dict[str, list[str]] = {}
-    for name in sound(found):
+    for name in measured(found):
         command = _command((results.meta.get("tuning") or {}).get(name) or {})
         if command:
             groups.setdefault(_OWN.sub("", str(command)), []).append(name)
@@ -189,11 +275,11 @@ def methods(results: Any) -> pd.DataFrame:
             continue
         at = {name: [found[name].seeds.index(seed) for seed in seeds] for name in members}
         whole = Sample.of(np.stack([found[name].values[0, at[name]] for name in members]), seeds)
-        base = [found[results.reference]] if results.reference in sound(found) else []
-        replicates = replicate([whole, *base], log_score)
+        base = [found[results.reference]] if results.reference in measured(found) else []
+        replicates = replicate([whole, *base], log_pooled(power))
         score = _exp(replicates.interval([1.0, 0.0][: 1 + len(base)]))
         ratio = _exp(replicates.interval([-1.0, 1.0])) if base else Interval(math.nan)
-        each = [float(np.exp(log_score(run[None], (None, None, None))[0][0])) for run in whole.values]
+        each = [float(np.exp(log_pooled(power)(run[None], (None, None, None))[0][0])) for run in whole.values]
         rows.append((method, members, *score, *ratio, min(each), max(each)))
     flat = [f"{figure}{end}" for figure in ("score", "ratio") for end in ("", "_low", "_high")]
     columns = ["method", "members", *flat, "best", "worst"]

@@ -6,7 +6,6 @@
 import contextlib
 import math
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,6 +15,7 @@ from ..envs import stack as stacks
 from ..envs.plant.quantity import InvalidInput
 from ..envs.stack import Stack
 from .bars import Told
+from .fairness import foremost
 from .results import REFERENCE, Results
 from .tune import goals
 from .tune.evaluate import Evaluator
@@ -69,8 +69,6 @@ def moves(name: str, stack: Stack) -> Iterator[tuple[str, int, float]]:
 
 def _chosen(results: Results) -> dict[str, Stack]:
     """The reference and the best of those that are shipped with a preset of their own."""
-    summary: Any = results.summary()
-    good = summary[(summary["information"] == "sensor") & (summary["failed"] == 0)]["score"].dropna().sort_values()
-    tuned = [name for name in good.index if name in stacks.names() and baselines.preset(name)]
+    tuned = [name for name in foremost(results.standings) if name in stacks.names() and baselines.preset(name)]
     names = [*(n for n in tuned if n == REFERENCE), *[n for n in tuned if n != REFERENCE][:SHOWN]]
     return {name: stacks.get(name) for name in names}

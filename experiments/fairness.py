@@ -4,8 +4,8 @@ Ranks are given within an information class only. A controller that was tuned or
 budget is not recorded or larger than the others' (:mod:`budgets`), or that was not run in all scenarios, is shown with
 its figures but without a rank, and with the reason.
 
-**Rank** is one more than the number of ranked controllers of the class that are *significantly* better; who cannot be
-told apart shares it. All these statements of a class hold together with 95 % (:func:`comparison.better`).
+**Rank** is one more than the number of ranked controllers of the class that are better, by the rules of
+:func:`comparison.better`; who cannot be told apart shares it. :func:`order` is the order in which all are shown.
 """
 
 import math
@@ -39,7 +39,7 @@ def standings(results: Any, why: dict[str, list[str]] | None = None, typical: bo
         - ``tied``: list of names, who of the ranked of its class cannot be told apart from it (without itself);
         - ``reasons``: list of sentences, why it is not ranked; empty if it is;
         - ``note``: why there are no intervals; empty if there are;
-        - ``score``, ``ratio``, ``typical``, ``wins``, each with ``…_low`` and ``…_high``: see
+        - ``score``, ``ratio``, ``typical``, ``wins``, each with ``…_low`` and ``…_high``, ``lost`` and ``tried``: see
           :func:`comparison.figures`.
     """
     frame = comparison.figures(results, typical)
@@ -58,6 +58,33 @@ def standings(results: Any, why: dict[str, list[str]] | None = None, typical: bo
         "note": pd.Series({name: _note(results, name, frame) for name in frame.index}),
     })  # fmt: skip
     return head.join(frame)
+
+
+def order(frame: pd.DataFrame) -> list[str]:
+    """Names of a frame of :func:`standings` as they are shown: by rank and then by score, then who is not ranked.
+
+    Who is not ranked stands among the others by the score, but never above one that is ranked and failed less.
+    """
+    scores, ranks = frame["score"].astype(float), frame["rank"].astype(float)
+    ranked = sorted((n for n in frame.index if not math.isnan(ranks[n])), key=lambda n: (ranks[n], _last(scores[n])))
+    for name in sorted((n for n in frame.index if math.isnan(ranks[n])), key=lambda n: _last(scores[n])):
+        share = frame.at[name, "lost"] / max(frame.at[name, "tried"], 1)
+        above = [
+            n for n in ranked
+            if _last(scores[n]) <= _last(scores[name]) or frame.at[n, "lost"] / max(frame.at[n, "tried"], 1) < share
+        ]  # fmt: skip
+        ranked.insert(max((ranked.index(n) + 1 for n in above), default=0), name)
+    return ranked
+
+
+def foremost(frame: pd.DataFrame) -> list[str]:
+    """Names of a frame of :func:`standings` that have the sensor only, a score, and no failed run; in their order."""
+    mine = frame[(frame["information"] == "sensor") & (frame["lost"] == 0)]
+    return [name for name in order(frame) if name in mine.index and math.isfinite(frame.at[name, "score"])]
+
+
+def _last(score: float) -> float:
+    return math.inf if math.isnan(score) else score
 
 
 def reasons(results: Any) -> dict[str, list[str]]:
@@ -123,8 +150,9 @@ def _not_run(results: Any, runs: pd.DataFrame) -> list[str]:
 def _note(results: Any, name: str, frame: pd.DataFrame) -> str:
     """Why a controller's figures have no intervals."""
     mine = results.runs[results.runs["controller"] == name]
-    if mine["failed"].astype(bool).any() and not math.isfinite(frame.at[name, "score"]):
-        return f"no interval: {int(mine['failed'].sum())} of its runs failed"
+    lost, tried = int(frame.at[name, "lost"]), int(frame.at[name, "tried"])
+    if lost and not math.isfinite(frame.at[name, "score"]):
+        return f"no score: {lost} of {tried} runs failed, and of a scenario all"
     if mine["seed"].nunique() < 2:
         return "no interval: there is only one seed"
     return ""

@@ -14,6 +14,10 @@ from ..envs.scenarios import Scenario
 DEFAULT = ("xi2023-ma", "xi2023-improved", "xi2023-tuned", "pid", "observer", "preview-5ms")
 """Controllers of a suite that names none."""
 
+EVERYBODY = ("ood",)
+"""Suites that compare all shipped controllers and policies of their slot unless told otherwise: who was left out there
+would seem to hold beyond the distribution as it does within."""
+
 SHOWN = ("following", "contour", "cutting")
 """Suites of the shipped comparison."""
 
@@ -78,7 +82,7 @@ def plan(
 
     Args:
         suites: names; without any, those of the named scenarios, or ``following``.
-        controllers: without any, the suite's standard ones.
+        controllers: without any, the suite's standard ones (:func:`standard`).
         named: scenarios, in place of the whole suite.
         path: drawing that replaces the scenarios' path or part.
         seeds: how many of the split; without, what the suite says.
@@ -113,7 +117,7 @@ def plan(
                 f"suite '{suite}': none of the controllers given drives slot 'z', which it needs; name one, such as pid"
             )
         wanted = split_seeds(rules["seeds"] if seeds is None else seeds, split)
-        grids.append(Grid(suite, tuple(mine or rules.get("controllers", DEFAULT)), tuple(chosen), wanted, core))
+        grids.append(Grid(suite, tuple(mine) or standard(suite), tuple(chosen), wanted, core))
     return grids
 
 
@@ -156,6 +160,11 @@ def can_do(name: str, with_jobs: bool) -> bool:
     if with_jobs:
         return True
     return not stacks.is_team(name) and stacks.resolve(name).slot == "z"
+
+
+def standard(suite: str) -> tuple[str, ...]:
+    """Controllers of a suite for which none are named."""
+    return tuple(shipped(suite) if suite in EVERYBODY else scenarios.rules(suite).get("controllers", DEFAULT))
 
 
 def shipped(suite: str) -> list[str]:

@@ -81,7 +81,7 @@ def compute(
     frame.insert(1, "information", team.information)
     frame.insert(2, "scenario", scenario.name)
     frame.insert(3, "seed", seeds)
-    frame.insert(4, "failed", job_metrics.failed(jobs))
+    frame.insert(4, "failed", job_metrics.failed(jobs) & ~scenario.exempt | job_metrics.broken(jobs))
     ranges = [iso_range(1e-3 * r, steel.thickness) if np.isfinite(r) else "–" for r in frame["roughness"]]
     frame["iso_roughness"] = ranges
     frame["iso_taper"] = [iso_taper(u, steel.thickness) if np.isfinite(u) else "–" for u in frame["taper"]]
@@ -114,7 +114,7 @@ def traced(name: str, scenario: Scenario, team: Team, seed: int) -> pd.DataFrame
 class JobResults(Comparison):
     """Tables of a benchmark of jobs; ``runs`` has one row per run with every metric of :mod:`envs.job_metrics`.
 
-    The score is the geometric mean over the core's scenarios of the RMS over seeds of the suite's ``metric``.
+    The score is the suite's ``metric`` over seeds and the core's scenarios, in the metric's unit (:mod:`pooling`).
     """
 
     runs: pd.DataFrame
@@ -128,24 +128,19 @@ class JobResults(Comparison):
     summaries: dict[str, str] = field(default_factory=dict)
 
     def summary(self) -> pd.DataFrame:
-        """One row per controller: score, ratio of the reference over it, mean of every metric over the core, budget,
-        standing (:func:`fairness.standings`)."""
-        pooled = self.pooled(self.metric)
-        scored = self.scored
-        score = pd.Series(np.exp(np.log(pooled[scored].to_numpy(float)).mean(axis=1)), index=pooled.index)
-        frame = pd.DataFrame({"score": score, "ratio": score.get(self.reference, np.nan) / score})
-        groups = self.runs.groupby("controller", sort=False)
-        frame["information"] = groups["information"].first()
-        core = self.runs[self.runs["scenario"].isin(scored)].groupby("controller", sort=False)
+        """One row per controller: score (the suite's metric, so the same as the column of its name) and ratio of the
+        reference over it with intervals, every metric over the core, collision and failure counts, budget, standing
+        (:func:`fairness.standings`)."""
+        standing = self.standings
+        frame = pd.DataFrame({"score": standing["score"].replace(np.inf, np.nan), "ratio": standing["ratio"]})
+        frame["information"] = standing["information"]
         for name in job_metrics.METRICS:
-            if name not in self.runs:  # runs of earlier versions do not have all of them
-                frame[name] = np.nan
-                continue
-            worst = name.endswith("_max")
-            frame[name] = core[name].max() if worst else core[name].apply(lambda values: values.mean(skipna=False))
-        frame["collisions"] = groups["collision"].sum().astype(int)
-        frame["failed"] = groups["failed"].sum().astype(int)
-        frame["count"] = groups.size()
+            frame[name] = self.over(name)
+        frame = self.counts(frame)
+        frame["count"] = frame["runs"]
+        core = self.runs[self.runs["scenario"].isin(self.scored) & ~self.failures].groupby("controller", sort=False)
         for column in ("iso_roughness", "iso_taper"):
-            frame[column] = core[column].agg(lambda values: "/".join(sorted(set(values))))
+            frame[column] = (
+                core[column].agg(lambda values: "/".join(sorted(set(values)))).reindex(frame.index, fill_value="–")
+            )
         return self.placed(frame.join(budgets(self.meta.get("tuning") or {}, frame.index, self.reference)))

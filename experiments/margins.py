@@ -5,12 +5,12 @@ later. It acts behind law, residual, supervisor and D/A, where a machine's own s
 the *whole* command of a learned residual as of a classical law, and what a law knows of its own command stays what it
 asked for. (``hand.gain`` would leave a residual out, and would show the law the scaled command.)
 
-The nozzle runs over a step of the sheet of 0.1 mm, on the corner plants of :mod:`stability`. The loop *settles* when
-what is left of the response a second later has become smaller: the RMS of the true gap about its mean in the second
-window is below 0.9 of that in the first, or below 2 µm (friction, backlash and D/A keep a little hunting alive). A loop
-that swings on with constant amplitude does not settle, nor does one that touches the sheet. Nothing is assumed about
-the controller; for a linear loop this is the stability margin. Where friction, limits or a filter's threshold matter,
-the margin holds for this step: larger ones leave less of it.
+The nozzle runs over a step of the sheet of 0.1 mm, on the corner plants of a machine (:mod:`plants`). The loop
+*settles* when what is left of the response a second later has become smaller: the RMS of the true gap about its mean in
+the second window is below 0.9 of that in the first, or below 2 µm (friction, backlash and D/A keep a little hunting
+alive). A loop that swings on with constant amplitude does not settle, nor does one that touches the sheet. Nothing is
+assumed about the controller; for a linear loop this is the stability margin. Where friction, limits or a filter's
+threshold matter, the margin holds for this step: larger ones leave less of it.
 
 Many factors and delays are tried side by side, each on all corners, in two roll-outs: a coarse grid, and a fine one
 between the last value at which every corner settles and the next.
@@ -21,14 +21,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..envs import scenarios
-from ..envs.plant import heads, machine, z_axis
+from ..envs.plant import heads, sheet, z_axis
+from ..envs.plant import machine as kernel
 from ..envs.plant.controller import PERIOD, stage_address
 from ..envs.plant.fleet import Fleet
 from ..envs.plant.lanes import U1, UW, U, W, doubles, load, stage, store
-from ..envs.scenarios import Head, Scenario
+from ..envs.plant.quantity import InvalidInput
+from ..envs.scenarios import Scenario, noise_keys
 from ..envs.stack import Stack
 from . import rollout, stability
+from .plants import STANDARD, Machine
 
 STEP = 0.1
 """mm by which the sheet rises; the smallest of the following suite's steps."""
@@ -81,15 +83,15 @@ def _fault_all(block, at, n, numbers, tick):
     ``numbers`` holds rows of lanes: the number of machines, gains, delays (periods), then a ring of commands.
     """
     machines = U(np.int64(numbers[0]))
-    first = (at // machine.STRIDE) * UW
+    first = (at // kernel.STRIDE) * UW
     now = U1 + machines * U(2) + (tick % _RING) * machines
     for lane in range(n):
         i, a = first + lane, at + lane
-        d = load(z_axis.Drive, block, a + machine.DRIVE)
+        d = load(z_axis.Drive, block, a + kernel.DRIVE)
         numbers[now + i] = d.c0
         ago = U(np.int64(numbers[U1 + machines + i]))
         c0 = numbers[U1 + i] * numbers[U1 + machines * U(2) + ((tick - ago) % _RING) * machines + i]
-        store(block, a + machine.DRIVE, z_axis.Drive(c0, d.c1, d.c2, d.c3, d.c4))
+        store(block, a + kernel.DRIVE, z_axis.Drive(c0, d.c1, d.c2, d.c3, d.c4))
 
 
 def fault(block_address, at, n, numbers_address, tick):
@@ -98,9 +100,7 @@ def fault(block_address, at, n, numbers_address, tick):
 
 
 def _scenario() -> Scenario:
-    quiet = Head(noise=0.0, jitter=0.0, impulses=0.0, nominal=True)
-    length = SETTLE + 3 * WINDOW
-    return Scenario(name="margins", duration=length, settle=SETTLE, feed=FEED, set_height=0.8, head=quiet)
+    return Scenario(name="margins", duration=SETTLE + 3 * WINDOW, settle=SETTLE, feed=FEED, set_height=0.8)
 
 
 class Bench:
@@ -109,19 +109,24 @@ class Bench:
     Args:
         stack: any stack with the law.
         threads: worker threads.
+        machine: whose corner plants are measured.
+
+    Raises:
+        InvalidInput: a corner plant has less dead time than a control period, so that a command acts before the fault
+            can take hold of it.
     """
 
-    def __init__(self, stack: Stack, threads: int = 1) -> None:
-        self.scenario, corners = _scenario(), np.asarray(stability.CORNERS)
-        self.corner = np.tile(np.arange(len(corners)), 2 * CANDIDATES)
+    def __init__(self, stack: Stack, threads: int = 1, machine: Machine = STANDARD) -> None:
+        self.scenario, self.corners = _scenario(), machine.size
+        self.corner = np.tile(np.arange(machine.size), 2 * CANDIDATES)
         size = self.corner.size
         self.fleet = Fleet(size, stack.law, heads.ensure([0]), threads)
         every = np.arange(size)
-        scenarios.prepare(self.fleet, self.scenario, every, np.zeros(size))
-        self.dead_time = corners[self.corner, 2] / PERIOD
-        assert self.dead_time.min() >= 1.0, "the fault takes hold of a command in the period after it was given"
-        stability.put_plants(self.fleet, corners[self.corner])
-        self.fleet.put_feature(every, 0, FEED * SETTLE, machine.sheet.FAR, STEP, 0.0)
+        machine.prepare(self.fleet, self.scenario, self.corner)
+        self.dead_time = self.fleet.column("z.dead_time")
+        if self.dead_time.min() < 1.0:
+            raise InvalidInput(f"margins need a dead time of at least a control period, {1e3 * PERIOD:g} ms")
+        self.fleet.put_feature(every, 0, FEED * SETTLE, sheet.FAR, STEP, 0.0)
         self.padded = self.fleet.blocks * W
         self.numbers = np.zeros(1 + (2 + RING) * self.padded)
         self.numbers[0] = self.padded
@@ -137,17 +142,18 @@ class Bench:
         Returns:
             Two arrays of bool, shape (CANDIDATES,).
         """
-        every, corners = np.arange(self.fleet.size), len(stability.CORNERS)
+        every, corners = np.arange(self.fleet.size), self.corners
         factor = np.concatenate([gains, np.ones(CANDIDATES)]).repeat(corners)
         periods = np.concatenate([np.zeros(CANDIDATES), delays * 1e-3 / PERIOD]).repeat(corners)
         whole = np.floor(periods)
+        whole += self.dead_time + periods - whole > z_axis.QUEUE - 1  # then the drive's own queue must give some back
         self.numbers[1:] = 0.0
         self.numbers[1 : 1 + self.fleet.size] = factor
         self.numbers[1 + self.padded : 1 + self.padded + self.fleet.size] = whole
         self.fleet.set("z.dead_time", every, self.dead_time + periods - whole)
         self.fleet.forget_filters()
         stack.install(self.fleet, every)
-        self.fleet.begin(every, scenarios.noise_keys(np.zeros(self.fleet.size)))
+        self.fleet.begin(every, noise_keys(np.zeros(self.fleet.size)))
         record = rollout.run(self.fleet, self.scenario, stack, np.zeros(self.fleet.size))
         gap = record["gap"].astype(np.float64)
         window = round(WINDOW / PERIOD)
@@ -182,9 +188,10 @@ def _bracket(grid: np.ndarray, good: np.ndarray, start: float) -> tuple[float, f
     return float(grid[first - 1]) if first else start, float(grid[first]) if len(bad) else math.inf
 
 
-def margins(stack: Stack, threads: int = 1) -> Margins:
-    """Gain and dead-time margin and Ms of a stack, worst over the corner plants."""
-    found, peak = Bench(stack, threads).measure(stack), stability.sensitivity(stack, threads)
+def margins(stack: Stack, threads: int = 1, machine: Machine = STANDARD) -> Margins:
+    """Gain and dead-time margin and Ms of a stack, worst over a machine's corner plants."""
+    found = Bench(stack, threads, machine).measure(stack)
+    peak = stability.sensitivity(stack, threads, machine)
     return Margins(found.gain, found.delay_ms, peak.peak, found.steps + peak.steps)
 
 

@@ -147,6 +147,9 @@ def _joined(
             for key in NAMED
         },
     }  # fmt: skip
+    found = {label: names for g in grids.values() for label, names in (g.meta.get("machines") or {}).items()}
+    if machines := {label: [s for s in names if s in shared] for label, names in found.items()}:
+        meta["machines"] = {label: names for label, names in machines.items() if names}
     summaries = {s: text for s, text in first.summaries.items() if s in shared}
     changes: dict[str, Any] = {**tables, "meta": meta, "core": core, "summaries": summaries}
     if isinstance(first, Results):

@@ -39,14 +39,37 @@ Statistic = Callable[[np.ndarray, Weights], tuple[np.ndarray, Weights]]
 shaped as the weights."""
 
 
-def log_score(values: np.ndarray, weights: Weights) -> tuple[np.ndarray, Weights]:
-    """Logarithm of the suite's score: geometric mean over runs and scenarios of the root mean square over seeds."""
-    squares = values**2
-    mean = _over_seeds(squares, weights[1])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        shares, level = np.where(mean > 0, 1.0 / mean, 0.0), 0.5 * np.log(mean)
-    by_level = squares.transpose(0, 2, 1).reshape(-1, values.shape[1])
-    return _of_levels(level, weights, lambda kept: 0.5 * (kept * shares).reshape(len(mean), -1) @ by_level)
+def log_pooled(power: float) -> Statistic:
+    """Logarithm of a suite's figure: geometric mean over runs and scenarios of the power mean over those seeds in which
+    the run did not fail (is finite). Of each run and scenario there must be one.
+
+    Args:
+        power: of the mean over the seeds, 2 for the root mean square.
+    """
+
+    def statistic(values: np.ndarray, weights: Weights) -> tuple[np.ndarray, Weights]:
+        sound = np.isfinite(values)
+        powers, one = np.where(sound, values, 0.0) ** power, sound.astype(float)
+        total, count = _over_seeds(powers, weights[1]), _over_seeds(one, weights[1])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            whole = powers.sum(axis=1) / one.sum(axis=1)
+            mean = np.where(count > 0, total / count, whole)  # of a sample that holds failed runs only, nothing new
+            shares = np.where((mean > 0) & (count > 0), 1.0 / (mean * count), 0.0)
+            others, level = np.where(count > 0, 1.0 / count, 0.0), np.log(mean) / power
+        by_level, ones = (x.transpose(0, 2, 1).reshape(-1, values.shape[1]) for x in (powers, one))
+
+        def of_seeds(kept: np.ndarray) -> np.ndarray:
+            """How much each seed moves the value, but for what all have in common."""
+            moved = (kept * shares).reshape(len(mean), -1) @ by_level
+            return (moved if sound.all() else moved - (kept * others).reshape(len(mean), -1) @ ones) / power
+
+        return _of_levels(level, weights, of_seeds)
+
+    return statistic
+
+
+log_score = log_pooled(2.0)
+"""Logarithm of the followers' score: geometric mean over runs and scenarios of the root mean square over seeds."""
 
 
 def log_cvar(values: np.ndarray, weights: Weights) -> tuple[np.ndarray, Weights]:

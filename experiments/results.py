@@ -1,10 +1,12 @@
 """Results of a benchmark and what is concluded from them.
 
-Per scenario a controller's error is the RMS over all its scored periods of all its seeds (so a run that collides, and
-sits retracted afterwards, weighs as heavily as it deserves). The score is the geometric mean over the suite's core; the
-ratio is that of the reference over it. On the scale, 0 is ``xi2023-tuned`` and 1 is ``preview-5ms``, in the logarithm;
-who is better than the latter, which has other information and is no bound, has more than 1. Rankings never mix
-information classes.
+Every figure of a controller is a metric of its runs that did not fail, pooled over seeds and scenarios as
+:mod:`pooling` says; how many runs failed stands beside it, and decides the rank first (:mod:`comparison`). The *score*
+of followers is that of the RMS of the true gap error over the suite's core, µm; the ratio is that of the reference over
+it. On the *scale*, 0 is ``xi2023-tuned`` and 1 is ``preview-5ms``, in the logarithm; who is better than
+the latter, which has other information and is no bound, has more than 1. Rankings never mix information classes.
+
+**Ms and margins** are the worst over the corner plants of every machine that the run's scenarios draw (:mod:`plants`).
 """
 
 import functools
@@ -14,10 +16,22 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from . import pooling
 from .budgets import budgets
+from .comparison import failures
 from .fairness import standings
+from .plants import STANDARD
 
 REFERENCE, CEILING = "xi2023-tuned", "preview-5ms"
+
+SHOWN = {
+    "reported": "rms_reported", "p99": "p99_true", "max": "max_true", "jitter": "jitter", "dross": "dross",
+    "roughness": "roughness",
+}  # fmt: skip
+"""Columns of a follower's summary, and the metric of each."""
+
+STABILITY = ("ms", "ms_noise", "ms_noise_low", "ms_noise_high", "gain_margin", "delay_margin")
+"""Columns of :attr:`Results.stability`."""
 
 
 class Comparison:
@@ -45,14 +59,37 @@ class Comparison:
         ran = self.scenarios
         return [s for s in self.core if s in ran] or ran
 
+    @property
+    def failures(self) -> pd.Series:
+        """Whether each run failed, see :func:`comparison.failures`."""
+        return failures(self)
+
     def pooled(self, metric: str) -> pd.DataFrame:
-        """RMS over seeds of a metric, controllers × scenarios; NaN where a run failed."""
-
-        def root(values: pd.Series) -> float:
-            return float(np.sqrt(np.mean(np.square(values.to_numpy(float)))))
-
-        table = self.runs.groupby(["controller", "scenario"], sort=False)[metric].apply(root).unstack()
+        """A metric over the seeds (:mod:`pooling`), controllers × scenarios; NaN where no run is without failure."""
+        sound = self.runs if metric in pooling.RATES else self.runs[~self.failures]
+        groups = sound.groupby(["controller", "scenario"], sort=False)[metric]
+        table = groups.apply(lambda values: pooling.over_seeds(metric, values)).unstack()
         return table.reindex(index=self.controllers, columns=self.scenarios)
+
+    def over(self, metric: str) -> pd.Series:
+        """A metric over seeds and the scenarios that make the score, by controller; NaN if the runs do not have it."""
+        if metric not in self.runs:  # of earlier versions
+            return pd.Series(np.nan, index=self.controllers)
+        table = self.pooled(metric)[self.scored]
+        return table.apply(lambda row: pooling.over_scenarios(metric, row), axis=1)
+
+    def counts(self, frame: pd.DataFrame) -> pd.DataFrame:
+        """A summary with the runs, of all scenarios, that touched the sheet or failed; ``collision_runs`` are those in
+        which nobody should touch it."""
+        groups = self.runs.groupby("controller", sort=False)
+        ordinary = self.runs[~self.runs["scenario"].isin(getattr(self, "exempt", ()))]
+        touched = ordinary.groupby("controller", sort=False)["collision"]
+        lost = self.failures.groupby(self.runs["controller"], sort=False).sum()
+        return frame.assign(
+            collisions=(touched.sum()).reindex(frame.index, fill_value=0).astype(int),
+            collision_runs=touched.size().reindex(frame.index, fill_value=0),
+            failed=lost.reindex(frame.index).astype(int), runs=groups.size().reindex(frame.index),
+        )  # fmt: skip
 
     @functools.cached_property
     def standings(self) -> pd.DataFrame:
@@ -61,13 +98,8 @@ class Comparison:
 
     def placed(self, frame: pd.DataFrame) -> pd.DataFrame:
         """A summary with ranks, intervals and reasons beside its figures, lists in words."""
-        more = self.standings.drop(columns=["information", "score", "ratio"]).reindex(frame.index)
+        more = self.standings.drop(columns=[c for c in frame if c in self.standings]).reindex(frame.index)
         return frame.join(more.assign(tied=more["tied"].str.join(", "), reasons=more["reasons"].str.join("; ")))
-
-
-def _geometric(table: pd.DataFrame) -> pd.Series:
-    """Geometric mean of each row; NaN if one of its values is."""
-    return pd.Series(np.exp(np.log(table.to_numpy(float)).mean(axis=1)), index=table.index)
 
 
 @dataclass
@@ -78,11 +110,14 @@ class Results(Comparison):
         runs: one row per run: ``controller, information, scenario, seed, failed`` and every metric.
         traces: one row per period of the shown seed of each scenario: ``controller, scenario, seed, time`` (s) and the
             recorder's channels, with ``x, y`` (mm) where the path is a drawing.
-        sensitivity: ``controller, frequency`` (Hz) and ``magnitude``, the worst |S| over the corner plants.
+        sensitivity: ``controller, machine, signal`` (``sine`` or ``noise``, :mod:`stability`), ``frequency`` (Hz) and
+            ``magnitude``, the worst |S| over the machine's corner plants; ``peak_low, peak_high``, the interval of the
+            largest, of noise.
         meta: the run's record (``run.json``).
         core: names of the scenarios that make the score.
         exempt: names of the scenarios in which collisions are expected.
-        margins: ``controller, gain`` (factor) and ``delay_ms``, worst over the corner plants (:mod:`margins`).
+        margins: ``controller, machine, gain`` (factor) and ``delay_ms``, worst over the machine's corner plants
+            (:mod:`margins`), and ``reason``, why there is no figure.
         blame: shares of stages in the error of some controllers, see :func:`blame.tables.shares`.
         headroom: those beside references with other information, see :func:`blame.tables.headroom`.
         detuned: how much worse presets get with one parameter 20 % off, see :func:`detuned.in_report`.
@@ -103,7 +138,7 @@ class Results(Comparison):
     metric, reference = "rms_true", REFERENCE
 
     def pooled(self, metric: str = "rms_true") -> pd.DataFrame:
-        """RMS over seeds of an RMS metric, controllers × scenarios; NaN where a run failed."""
+        """A metric over the seeds, see :meth:`Comparison.pooled`; that of the score unless another is named."""
         return super().pooled(metric)
 
     @property
@@ -117,39 +152,52 @@ class Results(Comparison):
         values = np.array([self.bounds.get(name, np.nan) for name in self.scored])
         return float(np.exp(np.log(values).mean()))
 
+    @property
+    def curves(self) -> pd.DataFrame:
+        """:attr:`sensitivity` with machine and signal, which runs of earlier versions did not name."""
+        return _of_machines(self.sensitivity)
+
+    @property
+    def stability(self) -> pd.DataFrame:
+        """One row per controller and machine: ``ms`` with sines, ``ms_noise`` with ``…_low`` and ``…_high``,
+        ``gain_margin``, ``delay_margin`` (ms), and ``reason``, why one is missing; empty if nothing was measured."""
+        by = ["controller", "machine"]
+        curves, room = self.curves, _of_machines(self.margins)
+        parts = []
+        if len(curves):
+            signal = (curves["signal"] if "signal" in curves else pd.Series("sine", index=curves.index)).rename(
+                "signal"
+            )
+            peaks = curves.groupby([*by, signal], sort=False)["magnitude"].max().unstack()
+            parts.append(peaks.rename(columns={"sine": "ms", "noise": "ms_noise"}))
+            if "peak_low" in curves:
+                ends = curves[curves["signal"] == "noise"].groupby(by, sort=False)[["peak_low", "peak_high"]].first()
+                parts.append(ends.rename(columns={"peak_low": "ms_noise_low", "peak_high": "ms_noise_high"}))
+        if len(room):
+            names = {"gain": "gain_margin", "delay_ms": "delay_margin"}
+            parts.append(room.set_index(by).rename(columns=names).rename_axis(columns=None))
+        if not parts:
+            return pd.DataFrame()
+        frame = pd.concat(parts, axis=1, sort=False).reindex(columns=[*STABILITY, "reason"])
+        rows = pd.concat([each[by] for each in (room, curves) if len(each)]).drop_duplicates()
+        frame = frame.reindex(pd.MultiIndex.from_frame(rows))
+        reason = frame["reason"].astype(object)
+        return frame.assign(reason=reason.where(reason.notna(), "")).reset_index()
+
     def summary(self) -> pd.DataFrame:
-        """One row per controller: score (µm), ratio, scale, stability, budget, collision and failure counts, jitter,
-        standing (:func:`fairness.standings`)."""
-        pooled, reported = self.pooled(), self.pooled("rms_reported")
-        scored = self.scored
-        score = _geometric(pooled[scored])
-        frame = pd.DataFrame({"score": score, "reported": _geometric(reported[scored])})
-        reference = score.get(REFERENCE, np.nan)
-        frame["ratio"] = reference / score
-        frame["scale"] = np.log(reference / score) / np.log(reference / score.get(CEILING, np.nan))
-        if len(self.sensitivity):
-            frame["ms"] = self.sensitivity.groupby("controller")["magnitude"].max().reindex(frame.index)
-        else:
-            frame["ms"] = np.nan
-        for column, name in (("gain_margin", "gain"), ("delay_margin", "delay_ms")):
-            room = self.margins.set_index("controller")[name] if len(self.margins) else pd.Series(dtype=float)
-            frame[column] = room.reindex(frame.index)
+        """One row per controller: score (µm) and ratio with intervals, scale, stability, budget, collision and failure
+        counts, other metrics over the core, standing (:func:`fairness.standings`)."""
+        standing = self.standings
+        frame = pd.DataFrame({"score": standing["score"].replace(np.inf, np.nan), "ratio": standing["ratio"]})
+        frame["scale"] = np.log(frame["ratio"]) / np.log(frame["ratio"].get(CEILING, np.nan))
+        for column, metric in SHOWN.items():
+            frame[column] = self.over(metric)
+        frame = frame.join(_worst(self.stability).reindex(frame.index))
         frame = frame.join(budgets(self.meta.get("tuning") or {}, frame.index, REFERENCE))
-        groups = self.runs.groupby("controller", sort=False)
-        frame["information"] = groups["information"].first()
-        ordinary = self.runs[~self.runs["scenario"].isin(self.exempt)].groupby("controller", sort=False)
-        frame["collisions"] = ordinary["collision"].sum().reindex(frame.index, fill_value=0).astype(int)
-        frame["collision_runs"] = ordinary.size().reindex(frame.index, fill_value=0)
-        everywhere = groups["collision"].sum()
-        frame["exempt_collisions"] = (
-            everywhere - ordinary["collision"].sum().reindex(everywhere.index, fill_value=0)
-        ).astype(int)
-        frame["failed"] = groups["failed"].sum().astype(int)
-        core = self.runs[self.runs["scenario"].isin(scored)].groupby("controller", sort=False)
-        shown = (("p99", "p99_true"), ("jitter", "jitter"), ("dross", "dross"), ("roughness", "roughness"))
-        for column, metric in shown:  # runs of earlier versions know nothing of the cut
-            known = metric in self.runs
-            frame[column] = core[metric].apply(lambda values: values.mean(skipna=False)) if known else np.nan
+        frame["information"] = standing["information"]
+        frame = self.counts(frame)
+        everywhere = self.runs.groupby("controller", sort=False)["collision"].sum()
+        frame["exempt_collisions"] = (everywhere - frame["collisions"]).astype(int)
         return self.placed(frame)
 
     def decisions(self) -> pd.DataFrame:
@@ -159,7 +207,31 @@ class Results(Comparison):
         columns = ["median_us", "p99_us", "ratio"]
         return pd.DataFrame.from_dict(measured, orient="index", columns=columns).reindex(self.controllers)
 
+    @property
+    def machines(self) -> dict[str, list[str]]:
+        """The machines of the run by their label, and the scenarios that have each; empty if that was not recorded."""
+        return self.meta.get("machines") or {}
+
     def collision_rates(self) -> pd.DataFrame:
         """Share of runs with a collision, controllers × scenarios."""
         rates = self.runs.groupby(["controller", "scenario"], sort=False)["collision"].mean().unstack()
         return rates.reindex(index=self.controllers, columns=self.scenarios)
+
+
+def _of_machines(table: pd.DataFrame) -> pd.DataFrame:
+    """A table of stability, of which runs of earlier versions had but the standard machine, and sines."""
+    for column, usual in (("machine", STANDARD.label), ("signal", "sine")) if len(table) else ():
+        table = table.assign(**{column: table[column].fillna(usual) if column in table else usual})
+    return table
+
+
+def _worst(stability: pd.DataFrame) -> pd.DataFrame:
+    """The worst of the machines by controller; one machine without a figure leaves none for all."""
+    rows: dict[str, dict[str, float]] = {}
+    for name, here in stability.groupby("controller", sort=False) if len(stability) else ():
+        row = {column: float(here[column].max(skipna=False)) for column in ("ms", "ms_noise")}
+        row |= {column: float(here[column].min(skipna=False)) for column in ("gain_margin", "delay_margin")}
+        highest = here[here["ms_noise"] == row["ms_noise"]].head(1)
+        row |= {end: float(highest[end].max()) for end in ("ms_noise_low", "ms_noise_high")}
+        rows[str(name)] = row
+    return pd.DataFrame.from_dict(rows, orient="index", columns=list(STABILITY), dtype=float)

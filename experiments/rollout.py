@@ -43,14 +43,27 @@ def roll(
     return run(fleet_for(scenario, stack, seeds, threads, change), scenario, stack, seeds)
 
 
-def run(fleet: Fleet, scenario: Scenario, stack: Stack, seeds: np.ndarray) -> Recording:
-    """Rolls a fleet that has begun through one episode and records it."""
+def run(
+    fleet: Fleet, scenario: Scenario, stack: Stack, seeds: np.ndarray, before: Callable[[int], None] | None = None
+) -> Recording:
+    """Rolls a fleet that has begun through one episode and records it.
+
+    Args:
+        fleet, scenario, stack, seeds: as for :func:`roll`.
+        before: is told the number of each control period before it is simulated, and may change the machines.
+    """
     record, broken = fleet.start_recording(scenario.steps), np.zeros(fleet.size, bool)
-    if stack.python is None:
+    if stack.python is None and before is None:
         fleet.advance(scenario.steps)
     else:
-        for _ in periods(fleet, stack, scenario.steps, broken):
-            pass
+        python = periods(fleet, stack, scenario.steps, broken) if stack.python else None
+        for period in range(scenario.steps):
+            if before:
+                before(period)
+            if python:
+                next(python)
+            else:
+                fleet.advance()
     fleet.stop_recording()
     record[:, :, broken] = np.nan  # a failed run, whatever the machine did afterwards
     return Recording(

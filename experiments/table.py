@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
@@ -15,10 +16,11 @@ from ..envs.plant.machine import SUBSTEPS
 from .bounds.record import LABEL
 from .budgets import MARKS, in_words
 from .comparison import by_scenario, methods, relative
+from .fairness import order
 from .jobs import JobResults
 from .margins import DELAYS, GAINS
 from .margins import in_words as margin
-from .results import REFERENCE, Results
+from .results import REFERENCE, STABILITY, Results
 
 BESIDE = 8
 """Scenarios that have a column beside the score; more of them get a table of their own."""
@@ -36,12 +38,14 @@ class Sheet:
         titles: of the columns, the row's name first.
         sections: groups of rows, apart because they are not ranked together.
         notes: sentences that explain it.
+        shown: titles of columns that show a column of ``summary.csv``, and its name there.
     """
 
     title: str
     titles: list[str]
     sections: list[list[list[str]]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    shown: dict[str, str] = field(default_factory=dict)
 
     def show(self) -> None:
         """Prints it: in parts that fit a terminal, as wide as it is into a file or a pipe."""
@@ -126,10 +130,15 @@ def _wins(row: Any) -> str:
 
 
 def _ranking(summary: Any, reference: str) -> list[str]:
-    """What ranks and intervals mean, and who is only shown."""
+    """What ranks, intervals and failures mean, and who is only shown."""
     lines = [
-        "rank: 1 + how many of the class are significantly better, all such statements together at 95 %; = shared;",
-        f"(… …): 95 % intervals over seeds. wins: share of runs that are better than {reference}'s on the same seed.",
+        "rank: 1 + how many of the class are better, all such statements together at 95 %; = shared; who failed in no "
+        "run of the score stands above all who did;",
+        f"(… …): 95 % intervals over seeds. wins: share of runs that are better than {reference}'s on the same seed; a "
+        "failed run is never better;",
+        "failed: runs that touched the sheet where they should not, hold a number that is not finite, have nothing to "
+        "score or are not finished. All other figures are of the runs that did not fail, ratios of those in which "
+        "neither did.",
     ]
     lines += [f"not ranked: {name}: {row['reasons']}." for name, row in summary.iterrows() if row["reasons"]]
     return lines + [f"{name}: {row['note']}." for name, row in summary.iterrows() if row["note"]]
@@ -140,9 +149,31 @@ def _cell(table: Any, row: Any, column: str) -> float:
 
 
 def _classes(summary: Any, cells: Callable[[Any, Any], list[str]]) -> list[list[list[str]]]:
-    """Rows of each information class, best score first."""
-    groups = [summary[summary["information"] == each].sort_values("score") for each in INFORMATION]
-    return [[cells(name, row) for name, row in group.iterrows()] for group in groups if len(group)]
+    """Rows of each information class, in the order of :func:`fairness.order`."""
+    names = order(summary)
+    groups = [[name for name in names if summary.at[name, "information"] == each] for each in INFORMATION]
+    return [[cells(name, summary.loc[name]) for name in group] for group in groups if group]
+
+
+FOLLOWING: dict[str, tuple[str, Callable[[Any], str]]] = {
+    "rank": ("rank", lambda row: _rank(row)),
+    "score, µm": ("score", lambda row: _figure(row, "score")),
+    f"× {REFERENCE}": ("ratio", lambda row: _figure(row, "ratio")),
+    "wins": ("wins", lambda row: _wins(row)),
+    "failed": ("failed", lambda row: f"{row['failed']}/{row['runs']}"),
+    "reported, µm": ("reported", lambda row: _number(row["reported"])),
+    "P99, µm": ("p99", lambda row: _number(row["p99"], "{:.1f}")),
+    "max, µm": ("max", lambda row: _number(row["max"], "{:.0f}")),
+    "Ms sine": ("ms", lambda row: _number(row["ms"])),
+    "Ms noise": ("ms_noise", lambda row: _figure(row, "ms_noise")),
+    "gain": ("gain_margin", lambda row: margin(row["gain_margin"], GAINS[-1])),
+    "delay, ms": ("delay_margin", lambda row: margin(row["delay_margin"], DELAYS[-1])),
+    "jitter": ("jitter", lambda row: _number(row["jitter"])),
+    "dross, mm": ("dross", lambda row: _number(row["dross"], "{:.4f}")),
+    "Rz, µm": ("roughness", lambda row: _number(row["roughness"])),
+    "collisions": ("collisions", lambda row: f"{row['collisions']}/{row['collision_runs']}"),
+}
+"""Columns of followers that show a column of the summary: their titles, its name, and how it is written."""
 
 
 def _following(results: Results) -> list[Sheet]:
@@ -151,68 +182,120 @@ def _following(results: Results) -> list[Sheet]:
     core = scored if len(scored) <= BESIDE else []
     sheet = Sheet(
         f"RMS of the true gap error, µm · {_seeds(results)}",
-        ["controller", "rank", "score", f"× {REFERENCE}", "wins", "reported", "Ms", "gain", "delay, ms", *core,
-         "jitter", "dross, mm", "Rz, µm", "collisions", "failed", "µs", "p99, µs", "budget", "class"],
-    )  # fmt: skip
+        ["controller", *FOLLOWING, *core, "decision, µs", "its P99, µs", "budget", "class"],
+        shown={title: column for title, (column, _) in FOLLOWING.items()},
+    )
+    lost = results.failures.groupby([results.runs["controller"], results.runs["scenario"]], sort=False).sum()
+    count = results.runs.groupby(["controller", "scenario"], sort=False).size()
+
+    def of_scenario(name: Any, scenario: str) -> str:
+        """A figure, and behind it how many runs failed, if any did."""
+        failed = int(lost.get((name, scenario), 0))
+        text = _number(_cell(pooled, name, scenario), "{:.1f}")
+        return f"{text} ({failed}/{count[name, scenario]} failed)" if failed else text
+
     sheet.sections = _classes(summary, lambda name, row: [
-        str(name), _rank(row), _figure(row, "score"), _figure(row, "ratio"), _wins(row), _number(row["reported"]),
-        _number(row["ms"]), margin(row["gain_margin"], GAINS[-1]), margin(row["delay_margin"], DELAYS[-1]),
-        *(_number(_cell(pooled, name, s), "{:.1f}") for s in core), _number(row["jitter"]),
-        _number(row["dross"], "{:.4f}"), _number(row["roughness"]), f"{row['collisions']}/{row['collision_runs']}",
-        str(row["failed"]), _number(_cell(costs, name, "median_us")), _number(_cell(costs, name, "p99_us")),
-        in_words(row), row["information"],
+        str(name), *(form(row) for _, form in FOLLOWING.values()), *(of_scenario(name, s) for s in core),
+        _number(_cell(costs, name, "median_us")), _number(_cell(costs, name, "p99_us")), in_words(row),
+        row["information"],
     ])  # fmt: skip
     known = results.bounds if core else {}
     if known:
-        at = {"score": results.bound, **known}
+        at = {"score, µm": results.bound, **known}
         row = [_number(at[title]) if title in at else "–" for title in sheet.titles]
         sheet.sections.append([[LABEL, *row[1:]]])
     exempt = f" ({', '.join(results.exempt)} left out)" if results.exempt else ""
     explained = [
         *_ranking(summary, REFERENCE),
-        f"score: geometric mean over {', '.join(core) or f'these {len(scored)}'};",
-        "reported: the same of what the machine itself measures;",
+        f"score: RMS over seeds, geometric mean over {', '.join(core) or f'these {len(scored)}'};",
+        "reported: the same of what the machine itself measures; P99: of |true error|; max: the largest of all;",
         f"jitter: RMS change of the command, mm/s per ms; collisions of all scenarios{exempt};",
-        f"dross and Rz: proxies, means over the core. {material('thin-sheet').label.capitalize()}.",
-        "gain, delay: factor on the loop's gain and additional dead time up to which it settles, worst corner plant;",
-        f"µs: a decision, median and 99th percentile, in a period of {1e6 * PERIOD:.0f} µs;",
+        f"dross and Rz: proxies, over the core. {material('thin-sheet').label.capitalize()}.",
+        "Ms: largest |S|, by a sine at a time and by noise, of which a controller that learns cannot learn the sine;",
+        "gain, delay: factor on the loop's gain and additional dead time up to which it settles;",
+        *_machines(results),
+        f"decision: CPU time, median and 99th percentile, in a period of {1e6 * PERIOD:.0f} µs;",
         f"budget: trials and simulated steps of tuning. {budget_note(summary)}",
     ]
     if known:
         explained.append(f"{LABEL}: what no such controller can go below, docs/bounds.md.")
+    more = _by_machine(results)
     if core:
         sheet.notes = explained
-        return [sheet]
+        return [sheet, *more]
     names = [row[0] for section in sheet.sections for row in section]
-    rows = [[s, *(_number(_cell(pooled, name, s), "{:.1f}") for name in names)] for s in scored]
+    rows = [[s, *(of_scenario(name, s) for name in names)] for s in scored]
     if results.bounds:
         rows = [[*row, _number(results.bounds.get(row[0], math.nan))] for row in rows]
         explained.append(f"{LABEL}: what no such controller can go below, docs/bounds.md.")
     last = [LABEL] * bool(results.bounds)
-    return [sheet, Sheet("by scenario, µm", ["scenario", *names, *last], [rows], explained)]
+    return [sheet, Sheet("by scenario, µm", ["scenario", *names, *last], [rows], explained), *more]
+
+
+def _machines(results: Results) -> list[str]:
+    """On which machines Ms and margins were measured, and why some were not."""
+    measured = results.stability
+    if not len(measured):
+        return []
+    labels = list(dict.fromkeys(measured["machine"]))
+    which = (
+        f"of the machine that was run ({labels[0]})" if len(labels) == 1 else f"of any of the {len(labels)} machines"
+    )
+    reasons = measured[measured["reason"] != ""].groupby(["machine", "reason"], sort=False)["controller"]
+    return [
+        f"Ms, gain, delay: on the worst corner plant {which};",
+        *(f"not measured: {', '.join(names)} on {at}: {why}." for (at, why), names in reasons),
+    ]
+
+
+def _by_machine(results: Results) -> list[Sheet]:
+    """Ms and margins machine by machine, where there are several."""
+    measured = results.stability
+    if not len(measured) or measured["machine"].nunique() < 2:
+        return []
+    columns = [title for title, (column, _) in FOLLOWING.items() if column in STABILITY]
+    sections = [
+        [
+            [machine, str(row["controller"]), *(FOLLOWING[title][1](row) for title in columns)]
+            for _, row in rows.iterrows()
+        ]
+        for machine, rows in measured.groupby("machine", sort=False)
+    ]
+    notes = [f"{machine}: {', '.join(names)}." for machine, names in results.machines.items()]
+    return [Sheet("Ms and margins by machine", ["machine", "controller", *columns], sections, notes)]
+
+
+def _formed(name: str, form: str) -> Callable[[Any], str]:
+    return lambda row: _number(row[name], form)
 
 
 def _jobs(results: JobResults) -> list[Sheet]:
-    summary = results.summary()
+    summary, metric = results.summary(), METRICS[results.metric]
+    titles: dict[str, tuple[str, Callable[[Any], str]]] = {
+        "rank": ("rank", _rank),
+        f"{TITLES.get(metric.name, metric.name)}, {metric.unit}": (metric.name, lambda row: _figure(row, "score")),
+        f"× {results.reference}": ("ratio", lambda row: _figure(row, "ratio")),
+        "wins": ("wins", _wins),
+        "failed": ("failed", lambda row: f"{row['failed']}/{row['count']}"),
+    }
+    for name, form in FORMS.items():
+        if name != metric.name:
+            title = f"{TITLES.get(name, name)}, {METRICS[name].unit}".removesuffix(", 1")
+            titles[title] = (name, _formed(name, form))
+        if name == "roughness":
+            titles["ISO 9013"] = ("iso_roughness", lambda row: str(row["iso_roughness"]))
+    titles["collisions"] = ("collisions", lambda row: f"{row['collisions']}/{row['count']}")
     sheet = Sheet(
-        f"jobs · {_seeds(results)}",
-        ["controller", "rank", f"{results.metric}, {METRICS[results.metric].unit}", f"× {results.reference}", "wins",
-         "contour rms, µm", "max, µm", "gap rms, µm", "dross, mm", "Rz, µm", "ISO 9013", "through", "kerf, mm", "u, mm",
-         "time, s", "feed, mm/s", "collisions", "failed", "budget"],
+        f"jobs · {_seeds(results)}", ["controller", *titles, "budget"],
+        shown={title: column for title, (column, _) in titles.items()},
     )  # fmt: skip
-    forms = {
-        "contour_rms": "{:.1f}", "contour_max": "{:.0f}", "gap_rms": "{:.1f}",
-        "dross": "{:.3f}", "roughness": "{:.1f}", "iso_roughness": "", "through": "{:.2f}", "kerf": "{:.3f}",
-        "taper": "{:.3f}", "time": "{:.2f}", "mean_feed": "{:.1f}",
-    }  # fmt: skip
-    sheet.sections = _classes(summary, lambda name, row: [
-        str(name), _rank(row), _figure(row, "score"), _figure(row, "ratio"), _wins(row),
-        *(_number(row[m], form) if form else str(row[m]) for m, form in forms.items()),
-        f"{row['collisions']}/{row['count']}", str(row["failed"]), in_words(row),
-    ])  # fmt: skip
+    sheet.sections = _classes(
+        summary, lambda name, row: [str(name), *(form(row) for _, form in titles.values()), in_words(row)]
+    )
     sheet.notes = [
         *_ranking(summary, results.reference),
-        f"score: geometric mean over {', '.join(results.scored)} of the RMS over seeds.",
+        f"figures: over seeds the RMS of an RMS, the largest of a maximum, else the mean; then over "
+        f"{', '.join(results.scored)} the geometric mean, of a maximum the largest.",
         f"budget: trials and steps of tuning, all slots together. {budget_note(summary)}",
         *(f"quality: {label}." for label in results.labels),
     ]
@@ -220,6 +303,19 @@ def _jobs(results: JobResults) -> list[Sheet]:
     known = {*WEIGHED, "power_max", "dither_max"} <= set(results.runs)  # runs of earlier versions do not have all
     return [sheet, _trades(results)] if several and known else [sheet]
 
+
+TITLES = {
+    "contour_rms": "contour RMS", "contour_max": "contour max", "gap_rms": "gap RMS", "gap_max": "gap max",
+    "roughness": "Rz", "taper": "u", "mean_feed": "feed",
+}  # fmt: skip
+"""Metrics of jobs that a table calls otherwise."""
+
+FORMS = {
+    "contour_rms": "{:.1f}", "contour_max": "{:.0f}", "gap_rms": "{:.1f}", "gap_max": "{:.0f}", "dross": "{:.3f}",
+    "roughness": "{:.1f}", "through": "{:.2f}", "kerf": "{:.3f}", "taper": "{:.3f}", "time": "{:.2f}",
+    "mean_feed": "{:.1f}", "energy": "{:.2f}",
+}  # fmt: skip
+"""Metrics of jobs that the table shows, and with how many decimals."""
 
 WEIGHED = {
     "cutting_time": "cutting time", "contour_rms": "contour rms", "dross": "dross", "roughness": "Rz",
@@ -236,7 +332,7 @@ def _trades(results: JobResults) -> Sheet:
         f"over {results.reference} · {_seeds(results)}",
         ["controller", *WEIGHED.values(), "better in", "worse in", "power, W", "dither, mm"],
     )
-    most = results.runs.groupby("controller")[["power_max", "dither_max"]].max()
+    most = pd.DataFrame({metric: results.over(metric) for metric in ("power_max", "dither_max")})
     rows = []
     for name, row in table.iterrows():
         cells = [_figure(row, m, "{:.3f}") for m in WEIGHED]
@@ -253,8 +349,8 @@ def _trades(results: JobResults) -> Sheet:
     base = most.loc[results.reference]
     sheet.sections = [rows]
     sheet.notes = [
-        "geometric means over the same scenarios, with 95 % intervals from the same seeds; better and worse: the "
-        "interval leaves 1 out; worse in brackets: only in these scenarios.",
+        "pooled as above, of the runs in which neither failed, with 95 % intervals from the same seeds; better and "
+        "worse: the interval leaves 1 out; worse in brackets: only in these scenarios.",
         f"power and dither: largest of the beam and of the galvo in a cut; {results.reference}: "
         f"{base['power_max']:.0f} W, {base['dither_max']:.3f} mm.",
     ]
@@ -266,7 +362,8 @@ def _methods(results: Results | JobResults) -> list[Sheet]:
     found = methods(results)
     if not len(found):
         return []
-    titles = ["method", "members", "score", f"× {results.reference}", "best", "worst"]
+    what = TITLES.get(results.metric, results.metric) if isinstance(results, JobResults) else "score"
+    titles = ["method", "members", what, f"× {results.reference}", "best", "worst"]
     rows = [
         [
             row["method"], str(len(row["members"])), _figure(row, "score"), _figure(row, "ratio"),

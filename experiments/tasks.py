@@ -16,8 +16,12 @@ from ..envs import stack as stacks
 from ..envs.plant import kernels, machine
 from ..envs.plant.controller import PERIOD
 from ..envs.plant.path import SPACING
+from ..envs.plant.quantity import InvalidInput
 from ..envs.scenarios import Scenario
+from ..envs.stack import Stack
 from . import jobs, margins, rollout, stability
+from .plants import STANDARD, Machine
+from .plants import machines as machines_of
 
 SEEDS_PER_TASK = 100
 TRACED = 2
@@ -26,7 +30,7 @@ TRACED = 2
 
 @dataclass(frozen=True)
 class Case:
-    """One task: a controller on some seeds of a scenario; without a scenario, its |S| and its margins.
+    """One task: a controller on some seeds of a scenario; without a scenario, its |S| and its margins on a machine.
 
     Of the seeds in ``traced`` every period is kept.
     """
@@ -35,6 +39,7 @@ class Case:
     scenario: Scenario | None
     seeds: tuple[int, ...]
     traced: tuple[int, ...] = ()
+    machine: Machine = STANDARD
 
     @property
     def with_job(self) -> bool:
@@ -44,7 +49,7 @@ class Case:
     def key(self, stack: stacks.Stack | stacks.Team) -> str:
         """Name of the task's file when ``stack`` does it; it changes with anything the result depends on."""
         parameters = {name: p.value for name, p in stack.parameters().items()}
-        physics = self.scenario.to_toml() if self.scenario else None
+        physics = self.scenario.to_toml() if self.scenario else self.machine.tables
         program = [__version__, kernels.STAMP, *stack.program]
         text = json.dumps([self.controller, parameters, program, physics, self.seeds, self.traced])
         return hashlib.sha256(text.encode()).hexdigest()[:20]
@@ -58,14 +63,7 @@ def compute(case: Case, stack: stacks.Stack | stacks.Team) -> dict[str, pd.DataF
     start, steps = time.process_time(), 0
     tables: dict[str, pd.DataFrame] = {}
     if case.scenario is None:
-        found, room = stability.sensitivity(stack), margins.Bench(stack).measure(stack)
-        steps = found.steps + room.steps
-        tables["sensitivity"] = pd.DataFrame(
-            {"controller": case.controller, "frequency": found.frequencies, "magnitude": found.worst}
-        )
-        tables["margins"] = pd.DataFrame(
-            {"controller": [case.controller], "gain": [room.gain], "delay_ms": [room.delay_ms]}
-        )
+        tables, steps = _stability(case, stack)
     else:
         record = rollout.roll(case.scenario, stack, case.seeds)
         steps = case.scenario.steps * len(case.seeds)
@@ -81,6 +79,31 @@ def compute(case: Case, stack: stacks.Stack | stacks.Team) -> dict[str, pd.DataF
     cost = {"controller": case.controller, "steps": steps, "cpu_seconds": time.process_time() - start}
     tables["ledger"] = pd.DataFrame([cost])
     return tables
+
+
+def _stability(case: Case, stack: Stack) -> tuple[dict[str, pd.DataFrame], int]:
+    """Tables ``sensitivity`` and ``margins`` of a controller on a machine, and the steps that were simulated; what
+    cannot be measured there has no figure and a ``reason``."""
+    where = {"controller": case.controller, "machine": case.machine.label}
+    curves, reasons, steps = [], [], 0
+    room = margins.Margins(np.nan, np.nan)
+    try:
+        for signal, measure in (("sine", stability.sensitivity), ("noise", stability.broadband)):
+            found = measure(stack, machine=case.machine)
+            steps += found.steps
+            low, high = found.interval
+            frame = pd.DataFrame({"frequency": found.frequencies, "magnitude": found.worst})
+            curves.append(frame.assign(signal=signal, peak_low=low, peak_high=high, **where))
+        room = margins.Bench(stack, machine=case.machine).measure(stack)
+    except InvalidInput as error:
+        reasons.append(str(error))
+    margin = {**where, "gain": room.gain, "delay_ms": room.delay_ms, "reason": "; ".join(reasons)}
+    empty = pd.DataFrame(columns=[*where, "signal", "frequency", "magnitude", "peak_low", "peak_high"])
+    columns = list(empty.columns)
+    return {
+        "sensitivity": pd.concat(curves, ignore_index=True)[columns] if curves else empty,
+        "margins": pd.DataFrame([margin]),
+    }, steps + room.steps
 
 
 def _trace(case: Case, record: Any, seed: int) -> pd.DataFrame:
@@ -103,10 +126,10 @@ def _trace(case: Case, record: Any, seed: int) -> pd.DataFrame:
 
 
 def cases(controllers: Iterable[str], chosen: Iterable[Scenario], seeds: Iterable[int], with_ms: bool) -> list[Case]:
-    """All tasks of a grid, by scenario, with |S| first."""
-    every = [int(seed) for seed in seeds]
+    """All tasks of a grid, by scenario, with |S| on each of the scenarios' machines first."""
+    every, chosen, controllers = [int(seed) for seed in seeds], list(chosen), list(controllers)
     traced = set(every[:TRACED])
-    out = [Case(name, None, ()) for name in controllers] if with_ms else []
+    out = [Case(name, None, (), machine=m) for m in machines_of(chosen) for name in controllers] if with_ms else []
     for scenario in chosen:
         for name in controllers:
             for some in rollout.chunks(every, SEEDS_PER_TASK):

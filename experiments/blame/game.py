@@ -212,4 +212,4 @@ def _squares(
     record = rollout.roll(scenario, stack, seeds, threads, change)
     ledger.steps += scenario.steps * len(seeds)
     rms = metrics.METRICS["rms_true"].function(record)
-    return {"gap": np.where(metrics.failed(record), np.nan, rms**2)}
+    return {"gap": np.where(metrics.broken(record), np.nan, rms**2)}

@@ -15,6 +15,7 @@ from ...envs.stack import Stack, Team, resolve
 from .. import runs
 from ..archive import PARTS
 from ..bars import Told
+from ..fairness import foremost
 from ..grids import Grid
 from ..ledger import Ledger
 from ..results import REFERENCE, Results
@@ -87,9 +88,8 @@ def in_report(
     Both in the scenarios of :data:`SHOWN` that were run, or else in the first three; on the run's first :data:`SEEDS`
     seeds. Controllers in plain Python are left out: hundreds of their episodes would take minutes.
     """
-    summary = results.summary()
-    sensor = summary[(summary["information"] == "sensor") & (summary["failed"] == 0)]["score"].dropna()
-    names = dict.fromkeys([*(n for n in (REFERENCE,) if n in sensor), *sensor.sort_values().index[:1]])
+    sensor = foremost(results.standings)
+    names = dict.fromkeys([*(n for n in (REFERENCE,) if n in sensor), *sensor[:1]])
     stacks = _named({name: stack for name in names if (stack := resolve(name)).python is None})
     live = [s for s in chosen if not s.head.signal]
     shown = [s for s in live if s.name in SHOWN] or live[: len(SHOWN)]

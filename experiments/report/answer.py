@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..comparison import figures
+from ..pooling import kind
 from .numbers import fixed, known, listed, number, percent, span, times
 from .palette import Look
 from .standing import CARDS, Standing
@@ -21,6 +22,9 @@ MATRIX = {
 }  # fmt: skip
 """Columns of the answer for several suites, and the metrics that answer them."""
 
+
+HOW = {"rms": "RMS", "mean": "mean", "largest": "the largest", "smallest": "the smallest"}
+"""How a metric is pooled over the seeds, in words."""
 
 _ENDS = ("score_low", "score_high", "score")
 
@@ -62,18 +66,18 @@ def remarks(suite: Suite, standing: Standing, labels: dict[str, str], limit_ms: 
     """Sentences that belong to the headline: what it rests on, what speaks against it, what is missing."""
     out, best, summary = [], standing.best, suite.summary
     what = "the true gap" if suite.following else "the runs"
-    out.append(f"Figures are of {what}, RMS over {len(suite.seeds)} seed{'s' * (len(suite.seeds) != 1)}, "
-               f"{suite.scored_in_words}.")  # fmt: skip
+    out.append(f"Figures are of {what}, {HOW[kind(standing.metric)]} over {len(suite.seeds)} "
+               f"seed{'s' * (len(suite.seeds) != 1)}, {suite.scored_in_words}, without those that failed.")  # fmt: skip
     if best is not None and suite.following is not None:
         row = summary.loc[best]
         if row["collision_runs"] > 0 and not row["collisions"]:
             out.append(f"{labels[best]} touched the sheet in none of the {int(row['collision_runs'])} runs in which it "
                        "should not.")  # fmt: skip
-        peak = float(row["ms"])
-        if math.isnan(peak):
+        peaks = peaks_of(row)
+        if not peaks:
             out.append("Its sensitivity peak Ms was not measured.")
-        elif peak <= limit_ms:
-            out.append(f"Its sensitivity peak Ms is {number(peak)}, within the limit of {limit_ms:g}.")
+        elif max(peaks.values()) <= limit_ms:
+            out.append(f"Its sensitivity peak Ms is {in_words(peaks)}, within the limit of {limit_ms:g}.")
     if suite.reference not in summary.index:
         out.append(f"The reference {suite.reference} was not run, so there are no ratios.")
     elif not math.isfinite(float(summary.at[suite.reference, "score"])):
@@ -103,21 +107,40 @@ def caveats(suite: Suite, standing: Standing, labels: dict[str, str], limit_ms: 
         many = int(row["collision_runs" if suite.following else "count"])
         out.append(f"it touched the sheet in {touched} of {many} runs{' of all scenarios' if several else ''}")
     if suite.following is not None:
-        if float(row["ms"]) > limit_ms:
-            out.append(f"its sensitivity peak Ms is {number(float(row['ms']))}, over the limit of {limit_ms:g}")
+        over = {signal: peak for signal, peak in peaks_of(row).items() if peak > limit_ms}
+        if over:
+            out.append(f"its sensitivity peak Ms is {in_words(over)}, over the limit of {limit_ms:g}")
         if float(row["gain_margin"]) == 0:
             out.append("its loop does not settle after a step on every corner plant")
+    broken = int(row["failed"]) - touched
+    if broken > 0:
+        out.append(f"{broken} of its {int(row['runs'])} runs hold no figure or were not finished")
     word = CARDS.get(standing.metric, ("", "better"))[1]
     informed = suite.summary.at[best, "information"]
     reasons: dict[str, list[str]] = {}
     for name in standing.order[: standing.order.index(best)]:
         if suite.summary.at[name, "information"] == informed:
             reasons.setdefault("; ".join(standing.frame.at[name, "reasons"]), []).append(name)
+    for name in reasons.pop("", ()):
+        lost, tried = (int(standing.frame.at[name, column]) for column in ("lost", "tried"))
+        out.append(f"{labels[name]} ({estimate(standing, name)}) is {word} where it does not fail, but {lost} of its "
+                   f"{tried} runs failed")  # fmt: skip
     for why, names in reasons.items():
         are = "is" if len(names) == 1 else "are"
         out.append(f"{listed(f'{labels[n]} ({estimate(standing, n)})' for n in names)} {are} {word} but not ranked "
                    f"({why})")  # fmt: skip
     return out
+
+
+def peaks_of(row: Any) -> dict[str, float]:
+    """Ms by the signal with which it was measured."""
+    found = {"with a sine": float(row["ms"]), "with noise": float(row["ms_noise"])}
+    return {signal: peak for signal, peak in found.items() if not math.isnan(peak)}
+
+
+def in_words(peaks: dict[str, float]) -> str:
+    """``1.20 with a sine and 1.71 with noise``."""
+    return listed(f"{number(peak)} {signal}" for signal, peak in peaks.items())
 
 
 def cards(
@@ -173,7 +196,7 @@ def _against(standing: Standing, best: str, other: str, word: str, labels: dict[
     r = standing.suite.results
     pair = SimpleNamespace(
         runs=r.runs[r.runs["controller"].isin([best, other])], controllers=[best, other],
-        scored=standing.suite.scored, metric=standing.metric, reference=other,
+        scored=standing.suite.scored, metric=standing.metric, reference=other, exempt=standing.suite.exempt,
     )  # fmt: skip
     row = figures(pair, typical=False).loc[best]
     ratio, low, high = (float(row[c]) for c in ("ratio", "ratio_low", "ratio_high"))

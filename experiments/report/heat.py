@@ -33,8 +33,8 @@ def figure(suite: Suite, labels: dict[str, str]) -> Figure | None:
     against = f"{suite.reference} in the same scenario" if suite.reference in suite.ranked else "the scenario's median"
     return Figure(
         f"heat-{suite.name}", "Where the error comes from",
-        f"Numbers are over all seeds of a scenario; colours compare with {against}: blue is better, orange worse, "
-        f"{2**FURTHEST:g} times at the ends. Columns right of the line make no score"
+        f"Numbers are over all seeds of a scenario whose run did not fail; colours compare with {against}: blue is "
+        f"better, orange worse, {2**FURTHEST:g} times at the ends. Columns right of the line make no score"
         f"{'; an asterisk marks scenarios that are built to defeat followers' if suite.exempt else ''}.",
         views, "show", height=110 + 34 * (len(suite.ranked) + 1), least=130 + 62 * len(suite.scenarios),
     )  # fmt: skip
@@ -47,7 +47,8 @@ def _errors(suite: Suite, metric: str, labels: dict[str, str]) -> go.Figure:
         doublings = np.log2(table.to_numpy() / base.to_numpy()[None, :])
     if suite.metrics[metric].better == "higher":
         doublings = -doublings
-    text = [[_cell(v) for v in row] for row in table.to_numpy()]
+    lost = suite.lost.loc[suite.ranked, suite.scenarios].to_numpy()
+    text = [[_cell(v, n) for v, n in zip(*rows, strict=True)] for rows in zip(table.to_numpy(), lost, strict=True)]
     ends = np.arange(-FURTHEST, FURTHEST + 1)
     bar = {
         "tickvals": ends, "title": {"text": "×", "side": "top"},
@@ -70,8 +71,12 @@ def _errors(suite: Suite, metric: str, labels: dict[str, str]) -> go.Figure:
     )
 
 
-def _cell(value: float) -> str:
-    return "failed" if not np.isfinite(value) else "< 0.001" if 0 < value < 0.0005 else number(value)
+def _cell(value: float, lost: int) -> str:
+    """A figure, and below it how many runs failed, if any did."""
+    if not np.isfinite(value):
+        return "failed"
+    text = "< 0.001" if 0 < value < 0.0005 else number(value)
+    return f"{text}<br>{lost} failed" if lost else text
 
 
 def _collisions(suite: Suite, labels: dict[str, str]) -> go.Figure:

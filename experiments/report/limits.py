@@ -36,9 +36,9 @@ def sentences(suites: list[Suite], learned: list[str]) -> list[tuple[str, str]]:
         out += [
             ("The axes are ideal in the following suites.", "Constant feed, no slow-down in corners, also along a "
              "drawing. Jobs have axes with following error."),
-            ("Ms and the margins are measured, not proved.", "Worst of 16 corner plants; Ms with a sine of 20 µm at 40 "
-             "frequencies, the margins with a step of 0.1 mm. Where limits and thresholds act, a larger step leaves "
-             "less."),
+            ("Ms and the margins are measured, not proved.", "Worst of the corner plants of the machines that were "
+             "run; Ms with a sine of 20 µm, one frequency at a time, and with noise of 20 µm RMS; the margins with a "
+             "step of 0.1 mm. Where friction, limits and thresholds act, another amplitude gives another figure."),
             ("Presets were tuned on tune seeds.", f"Those of the tune split ({SPLITS['tune'][0]} to "
              f"{SPLITS['tune'][-1]}), on the same family of sheets and plants. Another controller may gain as much "
              "from tuning; only equal budgets compare laws."),

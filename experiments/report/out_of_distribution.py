@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from ..pooling import over_scenarios
 from .numbers import number, part, times
 from .suite import Suite
 
@@ -32,24 +33,27 @@ def table(suites: list[Suite], labels: dict[str, str]) -> dict[str, Any] | None:
         cells = []
         for shift in shifts:
             of_shift = [s for s in beyond.scenarios if s.split("-")[0] == shift]
-            value = float(np.exp(np.mean(np.log(here.loc[name, of_shift].to_numpy(float)))))
+            value = over_scenarios("rms_true", here.loc[name, of_shift])
+            lost, tried = (int(t.loc[name, of_shift].sum()) for t in (beyond.lost, beyond.count))
             plain = np.nan
             if there is not None and name in there.index:
                 twins = [s.split("-", 1)[1] for s in of_shift]
                 if set(twins) <= set(there.columns):
-                    plain = float(np.exp(np.mean(np.log(there.loc[name, twins].to_numpy(float)))))
+                    plain = over_scenarios("rms_true", there.loc[name, twins])
             ratio = value / plain
             cells.append({
                 "text": number(value) if np.isfinite(value) else "failed", "value": value,
-                "worse": f"× {times(ratio)}" if np.isfinite(ratio) else "", "bad": bool(ratio > 3),
+                "worse": f"× {times(ratio)}" if np.isfinite(ratio) else "", "bad": bool(ratio > 3 or lost),
+                "lost": f"{part(lost, tried)} failed" if lost else "",
             })  # fmt: skip
         against = float(summary["ratio"].get(name, np.nan))
         rows.append({
             "name": name, "label": labels[name], "within": number(base), "within_value": base,
             "beyond": number(score) if np.isfinite(score) else "failed", "beyond_value": score,
             "worse": f"× {times(score / base)}" if np.isfinite(score / base) else "–", "ratio": number(against),
-            "cells": cells, "collisions": part(summary.at[name, "collisions"], summary.at[name, "collision_runs"]),
-            "touched": bool(summary.at[name, "collisions"] > 0), "information": summary.at[name, "information"],
+            "cells": cells, "failed": part(summary.at[name, "failed"], summary.at[name, "runs"]),
+            "lost": bool(summary.at[name, "failed"] > 0), "information": summary.at[name, "information"],
+            "rank": float(summary.at[name, "rank"]),
         })  # fmt: skip
     return {
         "rows": rows, "shifts": [SHIFTS[s] for s in shifts], "paired": within is not None, "unit": "µm",
@@ -62,12 +66,13 @@ def _said(beyond: Suite, within: Suite | None, rows: list[dict[str, Any]]) -> st
     fair = [row for row in rows if row["information"] == "sensor" and np.isfinite(row["beyond_value"])]
     if not fair:
         return "No controller that uses the sensor only has a figure here."
-    best = min(fair, key=lambda r: r["beyond_value"])
-    text = f"Where nothing was tuned or trained, {best['label']} is closest of those that use the sensor only"
+    best = fair[0]  # they are in the order of their ranks
+    text = f"Where nothing was tuned or trained, {best['label']} comes first of those that use the sensor only"
     both = [row for row in fair if np.isfinite(row["within_value"])]
     if within is None or not both:
         return text + "."
-    first = min(both, key=lambda r: r["within_value"])
-    if first is best:
+    known = {row["name"]: row["label"] for row in both}
+    first = next(name for name in within.ranked if name in known)
+    if first == best["name"]:
         return text + ", as within the distribution."
-    return f"{text}; within the distribution it is {first['label']}."
+    return f"{text}; within the distribution it is {known[first]}."

@@ -59,6 +59,9 @@ class Chapter:
     groups: list[table.Group]
     unranked: dict[str, list[str]]
     methods: list[dict[str, str]]
+    ranked_by: str
+    machines: list[dict[str, Any]]
+    unmeasured: list[str]
     figures: list[Figure] = field(default_factory=list)
 
 
@@ -103,7 +106,7 @@ def page(folder: Path, grids: dict[str, Results | JobResults], meta: dict[str, A
         warnings=[*map(str, meta.get("notes") or ()), *warnings(suites)],
         command=" ".join(map(str, command)) if isinstance(command, list | tuple) else str(command),
         spectra=_there([spectra.figure(suites, look, labels)]),
-        sensitivities=_there(sensitivity.figure(s, look, labels) for s in suites if s.name != out_of_distribution.NAME),
+        sensitivities=_there(sensitivity.figure(s, look, labels) for s in suites),
         quality=[quality.figure(*steel) for steel in materials(suites)],
         tuned=_there([tuning.figure({**tuning.presets(suites), **tuning.studies(controllers)}, labels)]),
         trained=_there([training.figure(curves, look, labels)]),
@@ -145,7 +148,7 @@ def _chapter(suite: Suite, standings: dict[str, Standing], look: dict, labels: d
         answer.caveats(suite, own, labels, sensitivity.LIMIT_MS),
         answer.cards(suite, standings, look, labels), table.groups(suite, standings),
         {name: list(why) for name, why in own.frame["reasons"].items() if why}, table.methods(suite),
-        _there(figures),
+        table.ranked_by(suite), table.by_machine(suite), table.unmeasured(suite), _there(figures),
     )  # fmt: skip
 
 

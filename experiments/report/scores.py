@@ -84,9 +84,10 @@ def figure(standing: Standing, look: dict[str, Look], labels: dict[str, str]) ->
         beside += " The dotted line is what no causal controller with only the sensor can go below (docs/bounds.md)."
     return Figure(
         f"scores-{suite.name}", _title(standing, labels),
-        f"Points are RMS over seeds, {suite.scored_in_words}, with 95 % intervals; shorter is better, and equal "
-        f"distances are equal ratios.{beside} Intervals of two controllers may overlap though the difference is sure: "
-        "both met the same sheets and machines, and are compared on those. Hollow points are not ranked.",
+        f"Points are over the seeds whose run did not fail, {suite.scored_in_words}, with 95 % intervals; shorter is "
+        f"better, and equal distances are equal ratios.{beside} Intervals of two controllers may overlap though the "
+        "difference is sure: both met the same sheets and machines, and are compared on those. Hollow points are not "
+        "ranked.",
         {"": plot}, height=round(110 + 30 * (0.5 - bottom)),
     )  # fmt: skip
 
@@ -100,7 +101,7 @@ def _title(standing: Standing, labels: dict[str, str]) -> str:
 
 
 def _score_axis(plot: go.Figure, standing: Standing, low: float, high: float) -> None:
-    """0 at the reference and 1 at the ceiling, above."""
+    """The scale, above: 0 at the reference and 1 at the ceiling."""
     suite, frame = standing.suite, standing.frame
     if suite.ceiling not in standing.order or suite.reference not in standing.order:
         return
@@ -111,7 +112,7 @@ def _score_axis(plot: go.Figure, standing: Standing, low: float, high: float) ->
         "overlaying": "x", "side": "top", "matches": None, "range": [math.log10(low), math.log10(high)],
         "tickvals": [zero + s * (one - zero) for s in ticks], "ticktext": [f"{s:g}".replace("-", "−") for s in ticks],
         "fixedrange": True, "showgrid": False, "tickfont": {"size": 11, "color": QUIET},
-        "title": {"text": "score", "font": {"size": 11, "color": QUIET}, "standoff": 0},
+        "title": {"text": "scale", "font": {"size": 11, "color": QUIET}, "standoff": 0},
     })  # fmt: skip
 
 

@@ -1,9 +1,9 @@
 """|S|: how much of a small motion of the sheet is left in the gap, frequency by frequency."""
 
 import numpy as np
+import pandas as pd
 import plotly.graph_objects as go
 
-from ..stability import CORNERS
 from .figure import Figure, line, logarithmic
 from .palette import INK, QUIET, Look
 from .suite import Suite
@@ -11,16 +11,48 @@ from .suite import Suite
 LIMIT_MS = 2.0
 """Largest Ms that tuning allows."""
 
+SIGNALS = {"sine": "one sine at a time", "noise": "noise, all frequencies at once"}
+"""What is injected (:mod:`..stability`), in words."""
+
 
 def figure(suite: Suite, look: dict[str, Look], labels: dict[str, str]) -> Figure | None:
-    """Magnitude against frequency; None if it was not measured."""
+    """Magnitude against frequency, a view for each signal and machine; None if it was not measured."""
     results = suite.following
     if results is None or not len(results.sensitivity):
         return None
+    curves = results.curves
+    several = curves["machine"].nunique() > 1
+    views: dict[str, go.Figure] = {}
+    over: set[str] = set()
+    for (machine, signal), rows in curves.groupby(["machine", "signal"], sort=False):
+        found = _view(suite, rows, look, labels)
+        if found is None:
+            continue
+        views[SIGNALS[signal] + (f", machine {machine}" if several else "")] = found[0]
+        over.update(found[1])
+    if not views:
+        return None
+    names = [labels[name] for name in suite.ranked if name in over]
+    title = f"Ms above {LIMIT_MS:g}: {', '.join(names)}" if names else f"Every measured Ms is within {LIMIT_MS:g}"
+    return Figure(
+        f"sensitivity-{suite.name}", title,
+        "Measured by injection on the machine that was run, for the worst of its corner plants: how much of a small "
+        "motion of the sheet shows in the true gap. Below 1 the motion is followed, above 1 it is made larger. The "
+        f"marked peak is Ms; above {LIMIT_MS:g} a loop has little margin for a machine that differs from its model. "
+        "One that follows nothing has 1. A controller that learns while it runs predicts a sine, so its Ms is that of "
+        "noise.",
+        views, "injected", height=440,
+    )  # fmt: skip
+
+
+def _view(
+    suite: Suite, curves: pd.DataFrame, look: dict[str, Look], labels: dict[str, str]
+) -> tuple[go.Figure, list[str]] | None:
+    """Curves of one signal and machine, and whose peak is too high; None if there is none."""
     plot = go.Figure()
     peaks = {}
     for name in suite.ranked:
-        frame = results.sensitivity[results.sensitivity["controller"] == name]
+        frame = curves[curves["controller"] == name]
         f, s = frame["frequency"].to_numpy(float), frame["magnitude"].to_numpy(float)
         good = np.isfinite(s)
         if not good.any():
@@ -44,22 +76,13 @@ def figure(suite: Suite, look: dict[str, Look], labels: dict[str, str]) -> Figur
         xanchor="left", yanchor="bottom", font={"size": 11, "color": INK},
     )  # fmt: skip
     found = [p for p in peaks.values() if np.isfinite(p)]
-    magnitude = results.sensitivity["magnitude"].to_numpy(float)
+    magnitude = curves["magnitude"].to_numpy(float)
     lowest = float(magnitude[np.isfinite(magnitude) & (magnitude > 0)].min())
-    frequencies = results.sensitivity["frequency"].to_numpy(float)
+    frequencies = curves["frequency"].to_numpy(float)
     plot.update_layout(
         xaxis={**logarithmic(float(frequencies.min()), float(frequencies.max())),
                "title": "frequency of the sheet's motion (Hz)"},
         yaxis={**logarithmic(lowest / 1.2, max([LIMIT_MS, *found]) * 1.3), "title": "|S|, worst corner plant"},
         hovermode="x",
     )  # fmt: skip
-    over = [labels[name] for name, peak in peaks.items() if peak > LIMIT_MS]
-    title = f"Ms above {LIMIT_MS:g}: {', '.join(over)}" if over else f"Every measured Ms is within {LIMIT_MS:g}"
-    return Figure(
-        f"sensitivity-{suite.name}", title,
-        f"Measured by injection: how much of a sine of 20 µm on the sheet shows in the true gap, for the worst of "
-        f"{len(CORNERS)} corner plants. Below 1 the motion is followed, above 1 it is made larger. The marked peak is "
-        f"Ms; above {LIMIT_MS:g} a loop has little margin for a machine that differs from its model. One that follows "
-        "nothing has 1.",
-        {"": plot}, height=440,
-    )  # fmt: skip
+    return plot, [name for name, peak in peaks.items() if peak > LIMIT_MS]

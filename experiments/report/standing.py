@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 
-from ..fairness import standings
+from ..fairness import order, standings
 from .suite import Suite
 
 CARDS = {
@@ -44,12 +44,12 @@ class Standing:
             fair = self.frame.loc[names]
             fair = fair[fair["rank"].notna() & np.isfinite(fair["score"].astype(float))]
             if len(fair):
-                return list(fair.sort_values("score", kind="stable").index)
+                return order(fair)
         return []
 
     @cached_property
     def order(self) -> list[str]:
-        """All that have a figure, best first."""
+        """All that have a figure, the smallest first."""
         good = self.frame[np.isfinite(self.frame["score"].astype(float))]
         return list(good.sort_values("score", kind="stable").index)
 
@@ -89,7 +89,7 @@ def all_of(suite: Suite) -> dict[str, Standing]:
     for metric in wanted[1:]:
         view = SimpleNamespace(
             runs=r.runs, controllers=r.controllers, scenarios=r.scenarios, scored=suite.scored, meta=r.meta,
-            metric=metric, reference=suite.reference,
+            metric=metric, reference=suite.reference, exempt=suite.exempt,
         )  # fmt: skip
         found[metric] = Standing(suite, metric, standings(view, why, typical=False))
     return found

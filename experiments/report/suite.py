@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 from functools import cached_property
 
-import numpy as np
 import pandas as pd
 
 from ...envs import job_metrics, metrics
 from ...envs.plant.controller import INFORMATION
+from ..fairness import order
 from ..jobs import JobResults
 from ..results import CEILING, REFERENCE, Results
 
@@ -101,13 +101,12 @@ class Suite:
 
     @cached_property
     def classes(self) -> dict[str, list[str]]:
-        """Controllers of each information class, least informed class first, best score first, without one last."""
+        """Controllers of each information class, least informed class first, in the order of :func:`fairness.order`."""
         known = [*INFORMATION, *dict.fromkeys(self.summary["information"])]
-        out = {}
+        names, out = order(self.summary), {}
         for information in dict.fromkeys(known):
-            group = self.summary[self.summary["information"] == information]
-            if len(group):
-                out[information] = list(group["score"].sort_values(kind="stable", na_position="last").index)
+            if group := [name for name in names if self.summary.at[name, "information"] == information]:
+                out[information] = group
         return out
 
     @cached_property
@@ -136,13 +135,18 @@ class Suite:
         return list(self.traces)
 
     def pooled(self, metric: str) -> pd.DataFrame:
-        """Over the seeds, controllers × scenarios: RMS of an error, largest of a maximum, mean of all else; NaN where a
-        run failed."""
-        runs = self.results.runs.groupby(["controller", "scenario"], sort=False)[metric]
-        if "rms" in metric:
-            table = runs.apply(lambda v: float(np.sqrt(np.mean(np.square(v.to_numpy(float))))))
-        elif metric.startswith("max_") or metric.endswith("_max"):
-            table = runs.apply(lambda v: float(v.max(skipna=False)))
-        else:
-            table = runs.apply(lambda v: float(v.mean(skipna=False)))
-        return table.unstack().reindex(index=self.results.controllers, columns=self.scenarios)
+        """A metric over the seeds, see :meth:`results.Comparison.pooled`; scenarios in the page's order."""
+        return self.results.pooled(metric)[self.scenarios]
+
+    @cached_property
+    def lost(self) -> pd.DataFrame:
+        """Failed runs, controllers × scenarios."""
+        runs = self.results.runs
+        table = self.results.failures.groupby([runs["controller"], runs["scenario"]], sort=False).sum().unstack()
+        return table.reindex(index=self.results.controllers, columns=self.scenarios).fillna(0).astype(int)
+
+    @cached_property
+    def count(self) -> pd.DataFrame:
+        """Runs, controllers × scenarios."""
+        table = self.results.runs.groupby(["controller", "scenario"], sort=False).size().unstack()
+        return table.reindex(index=self.results.controllers, columns=self.scenarios).fillna(0).astype(int)

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 from ...envs.material import material
 from ...envs.quality import iso_range
@@ -11,13 +12,19 @@ from ..budgets import MARKS
 from ..inference import wilson
 from ..margins import DELAYS, GAINS
 from ..margins import in_words as margin
-from .numbers import fixed, known, million, number, part, percent, share_of_period, span
+from ..pooling import kind
+from .answer import HOW
+from .numbers import fixed, known, listed, million, number, part, percent, share_of_period, span
 from .sensitivity import LIMIT_MS
 from .standing import Standing
 from .suite import Suite
 
-SHORT = {"contour_rms": "contour", "roughness": "Rz,", "gap_rms": "gap"}
+SHORT = {"contour_rms": "contour RMS", "roughness": "Rz", "gap_rms": "gap RMS"}
 """Names of scored metrics for a heading."""
+
+
+OVER = {"rms": "geometric mean", "mean": "geometric mean", "largest": "largest", "smallest": "smallest"}
+"""How a metric is pooled over the scenarios, in words."""
 
 
 @dataclass(frozen=True)
@@ -33,12 +40,14 @@ class Cell:
 
 @dataclass(frozen=True)
 class Column:
-    """A column: title, unit or direction under it, its cells by controller; ``meaning`` stands below the table."""
+    """A column: title, unit or direction under it, its cells by controller; ``meaning`` stands below the table.
+    ``shows`` names the column of ``summary.csv`` with the same figures."""
 
     title: str
     under: str
     cells: dict[str, Cell]
     meaning: str = ""
+    shows: str = ""
 
 
 @dataclass(frozen=True)
@@ -83,7 +92,7 @@ def _score(suite: Suite, standings: dict[str, Standing]) -> Group:
     rank, score, ratio, wins = {}, {}, {}, {}
     for key, row in frame.iterrows():
         name = str(key)
-        place = float(row["rank"]) if name in own.ranked else math.nan
+        place = float(row["rank"])
         rank[name] = Cell(f"{place:.0f}" if place == place else "–", place, title="; ".join(row["reasons"]))
         low, value, high = (own.scale(name, column) for column in ("ratio_low", "ratio", "ratio_high"))
         score[name] = Cell(fixed(value, 2), value, span(low, high, 2) if name != reference else "")
@@ -93,17 +102,22 @@ def _score(suite: Suite, standings: dict[str, Standing]) -> Group:
         low, value, high = (float(row[column]) for column in ("wins_low", "wins", "wins_high"))
         won = Cell(percent(value), value, span(100 * low, 100 * high, 0))
         wins[name] = won if name != reference else Cell("–")
-    kind = "true" if suite.following else SHORT.get(metric.name, metric.name)
-    return Group("score", [
+    how = f"{HOW[kind(metric.name)]} over seeds, {suite.scored_in_words}"
+    return Group("score" if suite.following else "ranked by", [
         Column("rank", "1 is best", rank, "among those of its information class that may be ranked; who cannot be told "
-               "apart at 95 %, all comparisons together, shares it"),
-        Column("score", "0 to 1", score, f"0 is {reference}, 1 is {suite.ceiling}, logarithmic between them"),
-        Column(f"{kind} RMS", metric.unit, _estimates(own), f"{metric.summary}: RMS over seeds, "
-               f"{suite.scored_in_words}; what is ranked"),
-        Column("better", "× refer\u00adence", ratio, f"the error of {reference} over this one, same seeds; above "
-               "1 is better than the reference"),
+               "apart at 95 %, all comparisons together, shares it; who failed in no run of the score stands above all "
+               "who did", "rank"),
+        Column("scale", "0 to 1", score, f"0 is {reference}, 1 is {suite.ceiling}, logarithmic between them",
+               "scale" if suite.following else ""),
+        Column(ranked_by(suite), metric.unit, _estimates(own), f"{metric.summary}: {how}, of the runs that did not "
+               "fail; what is ranked", "score" if suite.following else metric.name),
+        Column("better", "× refer\u00adence", ratio, f"that of {reference} over this one, same seeds, of the runs in "
+               "which neither failed; above 1 is better than the reference", "ratio"),
         Column("wins", "of runs", wins, f"how often a single run is better than that of {reference} on the same seed "
-               "(probability of improvement)"),
+               "(probability of improvement); a failed run is never better", "wins"),
+        Column("failed", "runs", _failed(suite), "runs that touched the sheet where they should not, hold a number "
+               "that is not finite, have nothing to score or are not finished; no other figure but rank and wins is of "
+               "them", "failed"),
     ], first=True)  # fmt: skip
 
 
@@ -116,7 +130,7 @@ def _estimates(standing: Standing, small: dict[str, str] | None = None) -> dict[
     for name, row in standing.frame.iterrows():
         low, value, high = (float(row[f"score{end}"]) for end in ("_low", "", "_high"))
         if not math.isfinite(value):
-            cells[name] = Cell("failed" if row["note"] else number(value), value, mark="bad")
+            cells[name] = Cell("failed" if row["note"] else "–", mark="bad")
             continue
         places = known(low, high, value)
         several = len(standing.ranked) > 1 and standing.varies
@@ -138,15 +152,6 @@ def _from(
     return out
 
 
-def _worst(suite: Suite, metric: str) -> dict[str, Cell]:
-    """The largest of all scored runs."""
-    if metric not in suite.metrics:
-        return {}
-    frame = suite.results.runs[suite.results.runs["scenario"].isin(suite.scored)]
-    most = frame.groupby("controller", sort=False)[metric].apply(lambda v: float(v.max(skipna=False)))
-    return {name: Cell(number(most[name]), most[name]) for name in suite.ranked}
-
-
 def _collisions(suite: Suite) -> Column:
     total = "collision_runs" if suite.following else "count"
     cells = {}
@@ -157,14 +162,23 @@ def _collisions(suite: Suite) -> Column:
             part(row["collisions"], row[total]), float(row["collisions"]), small, "bad" if row["collisions"] else ""
         )
     left = f"; {', '.join(suite.exempt)} are built to defeat followers and left out" if suite.exempt else ""
-    return Column("touched", "runs", cells, f"runs in which the nozzle touched the sheet, with Wilson's interval{left}")
-
-
-def _failed(suite: Suite) -> Column:
     return Column(
-        "failed", "runs", _from(suite, "failed", lambda v: f"{v:.0f}", lambda v: v > 0),
-        "runs with a number that is not finite, with nothing to score, or not finished; they leave no score",
-    )  # fmt: skip
+        "touched",
+        "runs",
+        cells,
+        f"runs in which the nozzle touched the sheet, with Wilson's interval{left}",
+        "collisions",
+    )
+
+
+def _failed(suite: Suite) -> dict[str, Cell]:
+    cells = {}
+    for name, row in suite.summary.iterrows():
+        rate = wilson(int(row["failed"]), int(row["runs"]))
+        small = f"{100 * rate.low:.2g}–{100 * rate.high:.2g} %"
+        text = part(row["failed"], row["runs"])
+        cells[str(name)] = Cell(text, float(row["failed"]), small, "bad" if row["failed"] else "")
+    return cells
 
 
 def _followers(suite: Suite, standings: dict[str, Standing]) -> list[Group]:
@@ -175,6 +189,7 @@ def _followers(suite: Suite, standings: dict[str, Standing]) -> list[Group]:
         return _estimates(standings[metric], small or {}) if metric in standings else {}
 
     thin, costs = material("thin-sheet"), results.decisions()
+    over = "mean over seeds, geometric mean over the scenarios of the score"
     rough = {name: float(suite.summary.at[name, "roughness"]) for name in suite.ranked}
     iso = {n: _range(iso_range(1e-3 * r, thin.thickness)) for n, r in rough.items() if math.isfinite(r)}
     decided = {
@@ -184,32 +199,96 @@ def _followers(suite: Suite, standings: dict[str, Standing]) -> list[Group]:
     }  # fmt: skip
     return [
         Group("true gap error", [
-            Column("P99", "µm", _from(suite, "p99"), "99th percentile of the true error's magnitude, mean of the "
-                   "scored runs"),
-            Column("max", "µm", _worst(suite, "max_true"), "largest true error of all scored runs"),
+            Column("P99", "µm", _from(suite, "p99"), f"99th percentile of the true error's magnitude, {over}", "p99"),
+            Column("max", "µm", _from(suite, "max"), "largest true error of all scored runs that did not fail", "max"),
         ], first=True),
-        Group("reported", [Column("RMS", "µm", stood("rms_reported"), "the same RMS, had one believed the measured and "
-                                  "filtered height")]),
+        Group("reported", [Column("RMS", "µm", stood("rms_reported"), "the same as the score, had one believed the "
+                                  "measured and filtered height", "reported")]),
         Group("cut of thin sheet", [
-            Column("dross", "mm", stood("dross"), "height of the dross (proxy)"),
-            Column("Rz", "µm, ISO 9013", stood("roughness", iso), "roughness (proxy), and the range of its mean after "
-                   "ISO 9013; 1 is the finest"),
+            Column("dross", "mm", stood("dross"), f"height of the dross (proxy), {over}", "dross"),
+            Column("Rz", "µm, ISO 9013", stood("roughness", iso), f"roughness (proxy), {over}, and its range after "
+                   "ISO 9013; 1 is the finest", "roughness"),
         ]),
         Group("command", [Column("jitter", "mm/s per ms", stood("jitter"), "RMS change of the command from period to "
-                                 "period")]),
-        Group("stability", [
-            Column("Ms", f"≤ {LIMIT_MS:g}", _from(suite, "ms", bad=lambda v: v > LIMIT_MS), "largest share of a small "
-                   "motion of the sheet that shows in the gap, over frequencies and corner plants"),
-            Column("gain", "× margin", _from(suite, "gain_margin", lambda v: margin(v, GAINS[-1])), "factor on the "
-                   "loop's gain up to which a step still settles on every corner plant"),
-            Column("delay", "ms margin", _from(suite, "delay_margin", lambda v: margin(v, DELAYS[-1])), "additional "
-                   "dead time up to which it does; both found by simulation, so friction and limits count"),
-        ]),
-        Group("safety", [_collisions(suite), _failed(suite)]),
+                                 f"period, {over}", "jitter")]),
+        Group("stability", _stability(suite)),
+        Group("safety", [_collisions(suite)]),
         Group("decision", [
             Column("time", "µs, P99 of period", decided, "median time that the law takes for a command, on one core; "
                    "below it the 99th percentile as a share of the control period"),
         ]),
+    ]  # fmt: skip
+
+
+def _stability(suite: Suite) -> list[Column]:
+    """Ms by either signal, and the margins; what was not measured says why where it is pointed at."""
+    assert suite.following
+    measured = suite.following.stability
+    where = {str(n): list(rows["machine"]) for n, rows in measured.groupby("controller")} if len(measured) else {}
+    many = max((len(machines) for machines in where.values()), default=1)
+    worst = f"on the worst corner plant of the {many} machines that were run" if many > 1 else (
+        "on the worst corner plant of the machine that was run"
+    )  # fmt: skip
+    lacking = measured[measured["reason"] != ""] if len(measured) else measured
+    why = {
+        str(name): "; ".join(f"not measured on {row.machine}: {row.reason}" for row in rows.itertuples())
+        for name, rows in (lacking.groupby("controller") if len(lacking) else ())
+    }  # fmt: skip
+
+    def cells(column: str, form: Callable[[float], str] = number, small: bool = False) -> dict[str, Cell]:
+        out = {}
+        for name, cell in _from(suite, column, form, lambda v: column.startswith("ms") and v > LIMIT_MS).items():
+            ends = (
+                [float(suite.summary.at[name, f"{column}_{end}"]) for end in ("low", "high")] if small else [math.nan]
+            )
+            below = span(ends[0], ends[-1], known(ends[0], ends[-1], cell.value)) if math.isfinite(ends[0]) else ""
+            title = why.get(name, "") if math.isnan(cell.value) else ""
+            out[name] = Cell(cell.text, cell.value, below, cell.mark, title)
+        return out
+
+    return [
+        Column("Ms", f"sine, ≤ {LIMIT_MS:g}", cells("ms"), "largest share of a small sine of the sheet that shows in "
+               f"the gap, over frequencies, {worst}; tells little of a controller that learns: it learns the sine",
+               "ms"),
+        Column("Ms", f"noise, ≤ {LIMIT_MS:g}", cells("ms_noise", small=True), "the same with all frequencies at once, "
+               f"which nobody can learn: cross-spectrum of gap and sheet over the sheet's spectrum, {worst}, with its "
+               "interval", "ms_noise"),
+        Column("gain", "× margin", cells("gain_margin", lambda v: margin(v, GAINS[-1])), "factor on the loop's gain up "
+               f"to which a step still settles {worst}", "gain_margin"),
+        Column("delay", "ms margin", cells("delay_margin", lambda v: margin(v, DELAYS[-1])), "additional dead time up "
+               "to which it does; both found by simulation, so friction and limits count", "delay_margin"),
+    ]  # fmt: skip
+
+
+def ranked_by(suite: Suite) -> str:
+    """What the suite ranks by, for a heading."""
+    return "score" if suite.following else SHORT.get(suite.metric, suite.metric)
+
+
+def unmeasured(suite: Suite) -> list[str]:
+    """Why some have no Ms or no margins, in sentences."""
+    measured = suite.following.stability if suite.following else None
+    if measured is None or not len(measured):
+        return []
+    found = measured[measured["reason"] != ""].groupby(["machine", "reason"], sort=False)["controller"]
+    return [f"{', '.join(names)} on the machine {machine}: {why}" for (machine, why), names in found]
+
+
+def by_machine(suite: Suite) -> list[dict[str, Any]]:
+    """Rows of Ms and margins machine by machine, where there are several."""
+    measured = suite.following.stability if suite.following else None
+    if measured is None or not len(measured) or measured["machine"].nunique() < 2:
+        return []
+    scenarios = suite.following.machines if suite.following else {}
+    return [
+        {
+            "machine": str(row["machine"]), "scenarios": listed(scenarios.get(row["machine"], [])),
+            "name": str(row["controller"]), "ms": number(row["ms"]), "noise": number(row["ms_noise"]),
+            "span": span(row["ms_noise_low"], row["ms_noise_high"], 2), "gain": margin(row["gain_margin"], GAINS[-1]),
+            "delay": margin(row["delay_margin"], DELAYS[-1]), "reason": str(row["reason"]),
+            "high": bool(row["ms"] > LIMIT_MS), "high_noise": bool(row["ms_noise"] > LIMIT_MS),
+        }
+        for _, row in measured.iterrows()
     ]  # fmt: skip
 
 
@@ -222,12 +301,11 @@ def _jobs(suite: Suite, standings: dict[str, Standing]) -> list[Group]:
         if metric not in suite.metrics:  # runs of earlier versions
             return Column(title, "", {})
         m = suite.metrics[metric]
+        meaning = f"{m.summary}; {HOW[kind(metric)]} over seeds, {OVER[kind(metric)]} over scenarios"
         if metric in standings:
             unit = f"{m.unit}, ISO 9013" if small else m.unit
-            return Column(title, unit, _estimates(standings[metric], small or {}), m.summary)
-        worst = metric.endswith("_max")
-        cells = _worst(suite, metric) if worst else _from(suite, metric)
-        return Column(title, m.unit if m.unit != "1" else "share", cells, m.summary)
+            return Column(title, unit, _estimates(standings[metric], small or {}), meaning, metric)
+        return Column(title, m.unit if m.unit != "1" else "share", _from(suite, metric), meaning, metric)
 
     def ranges(source: str) -> dict[str, str]:
         return {name: _range(str(suite.summary.at[name, source])) for name in suite.ranked}
@@ -249,7 +327,7 @@ def _jobs(suite: Suite, standings: dict[str, Standing]) -> list[Group]:
         column("dross", "dross"), rough, column("u", "taper", ranges("iso_taper")), *through, column("kerf", "kerf"),
     ], first=True)  # fmt: skip
     time = Group("time", [column("job", "time"), column("feed", "mean_feed"), column("energy", "energy")], first=True)
-    return [contour, gap, cut, time, Group("safety", [_collisions(suite), _failed(suite)])]
+    return [contour, gap, cut, time, Group("safety", [_collisions(suite)])]
 
 
 def _range(text: str) -> str:

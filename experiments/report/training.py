@@ -11,6 +11,9 @@ from ...envs.stack import shelved
 from .figure import Figure, line
 from .palette import Look
 
+CHOSEN_BY = {"HeightFollowing-v0": "RMS of the true gap error on tune seeds (µm)"}
+"""By what the best policy of an environment is chosen, where that is not its return (``score`` in its table)."""
+
 
 def curves(controllers: list[str]) -> dict[str, tuple[pd.DataFrame, dict[str, Any]]]:
     """Evaluations and record of the training of those controllers that are policies' folders and have them.
@@ -34,8 +37,8 @@ def curves(controllers: list[str]) -> dict[str, tuple[pd.DataFrame, dict[str, An
 def figure(
     found: dict[str, tuple[pd.DataFrame, dict[str, Any]]], look: dict[str, Look], labels: dict[str, str]
 ) -> Figure | None:
-    """Score on tune seeds against simulated steps, a view for each environment, because what is scored differs; None
-    if no policy left its evaluations."""
+    """What the best policy was chosen by, on tune seeds, against simulated steps, a view for each environment, because
+    it differs; None if no policy left its evaluations."""
     views: dict[str, go.Figure] = {}
     words = []
     for name, (frame, record) in found.items():
@@ -43,7 +46,7 @@ def figure(
         if env not in views:
             views[env] = go.Figure().update_layout(
                 xaxis={"title": "simulated steps of training", "tickformat": "~s", "rangemode": "tozero"},
-                yaxis={"title": "score on tune seeds (lower is better)"}, showlegend=True,
+                yaxis={"title": CHOSEN_BY.get(env, "minus the mean return on tune seeds")}, showlegend=True,
             )  # fmt: skip
         best = int(frame["score"].idxmin())
         views[env].add_scatter(

@@ -125,7 +125,7 @@ class Evaluator:
         start = time.process_time()
         fleet, job, _ = jobs.roll(scenario, team, self.seeds)
         done = job_metrics.Jobs.of(fleet, job)
-        broken = job_metrics.failed(done)
+        broken = job_metrics.broken(done)
         found = {
             name: figure if name in ("collision", "covered") else np.where(broken, np.nan, figure)
             for name in dict.fromkeys(wanted)
@@ -168,9 +168,9 @@ class _Rung:
             part = slice(mine[0], mine[-1] + 1)
             record = Recording(
                 scenario, whole.seeds[part], whole.set_height[part], whole.data[:, :, part], whole.collided[part],
-                whole.lowest[part],
+                whole.lowest[part], to_the_end=True,
             )  # fmt: skip
-            broken = metrics.failed(record)
+            broken = metrics.broken(record)
             found[scenario.name] = {
                 name: figure if name == "collision" else np.where(broken, np.nan, figure)
                 for name in dict.fromkeys(wanted)

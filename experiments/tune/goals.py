@@ -1,8 +1,7 @@
 """What a search is for: metrics that are made small (or large), and what a controller must not do meanwhile.
 
-Over seeds a metric is pooled as reports pool it (RMS of an RMS, the largest of a maximum, the mean of the rest); over
-the suite's core the geometric mean is taken, of what may be zero the arithmetic one. A limit that is kept gives a
-number below 0, one that is broken a number above, on a logarithmic scale, so that a tenth too much weighs the same.
+Over seeds and over the suite's core a metric is pooled as reports pool it (:mod:`pooling`). A limit that is kept gives
+a number below 0, one that is broken a number above, on a logarithmic scale, so that a tenth too much weighs the same.
 """
 
 import math
@@ -13,19 +12,7 @@ import numpy as np
 
 from ...envs import job_metrics, metrics, scenarios
 from ...envs.plant.quantity import InvalidInput, did_you_mean
-
-ZERO = (
-    "collision",
-    "held",
-    "overshoot",
-    "undershoot",
-    "settling_20um",
-    "settling_10um",
-    "min_gap",
-    "through",
-    "covered",
-)
-"""Metrics that may be zero or infinite in good runs: their mean over scenarios is the arithmetic one."""
+from ..pooling import over_scenarios, over_seeds
 
 FAILED = 1e6
 """Value of a candidate one of whose runs failed."""
@@ -54,26 +41,9 @@ def metric(name: str, with_jobs: bool) -> Any:
     return known[name]
 
 
-def pooled(name: str, values: Any) -> float:
-    """One number from the runs of a scenario; NaN if one of them failed."""
-    array = np.asarray(values, float)
-    if name.startswith("rms_") or name.endswith("_rms"):
-        return float(np.sqrt(np.mean(array**2)))
-    if "max" in name or name in ("overshoot", "undershoot"):
-        return float(array.max())
-    return float(array.min() if name == "min_gap" else array.mean())
-
-
-def over(name: str, values: list[float]) -> float:
-    """One number from those of the scenarios."""
-    array = np.asarray(values, float)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return float(array.mean() if name in ZERO else np.exp(np.log(array).mean()))
-
-
 def score(name: str, figures: Figures, core: tuple[str, ...]) -> float:
     """The metric over those scenarios of the core that have been run."""
-    return over(name, [pooled(name, figures[s][name]) for s in core if s in figures])
+    return over_scenarios(name, [over_seeds(name, figures[s][name]) for s in core if s in figures])
 
 
 @dataclass(frozen=True)
@@ -134,5 +104,5 @@ class Limits:
 def measured(name: str, figures: Figures, core: tuple[str, ...], with_jobs: bool) -> float:
     """The number that a limit of this name is about."""
     if name == "overshoot" and not with_jobs:
-        return max((pooled(name, figures[s][name]) for s in descents(tuple(figures))), default=0.0)
+        return max((over_seeds(name, figures[s][name]) for s in descents(tuple(figures))), default=0.0)
     return score(name, figures, core)

@@ -11,6 +11,7 @@ from ...envs import stack as stacks
 from ...envs.plant.quantity import InvalidInput
 from ...envs.stack import Stack, Team
 from ..ledger import Ledger
+from ..pooling import ZERO
 from . import goals, sampling, storage
 from .evaluate import Evaluator, with_jobs
 from .goals import Limits
@@ -104,7 +105,7 @@ class Task:
         study = storage.study_of(self.url, self.name, self.directions, self.words, {"explore": explore})
         if self.sampler == "tpe+cmaes":
             explore = study.user_attrs["explore"]
-        positive = self.metrics[0] not in goals.ZERO
+        positive = self.metrics[0] not in ZERO
         cost = sampling.costs(1.0, positive, self.directions[0] == "maximize")
         study.sampler = sampling.Seeded(self.sampler, self.space, self.seed, explore, cost)
         study.pruner = optuna.pruners.MedianPruner(n_startup_trials=PRUNE_TRIALS, n_warmup_steps=PRUNE_AFTER)

@@ -1,12 +1,15 @@
 """Metrics against closed forms, on recordings made by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from kerfgym.envs import metrics
-from kerfgym.envs.metrics import METRICS, evaluate, failed
+from kerfgym.envs.metrics import METRICS, broken, evaluate, failed
 from kerfgym.envs.plant.machine import CHANNELS
 from kerfgym.envs.plant.quantity import InvalidInput
+from kerfgym.envs.plant.supervisor import ALARM, FOLLOW
 from kerfgym.envs.recording import Recording
 from kerfgym.envs.scenarios import load
 
@@ -192,6 +195,52 @@ def test_a_failed_run_shows_as_nan_and_not_as_a_good_figure(when):
     ):  # fmt: skip
         assert np.isfinite(figures[name][0]), name
         assert np.isnan(figures[name][1]), name
+
+
+def test_what_follows_a_touch_is_not_scored():
+    """Up to period 1000 the error is 5 µm; then the gap is closed, and the head goes up by 5 mm."""
+    errors = np.full((3000, 2), 0.005)
+    errors[1000, 1], errors[1001:, 1] = -SET, 5.0
+    mode = np.full((3000, 2), FOLLOW)
+    mode[1001:, 1] = ALARM
+    r = recording(error=errors, mode=mode, collided=[1])
+    assert r.touched.tolist() == [3000, 1000]
+    assert r.scored.sum(axis=0).tolist() == [3000, 1000]
+    assert METRICS["rms_true"].function(r) == pytest.approx([5.0, 5.0], rel=1e-3)
+    assert METRICS["max_true"].function(r) == pytest.approx([5.0, 5.0], rel=1e-3)
+    assert failed(r).tolist() == [False, True]
+    assert evaluate(r)["rms_true"][1] == pytest.approx(5.0, rel=1e-3)  # a figure of its own, which no table pools
+    whole = replace(r, to_the_end=True)
+    assert METRICS["rms_true"].function(whole)[1] > 4000
+
+
+def test_a_touch_between_two_periods_is_known_by_the_alarm():
+    mode = np.full(3000, FOLLOW)
+    mode[700:] = ALARM
+    r = recording(error=np.full(3000, 0.01), mode=mode, collided=[0])
+    assert r.touched.tolist() == [700]
+
+
+def test_an_alarm_without_a_touch_ends_nothing():
+    mode = np.full(3000, FOLLOW)
+    mode[700:] = ALARM
+    assert recording(mode=mode).scored.sum() == 3000
+
+
+def test_a_touch_before_anything_is_scored_leaves_no_figure():
+    mode = np.full(3000, FOLLOW)
+    mode[100:] = ALARM
+    r = recording(mode=mode, collided=[0], settle=0.3)
+    assert failed(r).tolist() == broken(r).tolist() == [True]
+    figures = evaluate(r)
+    assert np.isnan(figures["rms_true"][0])
+    assert figures["collision"][0] == 1.0
+
+
+def test_who_touches_where_it_is_expected_has_not_failed():
+    r = recording(error=np.full(3000, 0.01), collided=[0])
+    assert failed(r).tolist() == [True]
+    assert failed(replace(r, scenario=r.scenario.varied(exempt=True))).tolist() == [False]
 
 
 # ------------------------------------------------------------------------------------------------------------ registry

@@ -120,9 +120,12 @@ def test_a_row_is_the_roll_out_of_its_seed(tmp_path):
 def test_the_sensitivity_peak_is_measured_when_asked_for(tmp_path):
     results = go(tmp_path / "run", ["xi2023-improved"], seeds=range(1000, 1001), with_ms=True)
     table = pd.read_csv(tmp_path / "run" / "sensitivity.csv")
-    assert len(table) == 40
-    assert results.summary()["ms"].tolist() == [pytest.approx(table["magnitude"].max())]
-    assert 1.0 < table["magnitude"].max() < 3.0
+    assert (table["signal"] == "sine").sum() == 40
+    assert set(table["machine"]) == {"standard"}
+    peaks = table.groupby("signal")["magnitude"].max()
+    assert results.summary()[["ms", "ms_noise"]].to_numpy().tolist() == [pytest.approx(peaks[["sine", "noise"]])]
+    assert peaks["sine"] == pytest.approx(peaks["noise"], rel=0.1)  # nothing learns here
+    assert 1.0 < peaks["sine"] < 3.0
     row, margins = results.summary().iloc[0], pd.read_csv(tmp_path / "run" / "margins.csv").iloc[0]
     assert (row["gain_margin"], row["delay_margin"]) == pytest.approx((margins["gain"], margins["delay_ms"]))
     assert 3.0 < row["gain_margin"] < 4.0  # python-control's for the linear loop: 3.35 and 21.2 ms
@@ -331,11 +334,12 @@ def test_the_score_is_the_geometric_mean_over_the_core_of_the_rms_over_seeds():
         ("pid", "b", 0, 8.0),
         ("pid", "b", 1, 8.0),
         ("pid", "c", 0, 500.0),
+        ("pid", "c", 1, 500.0),
     ]
     summary = results_of(runs).summary()
     assert summary.at["pid", "score"] == pytest.approx(np.sqrt(np.sqrt(12.5) * 8.0))
     assert summary.at["pid", "reported"] == pytest.approx(np.sqrt(np.sqrt(12.5) * 8.0) / 2)
-    assert summary.at["pid", "p99"] == pytest.approx(3 * (3 + 4 + 8 + 8) / 4)
+    assert summary.at["pid", "p99"] == pytest.approx(3 * np.sqrt(3.5 * 8.0))
     every = results_of(runs, core_=()).summary()
     assert every.at["pid", "score"] == pytest.approx((np.sqrt(12.5) * 8.0 * 500.0) ** (1 / 3))
 
@@ -359,15 +363,27 @@ def test_without_the_reference_there_is_no_ratio():
     assert np.isnan(summary.at["pid", "ms"])
 
 
-def test_a_failed_run_makes_the_score_nan_and_is_counted():
+def test_a_failed_run_is_counted_and_leaves_the_error_of_the_others():
     runs = grid("pid", 5.0, 5.0) + grid("observer", 4.0, 4.0)
     runs[1] = ("pid", "a", 1, np.nan)
     results = results_of(runs)
-    assert np.isnan(results.summary().at["pid", "score"])
+    assert results.summary().at["pid", "score"] == pytest.approx(5.0)
     assert results.summary()["failed"].to_dict() == {"pid": 1, "observer": 0}
+    assert results.summary()["runs"].to_dict() == {"pid": 4, "observer": 4}
+    assert results.pooled().at["pid", "a"] == pytest.approx(5.0)
+    runs[0] = ("pid", "a", 0, np.nan)
+    results = results_of(runs)
+    assert np.isnan(results.pooled().at["pid", "a"])  # no run is left
+    assert np.isnan(results.summary().at["pid", "score"])
     assert results.summary().at["observer", "score"] == pytest.approx(4.0)
-    assert np.isnan(results.pooled().at["pid", "a"])
-    assert results.pooled().at["pid", "b"] == pytest.approx(5.0)
+
+
+def test_a_collision_is_a_failed_run_and_the_others_make_the_error():
+    touched = {"collision": 1.0}
+    runs = [("pid", "a", 0, 700.0, touched), ("pid", "a", 1, 5.0), ("pid", "wall", 0, 9.0, touched)]
+    results = results_of(runs, core_=("a", "wall"), exempt=("wall",))
+    assert results.pooled().loc["pid"].to_dict() == {"a": 5.0, "wall": 9.0}  # built to be touched in
+    assert results.summary().at["pid", "failed"] == 1
 
 
 def test_collisions_where_they_are_expected_are_counted_apart():

@@ -9,7 +9,7 @@ from scipy import stats
 
 from kerfgym.envs import stack
 from kerfgym.experiments.comparison import by_scenario, methods
-from kerfgym.experiments.fairness import overlaps, seeds_of
+from kerfgym.experiments.fairness import order, overlaps, seeds_of
 from kerfgym.experiments.results import Results
 from kerfgym.experiments.table import sheets
 
@@ -78,16 +78,78 @@ def test_a_larger_budget_is_a_reason():
     assert standings(tuning=tuning).at["pid", "reasons"] == ["tuned with 2.5 times the simulated steps of xi2023-tuned"]
 
 
+def failing(frame, name, runs, column="failed"):
+    """A frame in which the first ``runs`` runs of a controller have failed, or touched the sheet."""
+    mine = frame.index[frame["controller"] == name][:runs]
+    frame.loc[mine, column] = True if column == "failed" else 1.0
+    return frame
+
+
 def test_a_failed_run_is_last_and_never_dropped():
-    frame = runs()
-    frame.loc[frame["controller"] == "pid", "failed"] = [True, *[False] * 119]
-    found = standings(frame)
-    assert found.at["pid", "rank"] == 4
-    assert found.at["pid", "score"] == np.inf
-    assert "1 of its runs failed" in found.at["pid", "note"]
+    found = standings(failing(runs(), "pid", 1))
     assert found["rank"].to_dict() == {"xi2023-tuned": 2, "pid": 4, "twin": 1, "slow": 3, "seer": 1}
+    assert (found.at["pid", "lost"], found.at["pid", "tried"]) == (1, 120)
     assert found.at["pid", "typical"] == pytest.approx(standings().at["pid", "typical"], rel=0.01)  # one in 120
     assert found.at["pid", "typical"] < standings().at["pid", "typical"]
+
+
+@pytest.mark.parametrize("column", ["failed", "collision"])
+def test_one_failed_run_in_two_hundred_ranks_a_controller_and_decides_no_figure_of_error(column):
+    """A run that touched the sheet has a large figure of its own, which is not in the table's cell."""
+    frame = runs(seeds=range(1000, 1200)).assign(collision=0.0)
+    before = standings(frame).loc["pid"]
+    failing(frame, "pid", 1, column)
+    frame.loc[frame.index[frame["controller"] == "pid"][:1], "rms_true"] = 5000.0
+    found = standings(frame)
+    assert found.at["pid", "rank"] == 4
+    assert found.at["pid", "score"] == pytest.approx(before["score"], rel=0.01)
+    for figure in ("score", "ratio"):
+        width = found.at["pid", f"{figure}_high"] / found.at["pid", f"{figure}_low"]
+        assert width == pytest.approx(before[f"{figure}_high"] / before[f"{figure}_low"], rel=0.05)
+    assert found.at["pid", "wins"] < before["wins"]
+
+
+def test_nobody_gains_by_failing_on_the_seeds_that_are_difficult():
+    """Who gives up where the error would be large has a smaller score, and neither rank, wins nor ratio for it."""
+    frame = runs().assign(collision=0.0)
+    honest = standings(frame)
+    worst = frame[frame["controller"] == "pid"].sort_values("rms_true").index[-30:]
+    frame.loc[worst, "collision"] = 1.0
+    found = standings(frame)
+    assert found.at["pid", "score"] < 0.9 * honest.at["pid", "score"]
+    assert found.at["pid", "ratio"] == pytest.approx(honest.at["pid", "ratio"], rel=0.05)
+    assert found.at["pid", "rank"] == 4 > honest.at["pid", "rank"]
+    for figure in ("wins", "typical"):
+        assert found.at["pid", figure] < honest.at["pid", figure]
+    both = order(found)
+    assert both.index("pid") > both.index("slow")  # neither does the table show it further up
+
+
+def test_of_those_that_fail_the_one_that_fails_less_is_better_and_then_the_closer_one_run_by_run():
+    frame = runs().assign(collision=0.0)
+    for name, count in {"pid": 60, "twin": 2, "slow": 2, "xi2023-tuned": 2}.items():
+        failing(frame, name, count, "collision")
+    found = standings(frame)
+    assert found["rank"].to_dict() == {"xi2023-tuned": 2, "pid": 4, "twin": 1, "slow": 3, "seer": 1}
+    assert order(found.drop("seer")) == ["twin", "xi2023-tuned", "slow", "pid"]
+
+
+def test_two_that_fail_seldom_and_are_alike_share_their_rank():
+    frame = runs().assign(collision=0.0)
+    for name, count in {"pid": 1, "twin": 3}.items():
+        failing(frame, name, count, "collision")
+    found = standings(frame)
+    assert found.at["pid", "rank"] == found.at["twin", "rank"] == 3
+    assert found.at["pid", "tied"] == ["twin"]
+
+
+def test_who_fails_in_all_runs_of_a_scenario_has_no_score_and_says_why():
+    frame = runs()
+    frame.loc[(frame["controller"] == "pid") & (frame["scenario"] == "wavy"), "failed"] = True
+    found = standings(frame).loc["pid"]
+    assert found["score"] == np.inf
+    assert np.isnan(found["ratio"])
+    assert found["note"] == "no score: 40 of 120 runs failed, and of a scenario all"
 
 
 def test_a_figure_that_is_not_a_number_is_a_failure_too():
@@ -96,7 +158,8 @@ def test_a_figure_that_is_not_a_number_is_a_failure_too():
         np.nan,
         *frame.loc[frame["controller"] == "pid", "rms_true"][1:],
     ]
-    assert standings(frame).at["pid", "score"] == np.inf
+    found = standings(frame).loc["pid"]
+    assert (found["lost"], found["rank"]) == (1, 4)
 
 
 def test_who_was_not_run_everywhere_is_not_ranked():

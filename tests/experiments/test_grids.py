@@ -78,6 +78,15 @@ def test_the_shipped_comparison_holds_every_controller_once_and_every_policy():
         assert grid.known()
 
 
+def test_beyond_the_distribution_nobody_is_left_out():
+    """Every shipped follower and policy, ``lqg`` as well, not only those that do well there."""
+    (grid,) = plan(suites=["ood"])
+    followers = {name for name in stack.names() if stack.get(name).slot == "z"} - {"idle"}
+    assert set(grid.controllers) == followers | {n for n in stack.shelved() if n.startswith("height-following")}
+    assert "lqg" in grid.controllers
+    assert plan(suites=["ood"], controllers=["pid"])[0].controllers == ("pid",)
+
+
 def test_ones_own_controller_is_compared_with_the_shipped_ones():
     grids = by_suite(suites=["ood"], controllers=["pid:law.kp=30"], everything=True)
     assert grids["ood"].controllers == ("pid:law.kp=30", *shipped("ood"))

@@ -7,14 +7,21 @@ from scipy.linalg import expm
 
 from kerfgym.envs.plant import machine
 from kerfgym.envs.plant.controller import PERIOD
+from kerfgym.envs.plant.quantity import InvalidInput
+from kerfgym.envs.scenarios import Scenario
 from kerfgym.envs.stack import get, python_stack, resolve
 from kerfgym.experiments import margins as module
 from kerfgym.experiments.margins import CANDIDATES, DELAYS, GAINS, Bench, in_words, margins
-from kerfgym.experiments.stability import CORNERS, sensitivity
+from kerfgym.experiments.plants import STANDARD, of
+from kerfgym.experiments.stability import sensitivity
 
 T = PERIOD
 CENTRE = 0.125e-3
 """s from the centre of a gate of 0.25 ms to the end of its period."""
+
+CORNERS = [
+    tuple(corner[f"axis.{n}"] for n in ("bandwidth", "zeta", "dead_time", "resonance")) for corner in STANDARD.corners
+]
 
 NO_FILTER = "xi2023-improved:filter.kind=none"
 
@@ -42,10 +49,10 @@ def loop(kv, corner, window=1):
     return kv * control.ss(mean) * control.ss(control.tf([1], [1] + [0] * periods, T)) * held
 
 
-def linear(kv, window=1):
+def linear(kv, window=1, corners=CORNERS):
     """Gain margin and dead-time margin (ms), worst over the corner plants."""
     gains, delays = [], []
-    for corner in CORNERS:
+    for corner in corners:
         gm, pm, _, _, wg, _ = control.stability_margins(loop(kv, corner, window), returnall=True, method="frd")
         gains.append(min(g for g in gm if g > 1))
         delays.append(min(np.deg2rad(pm) / wg))
@@ -75,6 +82,23 @@ def test_the_margins_of_a_p_law_are_those_of_the_linear_loop(spec, kv, window):
     gain, delay = linear(kv, window)
     assert found.gain == pytest.approx(gain, rel=0.02)
     assert found.delay_ms == pytest.approx(delay, rel=0.04)
+
+
+def test_the_margins_are_those_of_the_machine_that_is_asked_for():
+    """A drive of 25 Hz with 4 ms of dead time, as much as its queue of commands can hold back."""
+    stack = resolve(f"{NO_FILTER},law.kv=30")
+    machine = of(Scenario(name="slow", axis={"bandwidth": 25.0, "dead_time": 0.004}))
+    found = ideal(Bench(stack, machine=machine)).measure(stack)
+    gain, delay = linear(30.0, 1, [(25.0, zeta, 0.004, f) for zeta in (0.6, 1.0) for f in (60.0, 150.0)])
+    assert gain < 0.7 * linear(30.0)[0]  # far from the standard machine's
+    assert found.gain == pytest.approx(gain, rel=0.02)
+    assert found.delay_ms == pytest.approx(delay, rel=0.04)
+
+
+def test_a_machine_without_dead_time_has_no_margins_and_says_why():
+    machine = of(Scenario(name="quick", axis={"dead_time": 0.0005}))
+    with pytest.raises(InvalidInput, match="margins need a dead time of at least a control period, 1 ms"):
+        Bench(get("pid"), machine=machine)
 
 
 def some(candidates, monkeypatch):

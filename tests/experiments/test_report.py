@@ -14,6 +14,7 @@ from plotly.offline import get_plotlyjs
 
 from kerfgym.experiments.report import answer, numbers, page, scope, standing, table
 from kerfgym.experiments.report.fronts import efficient
+from kerfgym.experiments.report.heat import figure as heat
 from kerfgym.experiments.report.kerfs import coloured, pieces
 from kerfgym.experiments.report.pack import Channel, pack, thinned
 from kerfgym.experiments.report.palette import COLOURS, looks
@@ -117,7 +118,7 @@ def test_every_section_for_which_there_are_data_is_there(whole):
     figures = {f"{kind}-{suite}" for kind in ("scores", "heat") for suite in ("following", "ood")}
     figures |= {f"profile-{suite}" for suite in ("following", "cutting", "ood")}
     figures |= {f"fronts-{suite}" for suite in ("following", "cutting", "ood")} | {"scores-cutting"}
-    figures |= {"spectra", "sensitivity-following", "oscilloscope", "kerfs", "blame-following"}
+    figures |= {"spectra", "sensitivity-following", "sensitivity-ood", "oscilloscope", "kerfs", "blame-following"}
     figures |= {"quality-thin-sheet", "quality-c45-10"}
     assert set(whole.data) == figures
     for words in (
@@ -221,7 +222,7 @@ def test_what_speaks_against_the_winner_is_said(made_up):
     suite, found = judged(results)
     assert answer.caveats(suite, found["rms_true"], {n: n for n in suite.ranked}, 2.0) == [
         "it touched the sheet in 1 of 18 runs of all scenarios",
-        "its sensitivity peak Ms is 2.40, over the limit of 2",
+        "its sensitivity peak Ms is 2.40 with a sine, over the limit of 2",
         "its loop does not settle after a step on every corner plant",
     ]
 
@@ -277,7 +278,11 @@ def test_who_is_closer_but_not_ranked_is_said_with_the_reason(made_up):
         "pid (8.00\u00a0µm) is closer but not ranked (tuned with 1.5 times the simulated steps of xi2023-tuned)"
     ]
     ranks = {g.title: g for g in table.groups(suite, found)}["score"].columns[0].cells
-    assert {name: cell.text for name, cell in ranks.items()} == {"pid": "–", "xi2023-tuned": "1", "preview-5ms": "–"}
+    assert {name: cell.text for name, cell in ranks.items()} == {
+        "pid": "–",
+        "xi2023-tuned": "1",
+        "preview-5ms": "1",
+    }  # each in its class
 
 
 def test_runs_of_earlier_versions_lack_metrics(made_up, tmp_path):
@@ -296,21 +301,91 @@ def test_the_best_and_who_is_tied_are_marked(made_up):
     })  # fmt: skip
     suite, found = judged(results)
     column = {g.title: g for g in table.groups(suite, found)}["score"].columns
-    cells = next(c for c in column if c.title == "true RMS").cells
+    cells = next(c for c in column if c.title == "score").cells
     assert {name: cell.mark for name, cell in cells.items()} == {"a": "best", "b": "tied", "c": "", "p": ""}
 
 
-def test_failed_runs_take_the_score(made_up):
+def test_failed_runs_take_the_rank_and_not_the_figure(made_up):
     results = made_up.following()
     bad = (results.runs["controller"] == "pid") & (results.runs["scenario"] == "wavy") & (results.runs["seed"] == 1003)
     results.runs.loc[bad, ["rms_true", "p99_true", "dross"]] = np.nan
     results.runs.loc[bad, "failed"] = True
     suite, found = judged(results)
+    labels = {n: n for n in suite.ranked}
     assert found["rms_true"].best == "xi2023-tuned"
-    words = " ".join(answer.remarks(suite, found["rms_true"], {n: n for n in suite.ranked}, 2.0))
+    assert suite.ranked[:2] == ["xi2023-tuned", "pid"]
+    assert answer.caveats(suite, found["rms_true"], labels, 2.0) == [
+        "pid (8.00\u00a0µm) is closer where it does not fail, but 1 of its 12 runs failed"
+    ]
+    columns = {c.title: c.cells["pid"] for c in table.groups(suite, found)[0].columns}
+    assert (columns["rank"].text, columns["failed"].text, columns["failed"].mark) == ("2", "2/18", "bad")
+    assert 7.5 < columns["score"].value < 8.5
+    results = made_up.following()
+    results.runs.loc[results.runs["controller"] == "pid", "failed"] = True
+    suite, found = judged(results)
+    words = " ".join(answer.remarks(suite, found["rms_true"], labels, 2.0))
     assert "Without a score, because runs failed: pid." in words
-    plot = scores(found["rms_true"], looks(suite.ranked), {n: n for n in suite.ranked}).views[""]
-    assert any("no score: 1 failed runs" in note.text for note in plot.layout.annotations)
+    plot = scores(found["rms_true"], looks(suite.ranked), labels).views[""]
+    assert any("no score: 18 failed runs" in note.text for note in plot.layout.annotations)
+
+
+def test_a_collision_is_shown_apart_from_the_error(made_up):
+    """pid touches the sheet in one of the six runs of ``holes``."""
+    results = made_up.following()
+    touched = (results.runs["controller"] == "pid") & (results.runs["collision"] > 0)
+    results.runs.loc[touched, "rms_true"] = 900.0
+    suite, _ = judged(results)
+    plot = heat(suite, {n: n for n in suite.ranked}).views["true gap error, RMS, µm"]
+    text = dict(zip(suite.ranked, plot.data[0].text, strict=True))
+    error, lost = text["pid"][suite.scenarios.index("holes")].split("<br>")
+    assert float(error) < 30.0
+    assert lost == "1 failed"
+    assert "failed" not in "".join(text["xi2023-tuned"])
+
+
+def test_ms_that_was_not_measured_says_why(made_up, tmp_path):
+    results = made_up.following()
+    results.margins["reason"] = ["", "margins need more dead time", ""]
+    results.margins.loc[1, ["gain", "delay_ms"]] = np.nan
+    results.margins["machine"] = "axis.dead_time 0.0005"
+    results.sensitivity["machine"], results.sensitivity["signal"] = "axis.dead_time 0.0005", "sine"
+    suite, found = judged(results)
+    columns = {g.title: g for g in table.groups(suite, found)}["stability"].columns
+    gain = next(c for c in columns if c.title == "gain").cells["pid"]
+    assert (gain.text, gain.title) == (
+        "–", "not measured on axis.dead_time 0.0005: margins need more dead time",
+    )  # fmt: skip
+    reader = read(page.page(tmp_path, {"following": results}, {}))
+    assert "pid on the machine axis.dead_time 0.0005: margins need more dead time" in reader.text
+    notes = "\n".join(sheets(results)[0].notes)
+    assert "not measured: pid on axis.dead_time 0.0005: margins need more dead time." in notes
+    assert "on the worst corner plant of the machine that was run (axis.dead_time 0.0005)" in notes
+
+
+def test_several_machines_have_a_table_of_their_own(made_up, tmp_path):
+    results = made_up.following()
+    curves, margins = results.sensitivity, results.margins
+    both = [(1.0, "standard"), (1.4, "axis.bandwidth 25")]
+    results.sensitivity = pd.concat([
+        curves.assign(machine=machine, signal=signal, magnitude=factor * more * curves["magnitude"], peak_low=1.0,
+                      peak_high=3.0)
+        for factor, machine in both for more, signal in ((1.0, "sine"), (1.1, "noise"))
+    ])  # fmt: skip
+    results.margins = pd.concat([
+        margins.assign(machine=machine, gain=margins["gain"] / factor, reason="") for factor, machine in both
+    ])  # fmt: skip
+    results.meta["machines"] = {"standard": ["wavy"], "axis.bandwidth 25": ["rough", "holes"]}
+    row = results.summary().loc["pid"]
+    assert (row["ms"], row["ms_noise"]) == pytest.approx((1.4 * 1.95, 1.4 * 1.1 * 1.95))  # the worst of both
+    assert row["gain_margin"] == pytest.approx(3.0 / 1.4)
+    reader = read(page.page(tmp_path, {"following": results}, {}))
+    found = [r for r in reader.tables["machines-following"] if "pid" in r[1]]
+    assert [r[0].strip() for r in found] == ["standard", "axis.bandwidth 25"]
+    assert [r[2].strip() for r in found] == ["1.95", "2.73"]
+    assert len(json.loads(reader.data["sensitivity-following"])["views"]) == 4
+    sheet = next(s for s in sheets(results) if s.title == "Ms and margins by machine")
+    assert [len(section) for section in sheet.sections] == [3, 3]
+    assert sheet.notes == ["standard: wavy.", "axis.bandwidth 25: rough, holes."]
 
 
 def test_beyond_the_distribution_the_error_is_compared_with_that_within(whole):
@@ -345,7 +420,8 @@ def test_the_map_is_coloured_by_the_ratio_to_the_reference(whole):
     view = json.loads(whole.data["heat-following"])["views"][0]["data"][0]
     colours, text = np.array(view["z"], float) if isinstance(view["z"], list) else decoded(view["z"]), view["text"]
     assert view["y"] == ["pid", "xi2023-tuned", "preview-5ms"]
-    np.testing.assert_allclose(colours[0], np.log2(8 / 24))
+    np.testing.assert_allclose(colours[0][:2], np.log2(8 / 24))
+    np.testing.assert_allclose(colours[0][2], np.log2(8 / 24), rtol=0.01)  # holes, where a run of six failed
     np.testing.assert_allclose(colours[1], 0.0)
     np.testing.assert_allclose(colours[2], -3.0)  # further than what is shown
     assert text[0][:2] == ["5.66", "11.3"]  # 8 µm · 2^∓½

@@ -1,0 +1,82 @@
+"""Corner plants: the ends of whatever a scenario draws of its machine, and nothing of what it cuts."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from kerfgym.envs.plant import heads
+from kerfgym.envs.plant.fleet import Fleet
+from kerfgym.envs.plant.quantity import InvalidInput
+from kerfgym.envs.scenarios import Scenario, load, prepare, suite
+from kerfgym.envs.stack import get
+from kerfgym.experiments.plants import FULL, MOST, STANDARD, design, machines, of
+
+
+def written(machine, scenario):
+    """A fleet with the corner plants of a machine."""
+    fleet = Fleet(machine.size, get("pid").law, heads.ensure([0]))
+    machine.prepare(fleet, scenario, np.arange(machine.size))
+    return fleet
+
+
+def test_a_machine_is_what_follows_the_sheet_and_not_what_is_cut():
+    assert {of(s) for s in suite("following").values()} == {STANDARD}
+    assert of(load("wavy").varied(feed=400, set_height=0.3, head={"noise": 0.02, "impulses": 50})) == STANDARD
+    assert of(load("wavy").varied(axis={"dead_time": 0.003})) != STANDARD
+    assert of(load("wavy").varied(head={"plasma": 0.05})) != STANDARD
+
+
+def test_the_machines_of_a_suite_are_named_by_what_differs():
+    found = {machine.label: names for machine, names in machines(suite("ood").values()).items()}
+    assert found["axis.dead_time 0.003"] == ["late-flutter", "late-rough"]
+    assert found["axis.bandwidth 40"] == ["soft-step", "soft-rough"]
+    assert "fast-step" in found["standard"]
+    drawn = of(Scenario(name="x", axis={"bandwidth": {"uniform": [20, 30]}, "dead_time": {"choice": [0.001, 0.004]}}))
+    assert drawn.label == "axis.bandwidth 20 … 30, axis.dead_time 0.001 or 0.004"
+
+
+def test_the_corners_are_the_ends_of_all_that_is_drawn():
+    """Among a thousand machines that the scenario draws none lies beyond, in any number of the axis."""
+    scenario = Scenario(
+        name="x", axis={"friction": {"uniform": [200, 900]}, "backlash": {"log_uniform": [0.001, 0.02]}, "zeta": 0.7}
+    )
+    machine = of(scenario)
+    assert machine.size == 2**5
+    corners = written(machine, scenario)
+    some = Fleet(1000, get("pid").law, heads.POOL)
+    prepare(some, scenario, np.arange(1000), np.arange(1000))
+    for name in ("omega", "zeta", "dead_time", "omega_r", "friction", "backlash", "compliance", "encoder"):
+        ends, drawn = corners.column(f"z.{name}"), some.column(f"z.{name}")
+        assert ends.min() <= drawn.min() + 1e-12
+        assert drawn.max() <= ends.max() + 1e-12
+        assert ends.max() - ends.min() <= 1.02 * np.ptp(drawn) + 1e-12
+    varied = [corners.column(f"z.{name}") for name in ("omega", "dead_time", "omega_r", "friction", "backlash")]
+    assert len(np.unique(varied, axis=1).T) == machine.size
+
+
+def test_limits_of_the_drive_stay_in_the_middle():
+    fleet = written(STANDARD, Scenario(name="x"))
+    assert set(fleet.column("z.acceleration")) == {14000.0}
+
+
+def test_the_head_is_nominal_and_quiet():
+    machine = of(load("impulses").varied(head={"noise": 0.01, "bursts": 3, "plasma": 0.02}))
+    fleet = written(machine, Scenario(name="x"))
+    for name in ("noise", "jitter", "impulses", "bursts"):
+        assert not fleet.column(f"sensor.{name}").any()
+    assert set(fleet.column("sensor.plasma")) == {0.02}
+
+
+@pytest.mark.parametrize("factors", [0, 1, 4, 6, 7, 10, 20])
+def test_any_three_numbers_meet_in_all_combinations_and_there_are_never_too_many_corners(factors):
+    table = design(factors)
+    assert table.shape == (min(2**factors, MOST), factors)
+    for three in itertools.combinations(range(factors), min(3, factors)):
+        assert len(np.unique(table[:, list(three)], axis=0)) == 2 ** len(three)
+
+
+def test_a_machine_that_draws_more_than_can_be_tried_is_refused():
+    with pytest.raises(InvalidInput, match="the machine draws 40 numbers; corner plants can be made of at most 32"):
+        design(40)
+    assert FULL == 6
