@@ -124,7 +124,8 @@ def main() -> None:
         "coefficients": {name: round(float(getattr(p, name)), 5) for name in COEFFICIENTS},
         "calibration": {
             "source": "Huang2024 Table 2 and CN102528288A's focus", "coefficients": len(COEFFICIENTS) + 1,
-            "numbers": NUMBERS, "power": round(power, 1), "largest_error": round(float(found.filter(like="error").abs().max().max()), 4),
+            "numbers": NUMBERS, "power": round(power, 1),
+            "largest_error": round(float(found.filter(like="error").abs().max().max()), 4),
             "residuals": {
                 row["method"]: {"dross": round(row["dross, error"], 4), "roughness": round(row["Rz, error"], 4)}
                 for _, row in found.iterrows()

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ..envs import job_metrics, workshop
+from ..envs import evidence, job_metrics, workshop
 from ..envs.plant import gantry, machine
 from ..envs.plant.controller import PERIOD
 from ..envs.plant.fleet import Fleet
@@ -75,7 +75,7 @@ def compute(
     start = time.process_time()
     fleet, job, _ = roll(scenario, team, seeds)
     jobs = job_metrics.Jobs.of(fleet, job)
-    frame = pd.DataFrame(job_metrics.evaluate(jobs))
+    frame = pd.DataFrame({**job_metrics.evaluate(jobs), **job_metrics.evidence(jobs)})
     steel = workshop.material_of(scenario)
     frame.insert(0, "controller", name)
     frame.insert(1, "information", team.information)
@@ -146,6 +146,9 @@ class JobResults(Comparison):
         frame["collisions"] = groups["collision"].sum().astype(int)
         frame["failed"] = groups["failed"].sum().astype(int)
         frame["count"] = groups.size()
+        known = "extrapolated" in self.runs
+        frame["extrapolated"] = core["extrapolated"].mean() if known else np.nan
+        frame["beyond"] = [evidence.pooled(core.get_group(name)) if known else "" for name in frame.index]
         for column in ("iso_roughness", "iso_taper"):
             frame[column] = core[column].agg(lambda values: "/".join(sorted(set(values))))
         return self.placed(frame.join(budgets(self.meta.get("tuning") or {}, frame.index, self.reference)))

@@ -8,6 +8,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from ..envs import evidence
 from ..envs.job_metrics import METRICS
 from ..envs.material import material
 from ..envs.plant.controller import INFORMATION, PERIOD
@@ -167,7 +168,7 @@ def _following(results: Results) -> list[Sheet]:
         f"score: geometric mean over {', '.join(core) or f'these {len(scored)}'};",
         "reported: the same of what the machine itself measures;",
         f"jitter: RMS change of the command, mm/s per ms; collisions of all scenarios{exempt};",
-        f"dross and Rz: proxies, means over the core. {material('thin-sheet').label.capitalize()}.",
+        f"dross and Rz: extrapolated and not ranked, means over the core. {material('thin-sheet').label.capitalize()}.",
         "gain, delay: factor on the loop's gain and additional dead time up to which it settles, worst corner plant;",
         f"µs: a decision, median and 99th percentile, in a period of {1e6 * PERIOD:.0f} µs;",
         f"budget: trials and simulated steps of tuning. {budget_note(summary)}",
@@ -186,7 +187,7 @@ def _jobs(results: JobResults) -> list[Sheet]:
         f"jobs · {_seeds(results)}",
         ["controller", "rank", f"{results.metric}, {METRICS[results.metric].unit}", f"× {results.reference}", "wins",
          "contour rms, µm", "max, µm", "gap rms, µm", "dross, mm", "Rz, µm", "ISO 9013", "through", "kerf, mm", "u, mm",
-         "time, s", "feed, mm/s", "collisions", "failed", "budget"],
+         "time, s", "feed, mm/s", "collisions", "failed", "budget", "evidence"],
     )  # fmt: skip
     forms = {
         "contour_rms": "{:.1f}", "contour_max": "{:.0f}", "gap_rms": "{:.1f}",
@@ -196,17 +197,41 @@ def _jobs(results: JobResults) -> list[Sheet]:
     sheet.sections = _classes(summary, lambda name, row: [
         str(name), _rank(row), _figure(row, "score"), _figure(row, "ratio"), _wins(row),
         *(_number(row[m], form) if form else str(row[m]) for m, form in forms.items()),
-        f"{row['collisions']}/{row['count']}", str(row["failed"]), in_words(row),
+        f"{row['collisions']}/{row['count']}", str(row["failed"]), in_words(row), _evidence(row),
     ])  # fmt: skip
     sheet.notes = [
         *_ranking(summary, results.reference),
         f"score: geometric mean over {', '.join(results.scored)} of the RMS over seeds.",
         f"budget: trials and steps of tuning, all slots together. {budget_note(summary)}",
         *(f"quality: {label}." for label in results.labels),
+        *_outside(results),
     ]
     several = results.reference in results.controllers and len(results.controllers) > 1
     known = {*WEIGHED, "power_max", "dither_max"} <= set(results.runs)  # runs of earlier versions do not have all
     return [sheet, _trades(results)] if several and known else [sheet]
+
+
+def _evidence(row: Any) -> str:
+    """Whether the cut's figures stand on what was calibrated."""
+    if not row["extrapolated"] > 0:
+        return "–" if math.isnan(row["extrapolated"]) else "inside"
+    return "extrapolated" if row["extrapolated"] >= 0.995 else f"extrapolated, {row['extrapolated']:.0%} of the cut"
+
+
+def _outside(results: JobResults) -> list[str]:
+    """Where and by how much settings lie outside of what the cut's figures were calibrated on."""
+    if "extrapolated" not in results.runs:  # runs of earlier versions do not know
+        return []
+    lines = ["evidence: whether dross, Rz, through, kerf and u lie within the settings that they were calibrated on."]
+    where: dict[str, list[str]] = {}
+    for (name, scenario), runs in results.runs.groupby(["controller", "scenario"], sort=False):
+        if text := evidence.pooled(runs):
+            where.setdefault(f"{name}: {text}", []).append(str(scenario))
+    every = len(results.scenarios)
+    return lines + [
+        f"extrapolated: {text}" + ("" if len(names) == every else f" ({', '.join(names)})") + "."
+        for text, names in where.items()
+    ]
 
 
 WEIGHED = {
@@ -218,11 +243,11 @@ WEIGHED = {
 
 def _trades(results: JobResults) -> Sheet:
     """What each controller gains and gives against the reference."""
-    table = relative(results, WEIGHED)
+    table, summary = relative(results, WEIGHED), results.summary()
     apart = {m: by_scenario(replace(results, metric=m)) for m in WEIGHED}
     sheet = Sheet(
         f"over {results.reference} · {_seeds(results)}",
-        ["controller", *WEIGHED.values(), "better in", "worse in", "power, W", "dither, mm"],
+        ["controller", *WEIGHED.values(), "better in", "worse in", "power, W", "dither, mm", "evidence"],
     )
     most = results.runs.groupby("controller")[["power_max", "dither_max"]].max()
     rows = []
@@ -236,7 +261,9 @@ def _trades(results: JobResults) -> Sheet:
                 worse.append(title)
             elif len(there):
                 worse.append(f"{title} ({', '.join(there)})")
-        limits = [f"{most.loc[name, 'power_max']:.0f}", f"{most.loc[name, 'dither_max']:.3f}"]
+        limits = [
+            f"{most.loc[name, 'power_max']:.0f}", f"{most.loc[name, 'dither_max']:.3f}", _evidence(summary.loc[name]),
+        ]  # fmt: skip
         rows.append([str(name), *cells, ", ".join(better) or "–", ", ".join(worse) or "–", *limits])
     base = most.loc[results.reference]
     sheet.sections = [rows]
