@@ -79,8 +79,8 @@ def all_three(r: dict[str, list[float]]) -> float:
 class Search:
     """One preset: what is searched (parameter of the law, with its range if it is not the declared one), and for what.
 
-    ``tied`` parameters have the value of another; ``plain`` are those with which the rules leave the plain method alone,
-    a candidate of its own.
+    ``tied`` parameters have the value of another; with ``plain`` the rules leave the plain method alone, which is a
+    candidate of its own.
     """
 
     space: dict[str, tuple[float, float] | None]

@@ -49,7 +49,8 @@ def check(task: Task, workers: int = 1) -> None:
     if not task.limits.ms > 1.0:
         raise InvalidInput(f"--ms {task.limits.ms:g} is out of range; above 1, inf for no cap")
     sampling.check(task.sampler, len(task.metrics))
-    if task.budget and task.budget < (one := task.evaluator().steps):
+    evaluator = task.evaluator()  # refuses what does not fit the suite
+    if task.budget and task.budget < (one := evaluator.steps):
         raise InvalidInput(f"--budget of {task.budget:,} steps is out of range; one candidate takes {one:,}")
     _ = task.space
 
