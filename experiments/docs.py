@@ -36,7 +36,7 @@ FOLDER = Path(_root).parent / "docs"
 
 PARTS = (
     "path", "sheet", "sensor", "filters", "calibration", "controller", "supervisor", "z_axis", "xy_axes", "planning",
-    "gantry", "spot", "cut", "machine",
+    "gantry", "spot", "cut", "published", "machine",
 )  # fmt: skip
 """Parts of the machine, in the order of the signal."""
 
@@ -161,9 +161,18 @@ def machine() -> str:
 
 def _settable(cls: Any) -> bool:
     """Whether a class holds what is set, not what the machine remembers."""
-    return cls.__name__ in ("Params", "Gate", "Axes", "Feed", "Hand", "Recipe", "Beam", "Wave", "Vibration") and all(
-        isinstance(value, int | float) for value in cls._field_defaults.values()
-    )
+    return cls.__name__ in (
+        "Params",
+        "Gate",
+        "Axes",
+        "Feed",
+        "Hand",
+        "Recipe",
+        "Range",
+        "Beam",
+        "Wave",
+        "Vibration",
+    ) and all(isinstance(value, int | float) for value in cls._field_defaults.values())
 
 
 def _titled(module: ModuleType) -> tuple[str, str]:
