@@ -10,9 +10,9 @@ they differ from the plan; how, it does not say. These rules are one reading, ar
   not fall with v, hence ``P ∝ r^match`` with r the actual speed over the nominal feed.
 * **Dither.** Overlap of its turns as planned: ``f ∝ r^overlap``; amplitudes ``∝ r^amplitude``.
 * **Direction.** Dither along the path makes the cut's front longer and absorb more, dither across it widens what has
-  to be melted, but also the way out for gas and melt. The circle may become an ellipse with ``1 − narrow`` of its width, and x and y get the extents of
-  the ellipse as it lies along the path. Between two axes they cannot turn it: that is a smaller circle, and the feed
-  falls by ``diagonal`` there.
+  to be melted, but also the way out for gas and melt. The circle may become an ellipse with ``1 − narrow`` of its
+  width, and x and y get the extents of the ellipse as it lies along the path. Between two axes they cannot turn it:
+  that is a smaller circle, and the feed falls by ``diagonal`` there.
 * **Focus and standoff.** The focus moves against the height error h, −refocus·h; the standoff takes back what remains
   of it on average (``restore``, at most ±0.1 mm).
 

@@ -223,15 +223,18 @@ def _outside(results: JobResults) -> list[str]:
     if "extrapolated" not in results.runs:  # runs of earlier versions do not know
         return []
     lines = ["evidence: whether dross, Rz, through, kerf and u lie within the settings that they were calibrated on."]
-    where: dict[str, list[str]] = {}
-    for (name, scenario), runs in results.runs.groupby(["controller", "scenario"], sort=False):
+    found: dict[tuple[str, str], list[str]] = {}
+    for (scenario, name), runs in results.runs.groupby(["scenario", "controller"], sort=False):
         if text := evidence.pooled(runs):
-            where.setdefault(f"{name}: {text}", []).append(str(scenario))
-    every = len(results.scenarios)
-    return lines + [
-        f"extrapolated: {text}" + ("" if len(names) == every else f" ({', '.join(names)})") + "."
-        for text, names in where.items()
-    ]
+            found.setdefault((text, str(name)), []).append(str(scenario))
+    who: dict[tuple[str, tuple[str, ...]], list[str]] = {}
+    for (text, name), names in found.items():
+        who.setdefault((text, tuple(names)), []).append(name)
+    for (text, places), controllers in who.items():
+        all_of_them = len(controllers) > 1 and len(controllers) == len(results.controllers)
+        where = "" if len(places) == len(results.scenarios) else f" ({', '.join(places)})"
+        lines.append(f"extrapolated: {'all' if all_of_them else ', '.join(controllers)}: {text}{where}.")
+    return lines
 
 
 WEIGHED = {
