@@ -117,7 +117,7 @@ _CATALOGUE: dict[str, tuple[str, str, dict, str]] = {
         {"plan.feed": 1000.0 / 60}, "huang2024-adjusting",
     ),
     "huang2024-tuned": (
-        "huang2024", "Huang2024's adjusting unit, tuned for speed at no worse quality; the dither turns with the path",
+        "huang2024", "Huang2024's adjusting unit, tuned to be better in time, dross and roughness alike",
         {"plan.feed": 1000.0 / 60}, "huang2024-tuned",
     ),
 }  # fmt: skip

@@ -49,6 +49,7 @@ class JobBatch(Episodes):
         max_steps: int | None = None,
         colour: str = "standoff",
         threads: int = 1,
+        extrapolate: bool = False,
     ) -> None:
         contour = self.TASK == "contour"
         check_choice(control, interface.CONTROLS[:1] if contour else interface.CONTROLS, "control")
@@ -58,6 +59,8 @@ class JobBatch(Episodes):
         found = chosen(scenario or ("contour-square" if contour else "cut-square"), machine)
         if path is not None:
             found = [s.varied(job={"part": str(path), "size": 0.0}) if s.job else s for s in found]
+        if extrapolate:
+            found = [s.varied(job={"extrapolate": True}) if s.job else s for s in found]
         for each in found:
             if each.job is None:
                 raise InvalidInput(f"scenario '{each.name}' has no job; this environment needs one with a table [job]")

@@ -42,7 +42,7 @@ README = Path(_root).parent / "README.md"
 
 PARTS = (
     "path", "sheet", "sensor", "filters", "calibration", "controller", "supervisor", "z_axis", "xy_axes", "planning",
-    "gantry", "spot", "cut", "machine",
+    "gantry", "spot", "cut", "published", "machine",
 )  # fmt: skip
 """Parts of the machine, in the order of the signal."""
 
@@ -157,9 +157,18 @@ def machine() -> str:
 
 def _settable(cls: Any) -> bool:
     """Whether a class holds what is set, not what the machine remembers."""
-    return cls.__name__ in ("Params", "Gate", "Axes", "Feed", "Hand", "Recipe", "Beam", "Wave", "Vibration") and all(
-        isinstance(value, int | float) for value in cls._field_defaults.values()
-    )
+    return cls.__name__ in (
+        "Params",
+        "Gate",
+        "Axes",
+        "Feed",
+        "Hand",
+        "Recipe",
+        "Range",
+        "Beam",
+        "Wave",
+        "Vibration",
+    ) and all(isinstance(value, int | float) for value in cls._field_defaults.values())
 
 
 def _titled(module: ModuleType) -> tuple[str, str]:
@@ -337,7 +346,7 @@ WHOLE: dict[str, Callable[[], str]] = {"machine.md": machine, "environments.md":
 MADE: dict[str, Callable[[], str]] = {
     "controllers": controllers, "signals": signals, "metrics of followers": followers, "metrics of jobs": jobs,
     "scenario": scenario_tables, "bounds": record.table, "noise of a reading": record.noise_table,
-    "scenario": scenario_tables, "suites": suites, **{f"suite {name}": suite(name) for name in scenarios.suites()},
+    "suites": suites, **{f"suite {name}": suite(name) for name in scenarios.suites()},
     **tables.MADE,
 }  # fmt: skip
 """What stands between marks in pages written by hand."""

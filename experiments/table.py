@@ -9,6 +9,7 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
+from ..envs import evidence
 from ..envs.job_metrics import METRICS
 from ..envs.material import material
 from ..envs.plant.controller import INFORMATION, PERIOD
@@ -210,7 +211,7 @@ def _following(results: Results) -> list[Sheet]:
         f"score: RMS over seeds, geometric mean over {', '.join(core) or f'these {len(scored)}'};",
         "reported: the same of what the machine itself measures; P99: of |true error|; max: the largest of all;",
         f"jitter: RMS change of the command, mm/s per ms; collisions of all scenarios{exempt};",
-        f"dross and Rz: proxies, over the core. {material('thin-sheet').label.capitalize()}.",
+        f"dross and Rz: extrapolated and not ranked, over the core. {material('thin-sheet').label.capitalize()}.",
         "Ms: largest |S|, by a sine at a time and by noise, of which a controller that learns cannot learn the sine;",
         "gain, delay: factor on the loop's gain and additional dead time up to which it settles;",
         *_machines(results),
@@ -286,11 +287,12 @@ def _jobs(results: JobResults) -> list[Sheet]:
             titles["ISO 9013"] = ("iso_roughness", lambda row: str(row["iso_roughness"]))
     titles["collisions"] = ("collisions", lambda row: f"{row['collisions']}/{row['count']}")
     sheet = Sheet(
-        f"jobs · {_seeds(results)}", ["controller", *titles, "budget"],
+        f"jobs · {_seeds(results)}", ["controller", *titles, "budget", "evidence"],
         shown={title: column for title, (column, _) in titles.items()},
     )  # fmt: skip
     sheet.sections = _classes(
-        summary, lambda name, row: [str(name), *(form(row) for _, form in titles.values()), in_words(row)]
+        summary,
+        lambda name, row: [str(name), *(form(row) for _, form in titles.values()), in_words(row), _evidence(row)],
     )
     sheet.notes = [
         *_ranking(summary, results.reference),
@@ -298,6 +300,7 @@ def _jobs(results: JobResults) -> list[Sheet]:
         f"{', '.join(results.scored)} the geometric mean, of a maximum the largest.",
         f"budget: trials and steps of tuning, all slots together. {budget_note(summary)}",
         *(f"quality: {label}." for label in results.labels),
+        *_outside(results),
     ]
     several = results.reference in results.controllers and len(results.controllers) > 1
     known = {*WEIGHED, "power_max", "dither_max"} <= set(results.runs)  # runs of earlier versions do not have all
@@ -317,6 +320,33 @@ FORMS = {
 }  # fmt: skip
 """Metrics of jobs that the table shows, and with how many decimals."""
 
+
+def _evidence(row: Any) -> str:
+    """Whether the cut's figures stand on what was calibrated."""
+    if not row["extrapolated"] > 0:
+        return "–" if math.isnan(row["extrapolated"]) else "inside"
+    return "extrapolated" if row["extrapolated"] >= 0.995 else f"extrapolated, {row['extrapolated']:.0%} of the cut"
+
+
+def _outside(results: JobResults) -> list[str]:
+    """Where and by how much settings lie outside of what the cut's figures were calibrated on."""
+    if "extrapolated" not in results.runs:  # runs of earlier versions do not know
+        return []
+    lines = ["evidence: whether dross, Rz, through, kerf and u lie within the settings that they were calibrated on."]
+    found: dict[tuple[str, str], list[str]] = {}
+    for (scenario, name), runs in results.runs.groupby(["scenario", "controller"], sort=False):
+        if text := evidence.pooled(runs):
+            found.setdefault((text, str(name)), []).append(str(scenario))
+    who: dict[tuple[str, tuple[str, ...]], list[str]] = {}
+    for (text, name), names in found.items():
+        who.setdefault((text, tuple(names)), []).append(name)
+    for (text, places), controllers in who.items():
+        all_of_them = len(controllers) > 1 and len(controllers) == len(results.controllers)
+        where = "" if len(places) == len(results.scenarios) else f" ({', '.join(places)})"
+        lines.append(f"extrapolated: {'all' if all_of_them else ', '.join(controllers)}: {text}{where}.")
+    return lines
+
+
 WEIGHED = {
     "cutting_time": "cutting time", "contour_rms": "contour rms", "dross": "dross", "roughness": "Rz",
     "energy": "energy",
@@ -326,11 +356,11 @@ WEIGHED = {
 
 def _trades(results: JobResults) -> Sheet:
     """What each controller gains and gives against the reference."""
-    table = relative(results, WEIGHED)
+    table, summary = relative(results, WEIGHED), results.summary()
     apart = {m: by_scenario(replace(results, metric=m)) for m in WEIGHED}
     sheet = Sheet(
         f"over {results.reference} · {_seeds(results)}",
-        ["controller", *WEIGHED.values(), "better in", "worse in", "power, W", "dither, mm"],
+        ["controller", *WEIGHED.values(), "better in", "worse in", "power, W", "dither, mm", "evidence"],
     )
     most = pd.DataFrame({metric: results.over(metric) for metric in ("power_max", "dither_max")})
     rows = []
@@ -344,7 +374,9 @@ def _trades(results: JobResults) -> Sheet:
                 worse.append(title)
             elif len(there):
                 worse.append(f"{title} ({', '.join(there)})")
-        limits = [f"{most.loc[name, 'power_max']:.0f}", f"{most.loc[name, 'dither_max']:.3f}"]
+        limits = [
+            f"{most.loc[name, 'power_max']:.0f}", f"{most.loc[name, 'dither_max']:.3f}", _evidence(summary.loc[name]),
+        ]  # fmt: skip
         rows.append([str(name), *cells, ", ".join(better) or "–", ", ".join(worse) or "–", *limits])
     base = most.loc[results.reference]
     sheet.sections = [rows]

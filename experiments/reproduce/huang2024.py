@@ -426,7 +426,7 @@ def table_2(trial: Trial) -> Findings:
     steel = materials.material("c45-10")
     straight = calibrate.table(steel.params, steel.power).set_index("method")
     rows, figures = [], {}
-    fitted = "six coefficients were fitted to these six numbers: agreement validates nothing"
+    fitted = "six coefficients were fitted to these six numbers and the focus: agreement validates nothing"
     for method, name in METHODS.items():
         printed, seen = calibrate.TABLE_2[method], jobs_of(name, "cut-square", trial.seeds)
         feed = estimate(0.06 * seen["mean_feed"], "m/min")
