@@ -272,6 +272,16 @@ class Fleet(Columns):
         self._deck[machine.D_FILTERED] = stage
         self._point(machine.D_FILTERED_IO, Words((address(numbers), self._at)))
 
+    def after_sensor(self, stage: int, io: np.ndarray) -> None:
+        """A stage between sensor and filter, not run while an episode begins: its address, and the array it gets."""
+        self._deck[machine.D_SENSED] = stage
+        self._point(machine.D_SENSED_IO, io)
+
+    def after_supervisor(self, stage: int, io: np.ndarray) -> None:
+        """A stage between supervisor and drive: its address, and the array it gets."""
+        self._deck[machine.D_SENT] = stage
+        self._point(machine.D_SENT_IO, io)
+
     def pilot(self, name: str, stage: int, io: Words) -> None:
         """A stage that moves a hand of the machines: it runs when an episode has begun and after each period.
 

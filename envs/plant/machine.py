@@ -156,9 +156,9 @@ the period counts as cutting; distance along the path, mm; whether the superviso
 (D_BLOCK, D_KEYS, D_MACHINES, D_TICK, D_WINDOW, D_WAVES, D_VIBRATIONS, D_FLAGS, D_FREQUENCIES, D_HEIGHTS, D_TABLES,
  D_CONTOUR_X, D_CONTOUR_Y, D_CONTOUR_ON, D_CONTOURS, D_PROFILE, D_PROFILES, D_LAW, D_LAW_TABLES, D_LAW_SIZE, D_ACT,
  D_OBSERVE, D_IO, D_RECORD, D_RECORD_TICK, D_NEXT, D_STEPS, D_START, D_READY, D_TRAVEL,
- D_FINISH, D_GANTRY, D_SIGNAL, D_SIGNALS, D_PILOT, D_PILOT_IO, D_FILTERED, D_FILTERED_IO,
- D_RECORD_STEPS, D_RANDOM, D_RANDOMS) = range(41)  # fmt: skip
-DECK = 41
+ D_FINISH, D_GANTRY, D_SIGNAL, D_SIGNALS, D_PILOT, D_PILOT_IO, D_FILTERED, D_FILTERED_IO, D_SENSED, D_SENSED_IO,
+ D_SENT, D_SENT_IO, D_RECORD_STEPS, D_RANDOM, D_RANDOMS) = range(45)  # fmt: skip
+DECK = 45
 _DECK = U(DECK)
 
 F_CONTOURS, F_FEATURES, F_PROFILES, F_BULGES, F_RANKS, F_PLATES, F_RANDOM, F_BANDS, F_TURNS = (
@@ -653,6 +653,8 @@ def sense_and_control(block, at, n, tick, keys, first, deck):
     sense_all(block, at, n, tick, keys, first)
     if deck[D_SIGNALS] > U0:
         replay_all(block, at, n, tick, deck)
+    if deck[D_SENSED] > U0:
+        call(deck[D_SENSED], deck[D_BLOCK], at, n, deck[D_SENSED_IO], tick)
     filter_all(block, at, n, tick, deck[D_WINDOW], deck[D_FLAGS] & F_RANKS)
     if deck[D_FILTERED] > U0:
         call(deck[D_FILTERED], deck[D_BLOCK], at, n, deck[D_FILTERED_IO], tick)
@@ -678,6 +680,8 @@ def live_all(deck, b):
         if deck[D_ACT] > U0 and i == U0:
             call(deck[D_ACT], deck[D_BLOCK], at, n, deck[D_IO], b * UW)
         supervise_all(block, at, n, tick)
+        if deck[D_SENT] > U0:
+            call(deck[D_SENT], deck[D_BLOCK], at, n, deck[D_SENT_IO], tick)
         travel_all(block, at, n, tick, deck)
         prepare_all(block, at, n, tick)
         for k in range(0, SUBSTEPS, _AT_ONCE):
