@@ -843,7 +843,7 @@ def _prepare_corners(fleet: Fleet, corners: Corners | None, m: np.ndarray, draws
 def _prepare_turns(fleet: Fleet, turns: Turns | None, m: np.ndarray) -> None:
     fleet.set("turns.length", m, turns.length if turns else 0.0)
     if turns:
-        fleet.set("turns.count", m, float(turns.count))
+        fleet.set("turns.many", m, float(turns.count))
         for name in ("waves", "random", "vibrations", "impulses"):
             fleet.set(f"turns.{name}", m, turns.mask(name))
         fleet.use_turns()

@@ -106,7 +106,7 @@ class Turns(NamedTuple):
     """What is on when, in an episode of several turns. Masks have a bit for each turn."""
 
     length: float = 0.0  # s of a turn; 0: everything is on all the time
-    count: float = 1.0  # turns, after which they begin anew
+    many: float = 1.0  # turns, after which they begin anew
     waves: float = 0.0
     random: float = 0.0
     vibrations: float = 0.0
@@ -227,14 +227,14 @@ FADE = 1.0
 @part
 def turned(p, mask, t):
     """How much of what has this ``mask`` is on at time ``t`` s: 0 to 1, smoothly; 1 where there are no turns."""
-    many = p.length > 0.0
-    length = p.length if many else 1.0
+    takes_turns = p.length > 0.0
+    length = p.length if takes_turns else 1.0
     whole = np.floor(max(t, 0.0) / length)
-    turn = whole - p.count * np.floor(whole / p.count)
-    after = turn + 1.0 if turn + 1.0 < p.count else 0.0
+    turn = whole - p.many * np.floor(whole / p.many)
+    after = turn + 1.0 if turn + 1.0 < p.many else 0.0
     now, then = _is_on(mask, turn), _is_on(mask, after)
     u = clip((max(t, 0.0) - whole * length - (length - FADE)) / FADE, 0.0, 1.0)
-    return now + (then - now) * u * u * (3.0 - 2.0 * u) if many else 1.0
+    return now + (then - now) * u * u * (3.0 - 2.0 * u) if takes_turns else 1.0
 
 
 @part

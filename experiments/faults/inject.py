@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...envs.plant import filters, heads, machine, sensor, supervisor, z_axis
+from ...envs.plant.addresses import Words, address
 from ...envs.plant.calibration import POINTS
 from ...envs.plant.columns import Columns
 from ...envs.plant.controller import Privileged, stage_address
@@ -182,7 +183,7 @@ def pass_commands(block_address, at, n, io_address, tick):
             wish = hand.gain * block[a + machine.WISH] + hand.residual
             wish = wish if wish == wish else 0.0
             z, d = load(z_axis.Params, block, a + machine.P_Z), load(z_axis.Drive, block, a + machine.DRIVE)
-            d = z_axis.accept(z, z_axis.Drive(d.c1, d.c2, d.c3, d.c4, 0.0), wish)
+            d = z_axis.accept(z, z_axis.Drive(d.c1, d.c2, d.c3, d.c4, d.c5, d.c6, 0.0), wish)
             store(block, a + machine.DRIVE, d)
             sent = max(-z.speed, min(z.speed, wish))
             block[a + now] = sent
@@ -203,9 +204,9 @@ class Faults(Columns):
         first, every = fleet.column("start.head").astype(int) * POINTS, np.arange(fleet.size)
         self.set("ends.low", every, heads.POOL.frequencies[first])
         self.set("ends.high", every, heads.POOL.frequencies[first + POINTS - 1])
-        io = np.array([0, 0, self._block.ctypes.data, fleet._deck.ctypes.data], np.uint64)
+        io = Words((0, 0, address(self._block), address(fleet._deck)))
         # The last pilot: a policy's share of the command is spoilt with it.
-        fleet.pilot("faults", stage_address(spoil_commands), io, self)
+        fleet.pilot("faults", stage_address(spoil_commands), io)
         fleet.after_sensor(stage_address(spoil_counts), io)
         fleet.after_supervisor(stage_address(pass_commands), io)
 

@@ -106,7 +106,7 @@ def _map(
         last = np.array([[bounds.get(s, np.nan) for s in suite.scenarios]])
         rows, values = [*rows, LABEL], np.vstack([values, last])
         colours = np.vstack([colours, np.where(np.isfinite(last), more["zmin"], np.nan)])
-        text = [*text, [_cell(v) if np.isfinite(v) else "" for v in last[0]]]
+        text = [*text, [_cell(v, 0) if np.isfinite(v) else "" for v in last[0]]]
     more["colorbar"] |= {"thickness": 10, "outlinewidth": 0, "tickfont": {"size": 11}, "x": 1.01, "xpad": 4}
     plot = go.Figure(go.Heatmap(
         z=colours, x=columns, y=rows, text=text, texttemplate="%{text}", textfont={"size": 12}, xgap=1, ygap=1,
