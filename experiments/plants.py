@@ -27,7 +27,7 @@ from ..envs.plant.quantity import InvalidInput
 from ..envs.scenarios import Scenario
 
 NOT_MACHINE = (
-    "name", "summary", "version", "duration", "settle", "feed", "set_height", "start_above", "guard", "exempt", "path",
+    "name", "summary", "version", "duration", "settle", "share", "feed", "corners", "turns", "set_height", "start_above", "guard", "exempt", "path",
     "circle", "sheet", "job", "gantry", "optics",
 )  # fmt: skip
 """What a scenario holds of sheet, journey and jobs; all else is the machine that follows the sheet."""
@@ -35,8 +35,10 @@ NOT_MACHINE = (
 QUIET = ("noise", "jitter", "impulse", "burst", "table", "signal", "nominal")
 """First words of what is disturbance or recording in a head; the nominal head has none of it."""
 
-LIMITS = ("axis.speed", "axis.acceleration", "axis.jerk")
-"""Numbers that a small signal does not reach."""
+LIMITS = (
+    "axis.speed", "axis.acceleration", "axis.jerk", "axis.friction", "axis.bristle", "axis.stiction", "axis.stribeck",
+)  # fmt: skip
+"""Numbers that a small signal does not reach, or, of friction, hardly tells."""
 
 FULL = 6
 """Numbers that are drawn of which all combinations are tried."""
