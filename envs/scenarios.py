@@ -119,13 +119,22 @@ class Axis(_Section):
     encoder: Annotated[Number, _q("mm", 0, 0.1, "per count; 0: ideal")] = 1e-3
     dac_bits: Annotated[Number, _q("bit", 0, 24, "of ±speed; 0: ideal")] = 16.0
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        shortest = z_axis.SHORTEST_BRISTLE
+        given = self.bristle.choice if isinstance(self.bristle, Choice) else [bounds(self.bristle)[0]]
+        some = bounds(self.bristle)[1] > 0
+        for each in given:
+            if some and each < shortest and not (each == 0 and isinstance(self.bristle, Choice)):
+                raise ValueError(f"bristle = {each} is out of range; allowed: 0, or {shortest:g} to 0.1 mm")
+
 
 @dataclass(frozen=True, kw_only=True)
 class Head(_Section):
     """The sensor's noise and disturbances (PHYSICS §1); the head itself comes from the pool of calibrated heads."""
 
     plate: Annotated[
-        float, _q("mm", sheet.FOOTPRINT, 20, "radius of the plate's footprint, a hemisphere; the score's is 2 mm")
+        float, _q("mm", sheet.FOOTPRINT, sensor.WIDEST, "radius of the plate's footprint; the score's is 2 mm")
     ] = sheet.PLATE
     noise: Annotated[Number, _q("pF", 0, 1, "capacitance noise, sigma")] = LogUniform(log_uniform=(5e-4, 5e-3))
     jitter: Annotated[Number, _q("1", 0, 1e-3, "relative oscillator noise per sample, sigma")] = 1e-6
@@ -166,6 +175,13 @@ class Vibration(_Section):
     frequency: Annotated[Number, _q("Hz", 0, 400, "")]
     amplitude: Annotated[Number, _q("mm", 0, 5, "of a band √2 times its RMS")]
     zeta: Annotated[Number, _q("1", 0, 0.7, "damping ratio of a band; 0: a tone")] = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        highest = bounds(self.frequency)[1]
+        if bounds(self.zeta)[1] > 0 and highest > sheet.HIGHEST_BAND:
+            allowed = f"0 to {sheet.HIGHEST_BAND:g} Hz for a band"
+            raise ValueError(f"frequency = {highest} is out of range; allowed: {allowed}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -383,6 +399,10 @@ class Scenario(_Section):
             raise ValueError("path and circle exclude each other in one scenario")
         if self.corners and (self.path or self.circle or self.job):
             raise ValueError("corners are for straight paths; path, circle and job exclude them")
+        steps, least = self.sheet.steps, sheet.LATEST + self.head.plate
+        if steps and bounds(steps.spacing)[0] < least:
+            plate, close = self.head.plate, bounds(steps.spacing)[0]
+            raise ValueError(f"steps lie {close:g} mm apart; with a plate of {plate:g} mm at least {least:g}")
         if self.job and self.circle:
             raise ValueError("job and circle exclude each other in one scenario")
 

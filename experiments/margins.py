@@ -91,7 +91,7 @@ def _fault_all(block, at, n, numbers, tick):
         numbers[now + i] = d.c0
         ago = U(np.int64(numbers[U1 + machines + i]))
         c0 = numbers[U1 + i] * numbers[U1 + machines * U(2) + ((tick - ago) % _RING) * machines + i]
-        store(block, a + kernel.DRIVE, z_axis.Drive(c0, d.c1, d.c2, d.c3, d.c4))
+        store(block, a + kernel.DRIVE, z_axis.Drive(c0, d.c1, d.c2, d.c3, d.c4, d.c5, d.c6))
 
 
 def fault(block_address, at, n, numbers_address, tick):

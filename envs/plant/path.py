@@ -74,8 +74,8 @@ def advance(p, s, dt, ahead):
     """
     feed = feed_at(p, s.distance)
     distance = s.distance + feed * dt
-    # With corners the machine's own place needs a sum of its own; it stands at the start until the lead is over.
-    behind = s.here + (feed_at(p, s.here) * dt if s.time + 0.5 * dt >= ahead else 0.0)
+    # With corners the machine's own place needs a sum of its own, of the same terms, begun `ahead` later.
+    behind = s.here + (feed_at(p, s.here) * dt if s.time + 1.5 * dt >= ahead else 0.0)
     here = behind if p.corner > 0.0 else distance - p.feed * ahead
     return State(s.time + dt, distance, distance, 0.0, s.distance + 0.5 * feed * dt, 0.0, feed, here)
 
