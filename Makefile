@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/.ready
 
-.PHONY: benchmark test lint train clean
+.PHONY: benchmark test lint train figures clean
 
 benchmark: $(READY)  ## all that is shipped, compared: tables here, report in runs/standard/report.html
 	$(BIN)/kerfgym benchmark --shipped --name standard --overwrite
@@ -11,8 +11,11 @@ benchmark: $(READY)  ## all that is shipped, compared: tables here, report in ru
 test: $(READY)  ## all tests, a file after the other on each core
 	$(BIN)/python -m pytest -n auto --dist loadfile
 
-train: $(READY)  ## the shipped policies anew, each in about ten CPU-minutes
+train: $(READY)  ## the shipped policies anew
 	$(BIN)/python -m kerfgym.experiments.ship
+
+figures: $(READY)  ## what README and manual show and is older than the code, measured anew
+	$(BIN)/python -m kerfgym.experiments.figures --stale
 
 lint: $(READY) build/types/kerfgym/envs  ## style and types
 	$(BIN)/ruff check .

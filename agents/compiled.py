@@ -14,6 +14,7 @@ import numpy as np
 from ..envs import interface, job_interface
 from ..envs.job_batch import PERIOD
 from ..envs.plant import machine
+from ..envs.plant.addresses import Words, address
 from ..envs.plant.controller import Privileged, stage_address
 from ..envs.plant.fleet import Fleet
 from ..envs.plant.lanes import U0, U1, UW, U, as_bits, as_number, call, clip, doubles, part, singles, stage, words
@@ -238,7 +239,7 @@ class Compiled:
         if following and document.control == "schedule":
             fleet.widest_window(interface.LONGEST_WINDOW, interface.LARGEST_TRIM)
         flight = _Flight(self.policy.network, fleet, document.control, document.observation["kind"], self.policy.task)
-        fleet.pilot("height" if following else "job", stage_address(fly), flight.io, flight)
+        fleet.pilot("height" if following else "job", stage_address(fly), flight.io)
 
 
 class _Flight:
@@ -262,11 +263,11 @@ class _Flight:
             "left": self.numbers[infos + 2], "terminated": self.ends[0], "truncated": self.ends[1],
         }  # fmt: skip
         more = {"raw": int(kind == "raw"), "size": size, "width": width, "machines": count}
-        addresses = {name: array.ctypes.data for name, array in values.items()}
+        addresses = {name: address(array) for name, array in values.items()}
         if following:
             self.memory = np.zeros((len(interface.Memory._fields), count))
             io: Any = interface.Io(
-                **addresses, **more, control=interface.CONTROLS.index(control), memory=self.memory.ctypes.data
+                **addresses, **more, control=interface.CONTROLS.index(control), memory=address(self.memory)
             )
         else:
             assert fleet.gantries
@@ -274,14 +275,14 @@ class _Flight:
                 **addresses, **more, task=job_interface.TASKS.index(task), direct=int(control == "direct"),
                 gantry=fleet.gantries.address,
             )  # fmt: skip
-        self.environment = np.array(io, np.uint64)
-        self.io = np.array(Io(
-            0, 0, stage_address(of.act), stage_address(of.observe), self.environment.ctypes.data,
-            self.observations.ctypes.data, self.actions.ctypes.data, size, width, 1 if following else PERIOD,
-            self.since.ctypes.data, self.work.ctypes.data, stride, network.frames,
-            0 if n is None else (2 if network.normalises_frames else 1), self.scales.ctypes.data,
-            self.weights.ctypes.data, self.layers.ctypes.data, len(self.layers), OUTPUTS.index(network.output),
-        ), np.uint64)  # fmt: skip
+        self.environment = Words(io)
+        self.io = Words(Io(
+            0, 0, stage_address(of.act), stage_address(of.observe), address(self.environment),
+            address(self.observations), address(self.actions), size, width, 1 if following else PERIOD,
+            address(self.since), address(self.work), stride, network.frames,
+            0 if n is None else (2 if network.normalises_frames else 1), address(self.scales),
+            address(self.weights), address(self.layers), len(self.layers), OUTPUTS.index(network.output),
+        ))  # fmt: skip
 
 
 def _laid_out(network: Network) -> tuple[np.ndarray, np.ndarray, int]:

@@ -80,7 +80,7 @@ _CATALOGUE: dict[str, tuple[str, str, dict, str]] = {
         "plasma", "PID with velocity anti-dive and void lock, as open-source plasma tables have",
         {"filter.kind": "anti-impulse", "filter.hold": 4, "guard.rise": 0.05}, "plasma-style",
     ),
-    "oracle": ("oracle", "knows sheet ahead, true gap and true motion, tuned: a bound", {}, "oracle"),
+    "oracle": ("oracle", "knows sheet ahead, true gap and true motion, tuned", {}, "oracle"),
     "ilc": (
         "ilc", "iterative learning over laps of a closed contour, on a PID behind an anti-impulse filter",
         {"filter.kind": "anti-impulse", "filter.hold": 4, "guard.rise": 0.05}, "pid",
@@ -117,7 +117,7 @@ _CATALOGUE: dict[str, tuple[str, str, dict, str]] = {
         {"plan.feed": 1000.0 / 60}, "huang2024-adjusting",
     ),
     "huang2024-tuned": (
-        "huang2024", "Huang2024's adjusting unit, tuned for speed at no worse quality; the dither turns with the path",
+        "huang2024", "Huang2024's adjusting unit, tuned to be better in time, dross and roughness alike",
         {"plan.feed": 1000.0 / 60}, "huang2024-tuned",
     ),
 }  # fmt: skip

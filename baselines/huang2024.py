@@ -9,12 +9,15 @@ they differ from the plan; how, it does not say. These rules are one reading, ar
 * **Power.** Line energy P/(v·2ω0) as planned would be P ∝ v; a part of the power only heats the surroundings and does
   not fall with v, hence ``P ∝ r^match`` with r the actual speed over the nominal feed.
 * **Dither.** Overlap of its turns as planned: ``f ∝ r^overlap``; amplitudes ``∝ r^amplitude``.
-* **Direction.** Dither along the path makes the cut's front longer and absorb more, dither across it only widens what
-  has to be melted. So the circle becomes an ellipse with ``1 − narrow`` of its width, and x and y get the extents of
-  the ellipse as it lies along the path. Between two axes they cannot turn it: that is a smaller circle, and the feed
-  falls by ``diagonal`` there.
+* **Direction.** Dither along the path makes the cut's front longer and absorb more, dither across it widens what has
+  to be melted, but also the way out for gas and melt. The circle may become an ellipse with ``1 − narrow`` of its
+  width, and x and y get the extents of the ellipse as it lies along the path. Between two axes they cannot turn it:
+  that is a smaller circle, and the feed falls by ``diagonal`` there.
 * **Focus and standoff.** The focus moves against the height error h, −refocus·h; the standoff takes back what remains
   of it on average (``restore``, at most ±0.1 mm).
+
+On C45 the machine obeys all this within the settings that were published (:mod:`envs.evidence`), which leaves feed,
+frequency and size of a circular dither; ``extrapolate = true`` in a scenario's job lifts that.
 
 Outside the cut the settings are the planned ones. What the unit cannot know, since no sensor tells: gas pressure, the
 power that arrives, and the cut itself.

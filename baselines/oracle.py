@@ -1,4 +1,4 @@
-"""Oracle: a tight law with the truth (information class *privileged*), a bound that no follower reaches.
+"""Oracle: a tight law with the truth (information class *privileged*); a reference with other information, no bound.
 
 It sees true gap, nozzle, motor and sheet, now and up to 5 ms ahead, on the same machine with the same limits. Like the
 preview it commands the sheet's coming speed, taken ``lead`` ahead, with a share of its coming acceleration. On top it

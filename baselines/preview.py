@@ -1,4 +1,4 @@
-"""Preview: knows the sheet 5 ms ahead (information class *preview*); an upper bound on what any follower can do here.
+"""Preview: knows the sheet 5 ms ahead (information class *preview*); a reference with other information, no bound.
 
 Same machine, same limits. The command is the sheet's coming speed, taken ``lead`` ahead to make up for dead time and
 servo lag, with a share of its coming acceleration, and a proportional term on the difference between where the sheet

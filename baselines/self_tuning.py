@@ -7,6 +7,11 @@ a wave, a vibrating sheet or several sines at once are each predicted once they 
 periods. This is the direct self-tuning scheme (Åström and Wittenmark, "On self tuning regulators", Automatica 9, 1973)
 for a disturbance that can be measured; drive and dead time enter through ``lead`` and ``sharpen`` alone.
 
+The covariance of the coefficients is kept as factors U·D·Uᵀ (Bierman, "Factorization Methods for Discrete Sequential
+Estimation", 1977), U unit upper triangular, D diagonal. It is symmetric and positive definite by construction, however
+long the machine runs: a covariance that is updated as a plain matrix loses both to rounding, and forgetting makes
+what is lost grow. Along a direction that is not excited D stops growing at the variance known before learning.
+
 What an innovation exceeds ``gate`` times the usual one by is cut off, so a step hardly disturbs what has been learnt.
 The command is the predicted speed, ``lead`` ahead, with a share of its change, and a proportional term on the error.
 """
@@ -35,10 +40,17 @@ CENTRE = 4
 READINGS = 0
 COMMANDS = READINGS + RING
 SAID = COMMANDS + RING  # farthest predictions
-MEANS = SAID + RING
-SEEN = MEANS + AVERAGES  # what predictions were made from, a row a period
+SOON = SAID + RING  # predictions as readings, nearest and middle ones
+LATER = SOON + RING
+TAKEN = LATER + RING  # whether the reading was taken as it was
+RAW = TAKEN + RING  # readings, bridged or not
+MEANS = RAW + RING
+BEFORE = MEANS + AVERAGES  # the averages when the bridge under way began
+SEEN = BEFORE + AVERAGES  # what predictions were made from, a row a period
 GAIN = SEEN + RING * TERMS
-SPREAD = GAIN + TERMS  # variance of the coefficients over that of an innovation
+SPREAD = (
+    GAIN + TERMS
+)  # covariance of the coefficients over the variance of an innovation: D on the diagonal, U above it
 NEARER = SPREAD + TERMS * TERMS  # coefficients, a row for each horizon
 FARTHER = NEARER + 2 * TERMS
 MEMORY = NEARER + 3 * TERMS
@@ -46,11 +58,17 @@ MEMORY = NEARER + 3 * TERMS
 FADE = 0.98
 """Of the largest speed seen, per period."""
 
-RECALL, DOUBT = 0.99, 6.0
+RECALL, DOUBT = 0.97, 6.0
 """Memory of what was predicted, per period; how soon predictions that miss most of the motion are not trusted."""
 
 SWING, STRAY = 1.2, 0.05
 """An error that exceeds this multiple of what the sheet has moved by, and so many mm, is the loop's own."""
+
+PROVED = 100.0
+"""Periods of learning after which predictions tell what is off."""
+
+FINE = 0.004
+"""mm; what is less off is never bridged."""
 
 LITTLE = 0.01
 """mm; a larger error is integrated as if it were this one."""
@@ -78,6 +96,9 @@ class Params(NamedTuple):
     ] = 1.2
     gate: Annotated[float, Quantity("1", 4.0, 40.0, "largest innovation that counts, over the usual", log=True)] = 10.0
     jump: Annotated[float, Quantity("mm", 0.02, 0.1, "off the sheet's trend, that is bridged", log=True)] = 0.035
+    rare: Annotated[
+        float, Quantity("1", 3.0, 20.0, "a reading off its prediction, over the usual, that is bridged", log=True)
+    ] = 5.0
     hold: Annotated[int, Quantity("ms", 0, 20, "longest bridge; what outlasts it is real")] = 4
     reach: Annotated[float, Quantity("1", 1.0, 2.0, "largest speed fed forward, over the largest seen of late")] = 1.5
     smith: Annotated[float, Quantity("1", 0.0, 1.0, "share of the commands on their way that counts as done")] = 0.35
@@ -102,12 +123,14 @@ class State(NamedTuple):
     plain: float = 0.0  # … and of what was missed had nothing been predicted
     swing: float = 0.0  # mm, largest motion of the sheet of late
     bridged: float = 0.0  # periods since a jump; below 0: periods until the trend is known again
+    stray: float = 1e-4  # mm², mean square of what the nearest prediction missed
+    calm: float = 0.0  # periods since a jump that was real
 
 
 @part
 def init(params):
     """The initial state."""
-    return State(0.0, 0.0, 4e-6, 2.0 ** (1.0 / params.memory), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return State(0.0, 0.0, 4e-6, 2.0 ** (1.0 / params.memory), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1e-4, 0.0)
 
 
 @part
@@ -118,17 +141,52 @@ def _slot(tick, back):
 
 
 @part
+def _weigh(m, row, noise, grow, most):
+    """Bierman's update of the factors for one reading of the terms at ``row``; gains, times the result, at GAIN.
+
+    Args:
+        m: the law's memory.
+        row: where the terms lie.
+        noise: variance of an innovation that no coefficient explains.
+        grow: of the variances, by forgetting.
+        most: largest sum of the coefficients' variances.
+
+    Returns:
+        the innovation's whole variance.
+    """
+    whole = noise
+    for j in range(TERMS):
+        f = m[row + j]
+        for i in range(j):
+            f += m[SPREAD + i * TERMS + j] * m[row + i]
+        d = SPREAD + j * TERMS + j
+        v = m[d] * f
+        before, whole = whole, whole + v * f
+        m[d] *= grow * before / whole
+        for i in range(j):
+            u = m[SPREAD + i * TERMS + j]
+            m[SPREAD + i * TERMS + j] = u - f / before * m[GAIN + i]
+            m[GAIN + i] += v * u
+        m[GAIN + j] = v
+    # What is not excited must not grow for ever.
+    trace = 0.0
+    for j in range(TERMS):
+        column = 1.0
+        for i in range(j):
+            u = m[SPREAD + i * TERMS + j]
+            column += u * u
+        trace += m[SPREAD + j * TERMS + j] * column
+    if trace > most:
+        for j in range(TERMS):
+            m[SPREAD + j * TERMS + j] *= most / trace
+    return whole
+
+
+@part
 def _learn(p, m, base, now, mid, far, usual, grow):
     """Recursive least squares: what was said ``FAR`` periods ago against what came; returns the cut innovation."""
     row = SEEN + base * TERMS
-    power = 0.0
-    for i in range(TERMS):
-        g = 0.0
-        for j in range(TERMS):
-            g += m[SPREAD + i * TERMS + j] * m[row + j]
-        m[GAIN + i] = g
-        power += g * m[row + i]
-    scale = 1.0 / (usual / grow + power)
+    scale = 1.0 / _weigh(m, row, usual / grow, grow, TERMS * p.prior * p.prior)
     limit = p.gate * np.sqrt(usual)
     last = 0.0
     for k in range(3):
@@ -140,17 +198,6 @@ def _learn(p, m, base, now, mid, far, usual, grow):
         last = clip(came - m[READINGS + base] - said, -limit, limit)
         for i in range(TERMS):
             m[at + i] += scale * m[GAIN + i] * last
-    trace = 0.0
-    for i in range(TERMS):
-        cut = scale * m[GAIN + i]
-        for j in range(TERMS):
-            m[SPREAD + i * TERMS + j] = grow * (m[SPREAD + i * TERMS + j] - cut * m[GAIN + j])
-        trace += m[SPREAD + i * TERMS + i]
-    # What is not excited must not grow for ever.
-    most = TERMS * p.prior * p.prior
-    if trace > most:
-        for i in range(TERMS * TERMS):
-            m[SPREAD + i] *= most / trace
     return last
 
 
@@ -163,6 +210,41 @@ def _forget(p, m):
         m[SPREAD + i * TERMS + i] = p.prior * p.prior
     for i in range(3 * TERMS):
         m[NEARER + i] = 0.0
+
+
+@part
+def _see(m, tick, back, reading):
+    """Takes in the reading of ``back`` periods ago: what predictions are made from, and the moving averages."""
+    m[READINGS + _slot(tick, back)] = reading
+    row = SEEN + _slot(tick, back) * TERMS
+    for k in range(RECENT):
+        m[row + k] = reading - m[READINGS + _slot(tick, back + k + 1.0)]
+    share = 0.5
+    for k in range(AVERAGES):
+        m[row + RECENT + k] = reading - m[MEANS + k]
+        m[MEANS + k] += share * (reading - m[MEANS + k])
+        share *= 0.5
+
+
+@part
+def _foretold(m, tick):
+    """What this reading should be, by the latest prediction that rests on a reading, not on a bridge; whether one does.
+
+    Bridges that rest on bridges could hold each other up without end.
+    """
+    two, four, six = _slot(tick, NEAR), _slot(tick, MIDDLE), _slot(tick, FAR)
+    far = m[READINGS + six] + m[SAID + six]
+    soon = m[SOON + two] if m[TAKEN + two] > 0.5 else (m[LATER + four] if m[TAKEN + four] > 0.5 else far)
+    return soon, m[TAKEN + two] + m[TAKEN + four] + m[TAKEN + six] > 0.5
+
+
+@part
+def _take_back(m, tick, bridged):
+    """A bridge of so many periods has turned out to be wrong: what was read meanwhile counts after all."""
+    for k in range(AVERAGES):
+        m[MEANS + k] = m[BEFORE + k]
+    for i in range(np.int64(bridged)):
+        _see(m, tick, bridged - i, m[RAW + _slot(tick, bridged - i)])
 
 
 @part
@@ -185,20 +267,36 @@ def control(params, state, signals, tables, memory):
         for i in range(MEMORY):
             m[i] = 0.0
         _forget(p, m)
+    # Far from the sheet and over a hole the reading says nothing of the sheet.
+    blind, holds = not x.captured, x.mode == HOLD
     # Not the filtered height: what is off the trend is told apart in the sheet, where the head's motion does not count.
     seen, tick = x.head_position - x.raw_height, state.tick + 1.0
     last = m[READINGS + _slot(tick, 1.0)]
     expected = last + (last - m[READINGS + _slot(tick, RECENT)]) / (RECENT - 1)
-    off = abs(seen - expected) > p.jump
+    # What was predicted before the reading tells better than a trend what is off it, once it has proved itself.
+    soon, based = _foretold(m, tick)
+    proved = based and state.calm > PROVED
+    expected = soon if proved else expected
+    off = abs(seen - expected) > (clip(p.rare * np.sqrt(state.stray), FINE, p.jump) if proved else p.jump)
     bridges = off and state.bridged >= 0.0 and state.bridged < p.hold
     # Across the bridge the trend of more readings: what noise adds to it would be taken for motion.
-    measured = last + (last - m[READINGS + _slot(tick, RING)]) / (RING - 1) if bridges else seen
+    carried = soon if proved else last + (last - m[READINGS + _slot(tick, RING)]) / (RING - 1)
+    measured = carried if bridges else seen
+    missed = min((seen - soon) * (seen - soon), 9.0 * state.stray)
+    stray = max(0.99 * state.stray + 0.01 * missed, QUIET * QUIET) if proved else state.stray
     # One that outlasts is real; then the trend is that of the jump for a while.
     bridged = state.bridged + 1.0 if bridges or state.bridged < 0.0 else (-float(RECENT) if off else 0.0)
-    # Far from the sheet and over a hole the reading says nothing of the sheet.
-    blind, holds = not x.captured, x.mode == HOLD
+    calm = 0.0 if off and not bridges else state.calm + 1.0
+    m[RAW + _slot(tick, 0.0)] = seen
+    if bridges and state.bridged <= 0.0:
+        for k in range(AVERAGES):
+            m[BEFORE + k] = m[MEANS + k]
+    if off and not bridges and state.bridged > 0.0 and not holds:
+        _take_back(m, tick, state.bridged)
+    if x.fresh or blind or holds:
+        bridged, calm = 0.0, 0.0
     if x.fresh or blind:
-        measured, bridged = seen, 0.0
+        measured = seen
         for i in range(RING):
             m[READINGS + i] = measured
         for i in range(AVERAGES):
@@ -209,21 +307,14 @@ def control(params, state, signals, tables, memory):
     m[COMMANDS + _slot(tick, 1.0)] = x.command
     if holds:
         measured = m[READINGS + _slot(tick, 1.0)]
-    m[READINGS + _slot(tick, 0.0)] = measured
+    _see(m, tick, 0.0, measured)
     known = 0.0 if blind or x.fresh else (1.0 if holds else min(state.known + 1.0, 1e6))
     row = SEEN + _slot(tick, 0.0) * TERMS
-    for k in range(RECENT):
-        m[row + k] = measured - m[READINGS + _slot(tick, k + 1.0)]
-    share = 0.5
-    for k in range(AVERAGES):
-        m[row + RECENT + k] = measured - m[MEANS + k]
-        m[MEANS + k] += share * (measured - m[MEANS + k])
-        share *= 0.5
     # An error that the sheet has not made is an oscillation: back to the proportional term, and learn anew.
     swing = max(FADE * state.swing, abs(m[row + TERMS - 1]))
     if known > 0.0 and abs(x.head_position - measured - x.set_height) > SWING * swing + STRAY:
         _forget(p, m)
-        known = 1.0
+        known, calm = 1.0, 0.0
     usual, wrong, plain = state.usual, RECALL * state.wrong, RECALL * state.plain
     if known > FAR + 2.0:
         base = _slot(tick, FAR)
@@ -239,6 +330,8 @@ def control(params, state, signals, tables, memory):
         middle += m[NEARER + TERMS + i] * m[row + i]
         far += m[FARTHER + i] * m[row + i]
     m[SAID + _slot(tick, 0.0)] = far
+    m[SOON + _slot(tick, 0.0)], m[LATER + _slot(tick, 0.0)] = measured + near, measured + middle
+    m[TAKEN + _slot(tick, 0.0)] = 0.0 if bridges else 1.0
     # Head velocity is its command, later: to first order v(t) = u(t − c) − (lag − c)·u'(t − c).
     sent, before = m[COMMANDS + _slot(tick, CENTRE)], m[COMMANDS + _slot(tick, CENTRE + 1.0)]
     after = m[COMMANDS + _slot(tick, CENTRE - 1.0)]
@@ -281,4 +374,6 @@ def control(params, state, signals, tables, memory):
         plain,
         swing,
         bridged,
+        stray,
+        calm,
     ), answer - integral

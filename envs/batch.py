@@ -25,6 +25,7 @@ from .interface import (
     observe,
 )
 from .plant import heads
+from .plant.addresses import Words, address
 from .plant.controller import stage_address
 from .plant.fleet import Fleet
 from .plant.quantity import InvalidInput
@@ -79,14 +80,14 @@ class Batch(Episodes):
         if control == "schedule":
             self.fleet.widest_window(LONGEST_WINDOW, LARGEST_TRIM)
         self._weights, self._memory = np.array(self.weights), np.zeros((len(Memory._fields), size))
-        self._io = np.array(Io(
-            self.actions.ctypes.data, self.observations.ctypes.data, self.rewards.ctypes.data,
-            self.returns.ctypes.data, self.infos.ctypes.data, self._weights.ctypes.data, CONTROLS.index(control),
+        io = Words(Io(
+            address(self.actions), address(self.observations), address(self.rewards),
+            address(self.returns), address(self.infos), address(self._weights), CONTROLS.index(control),
             int(observation == "raw"), self.observations.shape[1], self.actions.shape[1], size,
-            self.left.ctypes.data, self.terminated.ctypes.data, self.truncated.ctypes.data,
-            self._memory.ctypes.data,
-        ), np.uint64)  # fmt: skip
-        self.fleet.hook(stage_address(act), stage_address(observe), self._io)
+            address(self.left), address(self.terminated), address(self.truncated),
+            address(self._memory),
+        ))  # fmt: skip
+        self.fleet.hook(stage_address(act), stage_address(observe), io)
         self.advance = self.fleet.stepper()
 
     def prepare(self, index: int, machines: np.ndarray, seeds: np.ndarray, again: bool) -> None:

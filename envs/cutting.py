@@ -19,19 +19,23 @@ class CuttingEnv(JobEnv):
     `Box(-1, 1, (8,), float32)`; `control="residual"` adds to the command of the base's process control,
     `control="direct"` takes its place.
 
-    | | action | residual at ±1 | direct, −1 to 1 |
-    |-|--------|----------------|-----------------|
-    | 0 | feed override | ±0.5 | 0.05 to the scenario's limit (2) |
-    | 1 | laser power, of the nominal | ±0.2 | 0 to the scenario's limit (1 in the suite) |
-    | 2 | frequency of the dither | ±2 kHz | 0 to 4 kHz |
-    | 3 | amplitude of the dither in x | ±0.15 mm | 0 to 0.3 mm |
-    | 4 | amplitude of the dither in y | ±0.15 mm | 0 to 0.3 mm |
-    | 5 | amplitude of the focus' dither | ±1 mm | 0 to 5 mm |
-    | 6 | offset of the focus, up positive | ±1 mm | ±5 mm |
-    | 7 | standoff, added to the nominal | ±0.3 mm | ±1 mm |
+    | | action | residual at ±1 | direct, −1 to 1 | `extrapolate`, direct |
+    |-|--------|----------------|-----------------|-----------------------|
+    | 0 | feed override | ±0.5 | 3.33 to 16.7 mm/s | 0 to the scenario's limit (2) |
+    | 1 | laser power, of the nominal | ±0.2 | 1 | 0 to the scenario's limit (1 in the suite) |
+    | 2 | frequency of the dither | ±2 kHz | 2 to 4 kHz | 0 to 4 kHz |
+    | 3 | amplitude of the dither in x | ±0.15 mm | 0 to 0.3 mm | 0 to 0.3 mm |
+    | 4 | amplitude of the dither in y | ±0.15 mm | 0 to 0.3 mm | 0 to 0.3 mm |
+    | 5 | amplitude of the focus' dither | ±1 mm | 0 to 1 mm at 2 kHz, to 5 mm at 4 kHz | 0 to 5 mm |
+    | 6 | offset of the focus, up positive | ±1 mm | ±0.1 mm | ±5 mm |
+    | 7 | standoff, added to the nominal | ±0.3 mm | ±0.05 mm | ±1 mm |
 
-    Values beyond what the optics, the recipe and the axes allow are limited to it. The override holds in lead-ins and
-    cuts; rapids and piercing take the time they take.
+    What comes out is limited to the settings that the material's figures were calibrated on (`envs/evidence.py`; for
+    C45 those that Huang2024 published): the third column, with equal amplitudes in x and y, the smaller of the two, and
+    a feed of at most 8.33 mm/s without dither, 16.7 mm/s with ±0.3 mm of it. `extrapolate=True` leaves only what the
+    optics, the recipe and the axes allow; `info` then says by how much the settings lie outside, and figures are
+    *extrapolated*. Of materials whose coefficients are assumed nothing was published: they are not limited, and always
+    marked. The override holds in lead-ins and cuts; rapids and piercing take the time they take.
 
     ## Observation Space
 
@@ -59,7 +63,8 @@ class CuttingEnv(JobEnv):
     ## Info
 
     Numbers in mm, mm/s, s, W and Hz, names in `job_interface.INFO["cutting"]`;
-    `objectives` is the vector of dross, roughness, share cut through of the step, and time.
+    `objectives` is the vector of dross, roughness, share cut through of the step, and time. `extrapolated` is 1 while
+    the settings lie outside those that the figures were calibrated on, `beyond_…` say by how much each does.
 
     ## Arguments
 
@@ -73,6 +78,7 @@ class CuttingEnv(JobEnv):
     | `reward`      | `None`             | weights that differ from the default                                        |
     | `base`        | `"recipe"`         | does what the action leaves open: `"z=pid,xy=wu,process=recipe"`            |
     | `machine`     | `None`             | tables that change the scenario: `{"gantry": {"preset": "modern"}}`         |
+    | `extrapolate` | `False`            | actions and base may leave the calibrated settings                          |
     | `max_steps`   | `None`             | shorter episodes, for training                                              |
     | `render_mode` | `None`             | `"rgb_array"`                                                               |
     | `colour`      | `"standoff"`       | of the kerf: `standoff`, `contour`, `dross`, `roughness`                    |
@@ -99,13 +105,14 @@ class CuttingEnv(JobEnv):
         base: Any = "recipe",
         machine: dict[str, Any] | None = None,
         path: str | None = None,
+        extrapolate: bool = False,
         max_steps: int | None = None,
         render_mode: str | None = None,
         colour: str = "standoff",
     ) -> None:
         super().__init__(
             render_mode, scenario=scenario, control=control, observation=observation, split=split, reward=reward,
-            base=base, machine=machine, path=path, max_steps=max_steps, colour=colour,
+            base=base, machine=machine, path=path, extrapolate=extrapolate, max_steps=max_steps, colour=colour,
         )  # fmt: skip
 
 

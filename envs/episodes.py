@@ -69,6 +69,11 @@ class Episodes:
         """Whether the machine has got a sequence of episodes."""
         return bool(self._sequence[machine] >= 0)
 
+    @property
+    def begun(self) -> np.ndarray:
+        """Episodes that each machine has begun in its sequence, shape (size,)."""
+        return self._episode.copy()
+
     def sequence(self, machines: Any, seeds: Any) -> None:
         """Gives machines new sequences of episodes, one seed each."""
         self._sequence[machines], self._episode[machines] = seeds, 0

@@ -14,6 +14,7 @@ from .job_interface import FEATURES, LIMIT, ContourReward, CuttingReward, Io
 from .kerf_film import KerfFilm
 from .kerf_picture import QUANTITIES
 from .plant import heads
+from .plant.addresses import Words, address
 from .plant.controller import stage_address
 from .plant.fleet import Fleet
 from .plant.quantity import InvalidInput
@@ -48,6 +49,7 @@ class JobBatch(Episodes):
         max_steps: int | None = None,
         colour: str = "standoff",
         threads: int = 1,
+        extrapolate: bool = False,
     ) -> None:
         contour = self.TASK == "contour"
         check_choice(control, interface.CONTROLS[:1] if contour else interface.CONTROLS, "control")
@@ -57,6 +59,8 @@ class JobBatch(Episodes):
         found = chosen(scenario or ("contour-square" if contour else "cut-square"), machine)
         if path is not None:
             found = [s.varied(job={"part": str(path), "size": 0.0}) if s.job else s for s in found]
+        if extrapolate:
+            found = [s.varied(job={"extrapolate": True}) if s.job else s for s in found]
         for each in found:
             if each.job is None:
                 raise InvalidInput(f"scenario '{each.name}' has no job; this environment needs one with a table [job]")
@@ -84,13 +88,13 @@ class JobBatch(Episodes):
         gantries = self.fleet.use_gantries(self.base.xy.law, self.base.process.law)
         self.base.install(self.fleet, np.arange(size))
         self._weights = np.array(self.weights)
-        self._io = np.array(Io(
-            self.actions.ctypes.data, self.observations.ctypes.data, self.rewards.ctypes.data,
-            self.returns.ctypes.data, self.infos.ctypes.data, self._weights.ctypes.data,
+        io = Words(Io(
+            address(self.actions), address(self.observations), address(self.rewards),
+            address(self.returns), address(self.infos), address(self._weights),
             interface.TASKS.index(self.TASK), int(control == "direct"), int(observation == "raw"), seen, width, size,
-            self.left.ctypes.data, self.terminated.ctypes.data, self.truncated.ctypes.data, gantries.address,
-        ), np.uint64)  # fmt: skip
-        self.fleet.hook(stage_address(interface.act), stage_address(interface.observe), self._io)
+            address(self.left), address(self.terminated), address(self.truncated), gantries.address,
+        ))  # fmt: skip
+        self.fleet.hook(stage_address(interface.act), stage_address(interface.observe), io)
         self.advance = self.fleet.stepper(PERIOD)
 
     def prepare(self, index: int, machines: np.ndarray, seeds: np.ndarray, again: bool) -> None:

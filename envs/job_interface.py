@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .plant import cut, gantry, machine, xy_axes
+from .plant import cut, gantry, machine, published, xy_axes
 from .plant.controller import PERIOD, Privileged, Process
 from .plant.gantry import CUT, LEAD_IN, Hand, Journey, Progress, Recipe, Sums, Trail, between
 from .plant.lanes import U0, U1, UW, U, clip, doubles, flags, load, logarithm, part, singles, store, words
@@ -73,7 +73,7 @@ INFO = {
         "measured_height", "cost", "length", "step_contour_rms", "done", "margin", "dross", "roughness", "kerf",
         "taper", "power", "frequency", "step_dross", "step_roughness", "step_through", "reward_quality",
         "reward_through", "reward_time", "reward_collision", "weighted_quality", "weighted_through", "weighted_time",
-        "weighted_collision",
+        "weighted_collision", "extrapolated", *(f"beyond_{name}" for name in published.Excess._fields),
     ),
 }  # fmt: skip
 """What ``info`` holds, in order: mm, mm/s, s, W, Hz; ``step_…`` are means over the cut of the last 8 ms."""
@@ -142,6 +142,7 @@ _STEP = 8e-3
 _BACK = 2
 """ms that the trail reaches back."""
 _TURNS = U(len(TURNS))
+_EXTRAPOLATED, _EXCESSES = U(INFO["cutting"].index("extrapolated")), U(len(published.Excess._fields))
 
 
 @part
@@ -178,6 +179,12 @@ def _heading(jobs, j, tau):
 # --------------------------------------------------------------------------------------------------- the action
 
 
+@part
+def between_ends(low, high, u):
+    """From ``low`` at u = −1 to ``high`` at 1."""
+    return low + 0.5 * (u + 1.0) * (high - low)
+
+
 def act(block_address, at, n, io_address, first):
     """Stage before a step: the action becomes what the hand adds to path and process."""
     io = words(io_address, _IO)
@@ -202,12 +209,24 @@ def act(block_address, at, n, io_address, first):
             u6, u7 = clip(np.float64(actions[i + U(6)]), -1.0, 1.0), clip(np.float64(actions[i + U(7)]), -1.0, 1.0)
             if io[_DIRECT] == U1:
                 r, p = load(Recipe, g, a + gantry.P_RECIPE), load(gantry.spot.Params, g, a + gantry.P_OPTICS)
+                q, j = load(published.Range, g, a + gantry.P_PUBLISHED), load(Journey, g, a + gantry.P_JOURNEY)
                 # From nothing to the most that the optics and the recipe allow; 0 is the middle.
                 h = Process(
                     0.5 * (u0 + 1.0) * r.most_override, 0.5 * (u1 + 1.0) * r.most_power,
                     0.5 * (u2 + 1.0) * p.highest, 0.5 * (u3 + 1.0) * p.galvo_range, 0.5 * (u4 + 1.0) * p.galvo_range,
                     0.5 * (u5 + 1.0) * p.piezo_range, u6 * p.piezo_range, u7 * r.most_standoff,
                 )  # fmt: skip
+                if q.bounded:
+                    # The same within the settings that the material's figures were calibrated on.
+                    hertz = between_ends(q.frequency_low, min(q.frequency_high, p.highest), u2)
+                    h = Process(
+                        between_ends(q.feed_low / j.feed, min(q.feed_high / j.feed, r.most_override), u0),
+                        between_ends(q.power_low, q.power_high, u1), hertz,
+                        between_ends(0.0, min(q.amplitude, p.galvo_range), u3),
+                        between_ends(0.0, min(q.amplitude, p.galvo_range), u4),
+                        between_ends(0.0, min(published.deepest(q, hertz), p.piezo_range), u5),
+                        u6 * q.focus, u7 * q.standoff,
+                    )  # fmt: skip
             else:
                 h = Process(
                     RESIDUAL.override * u0, RESIDUAL.power * u1, RESIDUAL.frequency * u2, RESIDUAL.x * u3,
@@ -388,6 +407,10 @@ def _cutting_reward(g, b, infos, o, m, weights):
     infos[o + U(27) * m] = length * (1.0 - through)
     infos[o + U(28) * m] = _lost(g, b)
     infos[o + U(29) * m] = infos[o + U(12) * m]
+    excess = load(published.Excess, g, b + gantry.EXCESS)
+    infos[o + _EXTRAPOLATED * m] = 1.0 if published.outside(excess) else 0.0
+    for k in range(_EXCESSES):
+        infos[o + (_EXTRAPOLATED + U1 + k) * m] = g[b + gantry.EXCESS + k * UW]
     return _weigh(infos, o, m, weights, U(26), U(4))
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from .paths.job import Job
 from .plant.fleet import Fleet
 from .plant.gantry import Sums
+from .plant.published import Excess
 
 
 @dataclass(frozen=True)
@@ -18,6 +19,7 @@ class Jobs:
     collided: np.ndarray
     lowest: np.ndarray  # mm, smallest gap
     covered: np.ndarray  # share of the job's cuts that lies behind
+    worst: dict[str, np.ndarray]  # largest excess over the published settings while cutting
 
     @classmethod
     def of(cls, fleet: Fleet, job: Job) -> "Jobs":
@@ -26,7 +28,9 @@ class Jobs:
         sums = {name: fleet.gantries.column(f"sums.{name}") for name in Sums._fields}
         near = np.nan_to_num(fleet.gantries.column("progress.near")).astype(int)
         covered = job.cut_s[np.clip(near, 0, len(job.x) - 1)] / job.cut_length
-        return cls(sums, fleet.column("tally.collided") > 0.5, fleet.column("tally.lowest"), covered)
+        return cls(sums, fleet.column("tally.collided") > 0.5, fleet.column("tally.lowest"), covered, {
+            name: fleet.gantries.column(f"worst.{name}") for name in Excess._fields
+        })  # fmt: skip
 
     def mean(self, name: str) -> np.ndarray:
         """Mean over the length that was cut."""
@@ -65,6 +69,12 @@ def evaluate(jobs: Jobs) -> dict[str, np.ndarray]:
     kept = ("collision", "covered")
     figures = {name: each.function(jobs) for name, each in METRICS.items()}
     return {name: f if name in kept else np.where(lost, np.nan, f) for name, f in figures.items()}
+
+
+def evidence(jobs: Jobs) -> dict[str, np.ndarray]:
+    """``extrapolated``, the share of the cut that was made with settings outside those that its figures were calibrated
+    on, and the largest excess of each setting, ``beyond_…`` (:mod:`evidence`)."""
+    return {"extrapolated": jobs.mean("outside"), **{f"beyond_{name}": x for name, x in jobs.worst.items()}}
 
 
 def broken(jobs: Jobs) -> np.ndarray:

@@ -3,7 +3,8 @@
 The beam's energy is deposited along the simulated way of the spot, ``S_a = S_e + S_r`` (Huang2024 eq. 13), with a
 Gaussian whose radius follows from the depth and the momentary focus, on a grid of cells along the path, layers over the
 thickness and places across it. Its lateral density gives ∫p², effective width and kerf at each cell and depth, its edge
-what path and dither write on the wall; melt margin, roughness and dross follow as in the streaming form.
+what path and dither write on the wall; melt margin, film, gas, roughness and dross follow as in the streaming form,
+from the kerf of every layer.
 """
 
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from .plant import cut, gantry, spot
-from .plant.cut import CUTOFF, LENGTH
+from .plant.cut import CUTOFF, FILM, FLOW, LENGTH, WIDTH
 from .plant.quantity import InvalidInput
 
 Floats = npt.NDArray[np.float64]
@@ -158,19 +159,17 @@ def evaluate(trajectory: Trajectory, p: cut.Params, span: float = 0.6) -> Qualit
     length = 4.0 * np.sqrt(0.25 * p.w0**2 + spread.var())
     absorbed = cut.absorptivity(p, length)
     front = length / CELL / np.sqrt(12.0)  # σ of a box as long as the front
-    densities, edges = [], []
-    kerfs = {}
+    densities, edges, fields = [], [], []
     for depth_of in (*layers, 0.0, p.thickness):
         field = np.zeros((cells + 1, places + 1))
         for level, single in zip(levels, maps, strict=True):
             sigma = 0.5 * p.w0 * np.sqrt(1.0 + ((depth_of - level) / p.zr) ** 2)
             field += ndimage.gaussian_filter(single, (sigma / CELL, sigma / pitch), mode="nearest", truncate=5.0)
         smooth = ndimage.gaussian_filter1d(field, front, axis=0, mode="nearest")
-        if depth_of in (0.0, p.thickness):
-            kerfs[depth_of] = smooth
-            if depth_of == 0.0:
-                edges = [_edge(field, pitch, side) for side in (-1, 1)]
-        else:
+        fields.append(smooth[:cells])
+        if depth_of == 0.0:
+            edges = [_edge(field, pitch, side) for side in (-1, 1)]
+        elif depth_of < p.thickness:
             density = smooth / np.maximum(smooth.sum(axis=1, keepdims=True) * pitch, 1e-300)
             densities.append((density**2).sum(axis=1) * pitch)
     density = np.array(densities).T[:cells]
@@ -179,18 +178,38 @@ def evaluate(trajectory: Trajectory, p: cut.Params, span: float = 0.6) -> Qualit
     margin = _margins(p, absorbed * power / p.thickness, v, density)
     log_g = np.log(np.where(error > 0, 1 / (1 + (error / p.gas_above) ** 2), 1 / (1 + (error / p.gas_below) ** 2)))
     log_g = log_g + float(np.log(p.pressure))
-    mean, bottom = margin.mean(axis=1), margin[:, -LAYERS // 5 :].mean(axis=1)
-    melted = p.rough * np.maximum(mean, 0.02) ** -p.rough_power * np.exp(-p.rough_gas * log_g)
+    mean = margin.mean(axis=1)
+    each = [*margin.T, margin[:, 0], margin[:, -1]]  # of the layers, the top and the bottom
+    *inner, top, low = (_kerf(field, m, pitch) for field, m in zip(fields, each, strict=True))
+    kerf = np.array(inner).T
+    thick, flow = _blown(p, v, margin, kerf, np.maximum(0.0, low / top - 1.0) ** 2)
+    melted = p.rough * (thick / FILM) ** p.rough_power * np.exp(-p.rough_gas * log_g)
     ends = int((np.ptp(spread) + 2 * length) / CELL)  # where the dither has not been everywhere yet
     written = np.mean([_geometric(_interior(edge[:cells], ends)) for edge in edges], axis=0)
     felt = np.sqrt(ndimage.uniform_filter1d(error**2, int(5 * LENGTH / CELL), mode="nearest"))
     burnt = p.upturn * np.maximum(0.0, mean - p.upturn_from)
     rough = np.sqrt(melted**2 + written**2 + (p.follow * felt) ** 2 + burnt**2)
-    top, low = (_kerf(kerfs[z][:cells], m, pitch) for z, m in ((0.0, margin[:, 0]), (p.thickness, margin[:, -1])))
+    dross = p.dross * np.cbrt(kerf.mean(axis=1) / WIDTH) * np.sqrt(FLOW / flow) * np.exp(-0.5 * log_g)
     return Quality(
-        np.asarray(start + CELL * np.arange(cells), np.float64), margin, np.maximum(rough, p.floor),
-        p.dross * np.maximum(bottom, 0.02) ** -p.dross_power * np.exp(-0.5 * log_g), top, low, 0.5 * np.abs(top - low),
+        np.asarray(start + CELL * np.arange(cells), np.float64), margin, np.maximum(rough, p.floor), dross, top, low,
+        0.5 * np.abs(top - low),
     )  # fmt: skip
+
+
+def _blown(p: cut.Params, v: Floats, margin: Floats, kerf: Floats, widening: Floats) -> tuple[Floats, Floats]:
+    """Melt film at the bottom (mm) and flow K, per cell, from melt margin and kerf, (cells, layers)."""
+    u = (np.arange(LAYERS) + 0.5) / LAYERS
+    cold = ((1.0 + p.carry * (1.0 - 2.0 * u)) / np.maximum(margin, 0.02)).mean(axis=1)
+
+    def flow(film: Floats) -> Floats:
+        gap = np.maximum(kerf - 2.0 * film[:, None] * np.sqrt(u), cut.OPEN * kerf)
+        return 1.0 / (1.0 + widening + p.slot * p.thickness * (1.0 / gap).mean(axis=1))
+
+    def film(flow: Floats) -> Floats:
+        return np.sqrt(p.film * v * p.thickness * np.minimum(cold, 50.0) / flow)
+
+    found = flow(film(flow(np.zeros(len(v)))))
+    return film(found), found
 
 
 def _bins(values: Floats, width: float) -> tuple[npt.NDArray[np.int64], Floats]:
@@ -260,7 +279,8 @@ def _geometric(edge: Floats) -> Floats:
 def _kerf(field: Floats, margin: Floats, pitch: float) -> Floats:
     """Width over which the energy exceeds what is needed; without dither and at m = 1 four σ, the paper's 2·ω0."""
     peak = field.max(axis=1, keepdims=True)
-    return ((field >= peak * np.exp(-2.0) / np.maximum(margin, 1e-6)[:, None]).sum(axis=1)) * pitch
+    wide = (field >= peak * np.exp(-2.0) / np.maximum(margin, 1e-6)[:, None]).sum(axis=1)
+    return np.maximum(wide, 1) * pitch
 
 
 def iso_range(roughness: float, thickness: float) -> str:

@@ -98,13 +98,23 @@ class Axis(_Section):
     bandwidth: Annotated[Number, _q("Hz", 5, 500, "velocity loop")] = Uniform(uniform=(50, 120))
     zeta: Annotated[Number, _q("1", 0.2, 2, "its damping ratio")] = Uniform(uniform=(0.6, 1.0))
     dead_time: Annotated[Number, _q("s", 0, 0.004, "command to drive")] = Choice(choice=(0.001, 0.002))
+    latency: Annotated[Number, _q("s", 0, 0.002, "of computing and field bus, beside the dead time")] = Uniform(
+        uniform=(0.0001, 0.0009)
+    )
     acceleration: Annotated[Number, _q("mm/s²", 500, 1e5, "limit")] = Uniform(uniform=(10_000, 18_000))
     jerk: Annotated[Number, _q("mm/s³", 1e4, 1e8, "limit of the drive")] = 2e6
     speed: Annotated[Number, _q("mm/s", 10, 2000, "limit", "Xi2023")] = 500.0
     resonance: Annotated[Number, _q("Hz", 10, 1000, "structural mode")] = Uniform(uniform=(60, 150))
     resonance_zeta: Annotated[Number, _q("1", 0.005, 1, "its damping ratio")] = 0.05
     compliance: Annotated[Number, _q("1", 0, 1, "its share of the load path")] = 0.1
-    friction: Annotated[Number, _q("mm/s²", 0, 1e4, "Coulomb friction over mass")] = 800.0
+    friction: Annotated[Number, _q("mm/s²", 0, 1e4, "Coulomb friction over mass")] = Uniform(uniform=(600, 1000))
+    bristle: Annotated[
+        Number, _q("mm", 0, 0.1, "that Coulomb friction bends before it slides (LuGre); 0: viscous below 1 mm/s")
+    ] = Uniform(uniform=(0.002, 0.010))
+    stiction: Annotated[Number, _q("1", 1, 3, "static over Coulomb friction")] = Uniform(uniform=(1.2, 1.6))
+    stribeck: Annotated[Number, _q("mm/s", 0.1, 100, "speed at which half that difference is gone")] = Uniform(
+        uniform=(1, 5)
+    )
     backlash: Annotated[Number, _q("mm", 0, 0.2, "free play, closed by gravity")] = 0.005
     encoder: Annotated[Number, _q("mm", 0, 0.1, "per count; 0: ideal")] = 1e-3
     dac_bits: Annotated[Number, _q("bit", 0, 24, "of ±speed; 0: ideal")] = 16.0
@@ -114,6 +124,9 @@ class Axis(_Section):
 class Head(_Section):
     """The sensor's noise and disturbances (PHYSICS §1); the head itself comes from the pool of calibrated heads."""
 
+    plate: Annotated[
+        float, _q("mm", sheet.FOOTPRINT, 20, "radius of the plate's footprint, a hemisphere; the score's is 2 mm")
+    ] = sheet.PLATE
     noise: Annotated[Number, _q("pF", 0, 1, "capacitance noise, sigma")] = LogUniform(log_uniform=(5e-4, 5e-3))
     jitter: Annotated[Number, _q("1", 0, 1e-3, "relative oscillator noise per sample, sigma")] = 1e-6
     drift: Annotated[Number, _q("1", -0.05, 0.05, "relative change of L·C when warm")] = 0.0
@@ -148,10 +161,52 @@ class Wave(_Section):
 
 @dataclass(frozen=True, kw_only=True)
 class Vibration(_Section):
-    """A sine in time that moves the whole sheet."""
+    """A motion in time of the whole sheet: a tone, or with ``zeta`` a band, the mode of a plate that noise shakes."""
 
     frequency: Annotated[Number, _q("Hz", 0, 400, "")]
-    amplitude: Annotated[Number, _q("mm", 0, 5, "")]
+    amplitude: Annotated[Number, _q("mm", 0, 5, "of a band √2 times its RMS")]
+    zeta: Annotated[Number, _q("1", 0, 0.7, "damping ratio of a band; 0: a tone")] = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Random(_Section):
+    """A sheet of continuous spectrum: power density ~ 1/(k² + k0²)^(exponent/2), k0 = 2π/rolloff."""
+
+    rms: Annotated[Number, _q("mm", 0, 5, "under the nozzle's tip")]
+    exponent: Annotated[float, _q("1", 1, 5, "with which the density falls over the wavenumber")] = 2.0
+    rolloff: Annotated[float, _q("mm", 10, 5000, "wavelength beyond which it no longer rises")] = 300.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Corners(_Section):
+    """Corners for which the feed slows down; the path goes straight on."""
+
+    pitch: Annotated[Number, _q("mm", 10, 1e4, "one corner in each")]
+    feed: Annotated[Number, _q("mm/s", 1, 2000, "in a corner")] = 20.0
+    acceleration: Annotated[Number, _q("mm/s²", 100, 1e5, "of the axes")] = 5000.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Turns(_Section):
+    """An episode in several turns; what is named is on in the turns whose numbers (from 0) it has, and else off."""
+
+    length: Annotated[float, _q("s", 2, 600, "of a turn")]
+    count: Annotated[int, _q("", 1, 32, "turns, after which they begin anew", whole=True)]
+    waves: tuple[int, ...] = ()
+    random: tuple[int, ...] = ()
+    vibrations: tuple[int, ...] = ()
+    impulses: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("waves", "random", "vibrations", "impulses"):
+            for turn in getattr(self, name):
+                if not 0 <= turn < self.count:
+                    raise ValueError(f"{name} = {turn} is out of range; allowed: 0 to {self.count - 1}, the turns")
+
+    def mask(self, name: str) -> float:
+        """A bit for each turn in which ``name`` is on."""
+        return float(sum(1 << turn for turn in set(getattr(self, name))))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -209,6 +264,7 @@ class Sheet(_Section):
     tilt_y: Annotated[Number, _q("mm/mm", -0.3, 0.3, "slope along y")] = 0.0
     waves: tuple[Wave, ...] = ()
     vibrations: tuple[Vibration, ...] = ()
+    random: Random | None = None
     steps: Steps | None = None
     holes: Holes | None = None
     bulge: Bulge | None = None
@@ -260,6 +316,7 @@ class Job(_Section):
     power: Annotated[float, _q("1", 0, 2, "largest power, of the nominal one")] = 1.2
     pressure: Annotated[Number, _q("1", 0.1, 3, "of the gas, of the nominal one")] = 1.0
     standoff: Annotated[Number, _q("mm", -0.5, 0.5, "by which the machine is set off the recipe's standoff")] = 0.0
+    extrapolate: bool = False  # process commands may leave the settings that the material's figures were calibrated on
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -297,7 +354,7 @@ class Scenario(_Section):
 
     name: str  # in tables and plots
     summary: str = ""  # what happens, in a line
-    version: int = 1  # of the suite that it belongs to
+    version: int = 2  # of the suite that it belongs to
     duration: Annotated[float, _q("s", 0.05, 600, "of an episode")] = 3.0
     settle: Annotated[float, _q("s", 0, 60, "at the start, not scored")] = 0.3
     feed: Annotated[Number, _q("mm/s", 0, 2000, "along the path")] = 200.0
@@ -307,6 +364,9 @@ class Scenario(_Section):
     exempt: bool = False  # built to defeat followers: collisions are expected and not counted
     path: str | None = None  # a drawing (DXF, SVG, G-code) along whose contours the nozzle travels
     circle: Circle | None = None
+    back: Annotated[float, _q("mm", 100, 1e6, "after which a straight path turns back")] = 3000.0
+    corners: Corners | None = None
+    turns: Turns | None = None
     axis: Axis = Axis()
     head: Head = Head()
     sheet: Sheet = Sheet()
@@ -318,6 +378,8 @@ class Scenario(_Section):
         super().__post_init__()
         if self.path and self.circle:
             raise ValueError("path and circle exclude each other in one scenario")
+        if self.corners and (self.path or self.circle or self.job):
+            raise ValueError("corners are for straight paths; path, circle and job exclude them")
         if self.job and self.circle:
             raise ValueError("job and circle exclude each other in one scenario")
 
@@ -614,6 +676,9 @@ def prepare(fleet: Fleet, scenario: Scenario, machines: Any, seeds: Any, again: 
         fleet.set("path.lap", m, scenario.circle.length if scenario.circle else 0.0)
         set_height = value(scenario, "set_height", "")
         fleet.set("path.feed", m, value(scenario, "feed", ""))
+        fleet.set("path.back", m, scenario.back)
+        _prepare_corners(fleet, scenario.corners, m, draws)
+        _prepare_turns(fleet, scenario.turns, m)
         fleet.set("job.set_height", m, set_height)
         fleet.set("job.hole_guard", m, float(scenario.guard))
         fleet.set("start.gap", m, set_height + value(scenario, "start_above", ""))
@@ -627,10 +692,13 @@ def _prepare_axis(fleet: Fleet, m: np.ndarray, value: Any) -> None:
         "speed": speed,
         "acceleration": value("acceleration"),
         "jerk": value("jerk"),
-        "dead_time": value("dead_time") / PERIOD,
+        "dead_time": (value("dead_time") + value("latency")) / PERIOD,
         "dac": np.where(bits > 0, speed / 2.0 ** np.maximum(bits - 1, 0), 0.0),
         "encoder": value("encoder"),
         "friction": value("friction"),
+        "bristle": value("bristle"),
+        "stiction": value("stiction"),
+        "stribeck": value("stribeck"),
         "backlash": value("backlash"),
         "omega_r": 2 * np.pi * value("resonance"),
         "zeta_r": value("resonance_zeta"),
@@ -674,6 +742,8 @@ def _prepare_head(fleet: Fleet, head: Head, m: np.ndarray, draws: Draws, value: 
 
 def _prepare_sheet(fleet: Fleet, scenario: Scenario, m: np.ndarray, draws: Draws) -> None:
     shape = scenario.sheet
+    plate = scenario.head.plate
+    fleet.put_plate(m, plate)
     fleet.set("sheet.tilt_x", m, draw(shape.tilt, draws, "sheet.tilt"))
     fleet.set("sheet.tilt_y", m, draw(shape.tilt_y, draws, "sheet.tilt_y"))
     for i in range(sheet.WAVES):
@@ -686,7 +756,7 @@ def _prepare_sheet(fleet: Fleet, scenario: Scenario, m: np.ndarray, draws: Draws
             angle = np.deg2rad(draw(w.direction, draws, label + "direction"))
             k, phase = 2 * np.pi / length, 2 * np.pi * draws.fraction(label + "phase")
             amplitude = draw(w.amplitude, draws, label + "amplitude") * relative
-            fleet.put_wave(m, i, amplitude, k * np.cos(angle), k * np.sin(angle), phase)
+            fleet.put_wave(m, i, amplitude, k * np.cos(angle), k * np.sin(angle), phase, plate)
         elif i < fleet.waves:
             fleet.put_wave(m, i, 0.0, 0.0, 0.0, 0.0)
     for i in range(sheet.VIBRATIONS):
@@ -694,10 +764,11 @@ def _prepare_sheet(fleet: Fleet, scenario: Scenario, m: np.ndarray, draws: Draws
             v, label = shape.vibrations[i], f"sheet.vibrations.{i}."
             fleet.put_vibration(
                 m, i, draw(v.amplitude, draws, label + "amplitude"), draw(v.frequency, draws, label + "frequency"),
-                2 * np.pi * draws.fraction(label + "phase"),
+                2 * np.pi * draws.fraction(label + "phase"), draw(v.zeta, draws, label + "zeta"),
             )  # fmt: skip
         elif i < fleet.vibrations:
             fleet.put_vibration(m, i, 0.0, 0.0, 0.0)
+    _put_random(fleet, shape.random, plate, m, draws)
     fleet.clear_features(m)
     if shape.steps:
         _put_steps(fleet, shape.steps, m, draws)
@@ -747,6 +818,35 @@ def _prepare_gantry(fleet: Fleet, scenario: Scenario, m: np.ndarray, draws: Draw
     if scenario.job:
         fleet.gantries.set("cut.pressure", m, draw(scenario.job.pressure, draws, "job.pressure"))
         fleet.gantries.set("recipe.offset", m, draw(scenario.job.standoff, draws, "job.standoff"))
+
+
+def _put_random(fleet: Fleet, random: Random | None, plate: float, m: np.ndarray, draws: Draws) -> None:
+    if random is None:
+        fleet.put_random(m, None)
+        return
+    rms, angle = draw(random.rms, draws, "sheet.random.rms"), 2 * np.pi * draws.fraction("sheet.random.share")
+    begin = [
+        n * sheet.RANDOM_SPACING * draws.fraction(f"sheet.random.begin.{i}")
+        for i, n in enumerate((sheet.RANDOM_ONE, sheet.RANDOM_TWO))
+    ]
+    fleet.put_random(m, (random.exponent, random.rolloff, plate), (rms * np.cos(angle), rms * np.sin(angle), *begin))
+
+
+def _prepare_corners(fleet: Fleet, corners: Corners | None, m: np.ndarray, draws: Draws) -> None:
+    fleet.set("path.corner", m, draw(corners.pitch, draws, "corners.pitch") if corners else 0.0)
+    if corners:
+        fleet.set("path.corner_feed", m, draw(corners.feed, draws, "corners.feed"))
+        fleet.set("path.corner_acceleration", m, draw(corners.acceleration, draws, "corners.acceleration"))
+        fleet.set("path.corner_phase", m, draws.fraction("corners.phase"))
+
+
+def _prepare_turns(fleet: Fleet, turns: Turns | None, m: np.ndarray) -> None:
+    fleet.set("turns.length", m, turns.length if turns else 0.0)
+    if turns:
+        fleet.set("turns.many", m, float(turns.count))
+        for name in ("waves", "random", "vibrations", "impulses"):
+            fleet.set(f"turns.{name}", m, turns.mask(name))
+        fleet.use_turns()
 
 
 def _put_steps(fleet: Fleet, steps: Steps, m: np.ndarray, draws: Draws) -> None:
@@ -827,6 +927,9 @@ def load(name: str | Path | Scenario) -> Scenario:
     """
     if isinstance(name, Scenario):
         return name
+    group, _, own = str(name).partition("/")
+    if own and group in suites() and own in rules(group)["scenarios"]:
+        return _shipped(group, own)
     for group in suites():
         if (_SUITES / group / f"{name}.toml").is_file():
             return _shipped(group, str(name))

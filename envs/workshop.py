@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from . import scenarios
+from . import evidence, scenarios
 from .material import Material, material
 from .paths import kerf, parts
 from .paths.checks import check_travel
@@ -100,6 +100,7 @@ def equip(fleet: Fleet, scenario: Scenario, team: Team, machines: Any) -> Job:
         most_power=wanted.power,
     ))  # fmt: skip
     g.put("cut", machines, steel.params)
+    g.put("published", machines, evidence.of(steel.name, wanted.extrapolate))
     return job
 
 

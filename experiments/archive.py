@@ -202,6 +202,8 @@ def _grid(folder: Path, name: str, entry: Any, meta: dict[str, Any], notes: list
         kind, at = entry["kind"], folder / entry["folder"]
         kept = entry.get("tables", {})
         frames = {table: _table(at, table, kept.get(table), notes) for table in TABLES[kind]}
+        if "headroom" in frames:  # what version 0.1 called a bound is a reference
+            frames["headroom"] = frames["headroom"].rename(columns={"bound": "informed", "bound_rms": "informed_rms"})
         rows = _table(at, "runs", kept.get("runs"), notes, needed=True)
         lacking = [c for c in ("controller", "information", "scenario", "seed", "failed") if c not in rows]
         if lacking or not len(rows):

@@ -16,6 +16,7 @@ from ..envs.plant.quantity import InvalidInput
 from ..envs.scenarios import Scenario
 from . import archive, decisions, detuned, digest, jobs, plants, pool, rollout, runs
 from .bars import Bars
+from .bounds import recorded
 from .grids import Grid, resolved
 from .ledger import Ledger
 from .results import Results
@@ -167,6 +168,7 @@ def _results(
     meta = record | {
         "seeds": f"{min(grid.seeds)}-{max(grid.seeds)}", "seed_count": len(grid.seeds), "scenarios": names,
         "controllers": list(grid.controllers), "core": list(grid.core),
+        "bounds": {s.name: each.bound for s in grid.scenarios if (each := recorded(s))},
         "ledger": {
             name: Ledger(int(row["steps"]), float(row["cpu_seconds"])).entry() for name, row in ledger.iterrows()
         },

@@ -17,8 +17,9 @@ SLACK = 1.1
 """Budgets up to this ratio count as equal: searches skip what they see to be impossible, which costs no steps."""
 
 CPU_SLACK = 2.0
-"""The same for CPU-seconds: on one machine, searches of 634 million steps took from 230 to 470 of them. They are the
-measure of learning itself, whose effort is not in simulated steps alone, and where nothing else is known of both."""
+"""The same for CPU-seconds, in which searches of equally many steps differ by about as much on one machine. They are
+the measure of learning itself, whose effort is not in simulated steps alone, and where nothing else is known of
+both."""
 
 NONE, LARGER, EDITED = "none", "larger", "edited"
 MARKS = {

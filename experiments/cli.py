@@ -70,6 +70,7 @@ def benchmark(
     suite: Annotated[UseAppendAction[list[str]], arg(metavar="NAME")] = [],  # noqa: B006
     shipped: bool = False,
     path: Annotated[Path | None, arg(metavar="FILE")] = None,
+    extrapolate: bool = False,
     seeds: int | None = None,
     split: str = "test",
     name: str | None = None,
@@ -97,6 +98,8 @@ def benchmark(
             --suite on following, contour and cutting.
         path: drawing or programme (DXF, SVG, G-code). In the suites contour and cutting it is the part that is cut; in
             following the nozzle travels its contours, on a wavy, tilted sheet unless --scenario says otherwise.
+        extrapolate: process settings may leave those that the cut's figures were calibrated on; such figures are marked
+            and not ranked.
         seeds: how many seeds of the split. Default: what each suite says, 200 for followers, 20 for jobs and drawings.
         split: test, tune or reserve.
         name: of the run folder. Default: date and time.
@@ -115,7 +118,9 @@ def benchmark(
     from . import archive, grids, runs
     from . import benchmark as bench
 
-    planned = grids.plan(suite, controller, scenario, path=path, seeds=seeds, split=split, everything=shipped)
+    planned = grids.plan(
+        suite, controller, scenario, path=path, seeds=seeds, split=split, everything=shipped, extrapolate=extrapolate
+    )
     if path is not None:
         from ..envs.scenarios import drawn
 
@@ -299,6 +304,7 @@ def tune(
     steps: int | None = None,
     set_: Annotated[UseAppendAction[list[str]], arg(name="set", metavar="KEY=VALUE")] = [],  # noqa: B006
     storage: Annotated[str | None, arg(metavar="URL")] = None,
+    extrapolate: bool = False,
     name: str | None = None,
     overwrite: bool = False,
     resume: bool = False,
@@ -333,6 +339,7 @@ def tune(
             may be given several times.
         storage: database in which the study is kept, for many machines; postgresql://user@host/database. Default: a
             journal in the run folder.
+        extrapolate: process settings may leave those that the cut's figures were calibrated on; the result says so.
         name: of the run folder and of the study. Default: tune- and date and time.
         overwrite: replace an existing run folder.
         resume: finish what another command began; what the same command began goes on without.
@@ -349,7 +356,7 @@ def tune(
         others = {
             "controller": controller, "suite": None if suite == "following" else suite, "metric": metric or None,
             "ms": ms, "jitter": jitter, "overshoot": overshoot, "limit": limit or None, "seeds": seeds,
-            "budget": budget,
+            "budget": budget, "extrapolate": extrapolate or None,
         }  # fmt: skip
         given = [option for option, value in others.items() if value is not None]
         asked = learners.task(what, env, steps, set_, trials, sampler, seed, storage, name, threads, given)
@@ -360,7 +367,7 @@ def tune(
         return
     task = command.task(
         what, controller, suite, trials, sampler, metric, ms, jitter, overshoot, limit, seed, seeds, storage, name,
-        budget,
+        budget, extrapolate,
     )  # fmt: skip
     with progress("trials") as told:
         result = run(task, folder, workers, threads, overwrite, resume, told)
@@ -424,6 +431,7 @@ def speed(
     """
     from . import runs
     from .bars import status
+    from .speed.proof import NothingDone
     from .speed.run import speed as measure
     from .table import print_speed
 
@@ -432,8 +440,11 @@ def speed(
             raise InvalidInput(f"{what} {value} is out of range; at least 1")
     folder = runs.named(name, "speed-")
     runs.open_folder(folder, overwrite)
-    with status() as progress:
-        tables = measure(folder, rounds, train, torch_threads, progress)
+    try:
+        with status() as progress:
+            tables = measure(folder, rounds, train, torch_threads, progress)
+    except NothingDone as error:
+        raise SystemExit(f"kerfgym: error: {error}") from None
     print_speed(tables)
     print(f"\n{folder}")
 

@@ -18,6 +18,7 @@ import numpy as np
 from ..envs import scenarios
 from ..envs import stack as stacks
 from ..envs.plant import heads, machine
+from ..envs.plant.addresses import Address, Words, address
 from ..envs.plant.controller import PERIOD, Privileged, stage_of
 from ..envs.plant.fleet import Fleet
 from ..envs.plant.kernels import Kernel
@@ -78,18 +79,24 @@ def lived(stack: Stack, scenario: str, periods: int) -> np.ndarray:
     return np.array(seen)
 
 
+def deck_for(fleet: Fleet, signals: np.ndarray, decisions: int) -> Words:
+    """What the kernel gets to make some decisions of the first machine of ``fleet`` on ``signals``."""
+    plain, law = fleet._deck, fleet.law
+    whole = np.ascontiguousarray(signals, np.float64)
+    return Words((
+        Address(plain[machine.D_BLOCK], fleet), stage_of(law, machine.LAW_PLACES), plain[machine.D_LAW_TABLES],
+        law.tables.size, address(whole), decisions, plain[machine.D_PILOT], plain[machine.D_PILOT_IO],
+    ))  # fmt: skip
+
+
 def _times(stack: Stack, signals: np.ndarray, chunk: int) -> np.ndarray:
     """Nanoseconds of each chunk."""
     fleet = Fleet(1, stack.law, heads.POOL)
     stack.install(fleet, [0])
-    deck = np.zeros(8, np.uint64)
-    deck[0], deck[2] = fleet._block.ctypes.data, fleet._owned[machine.D_LAW_TABLES].ctypes.data
-    deck[1], deck[3], deck[5] = stage_of(stack.law, machine.LAW_PLACES), stack.law.tables.size, chunk
-    deck[6:8] = fleet._deck[[machine.D_PILOT, machine.D_PILOT_IO]]
-    run = _decide_kernel.bound(deck.ctypes.data)
-    found = []
+    deck = deck_for(fleet, signals, chunk)
+    run, found, begin, size = _decide_kernel.bound(address(deck)), [], int(deck[4]), signals[0].nbytes
     for first in range(0, len(signals) - chunk + 1, chunk):
-        deck[4] = signals[first:].ctypes.data
+        deck[4] = begin + first * size
         start = time.perf_counter_ns()
         run()
         found.append(time.perf_counter_ns() - start)

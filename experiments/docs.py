@@ -1,13 +1,14 @@
-"""Pages of the manual that are made from the code: ``python -m kerfgym.experiments.docs`` writes what has changed.
+"""README and manual, as far as they are made: ``python -m kerfgym.experiments.docs`` writes what has changed.
 
-The machine's page holds the text at the head of each part and its parameters; the environments' page their docstrings;
-other pages are written by hand and have only their tables made here, between two marks::
+The machine's page holds the text at the head of each part and its parameters; the environments' page their docstrings.
+Other pages are written by hand; a script fills in their tables, between two marks::
 
     <!-- made: controllers -->
     …
     <!-- end -->
 
-A test fails when a page is older than the code.
+Tables come from the code or, where a run made the numbers, from stored results (:mod:`figures`); so do single numbers
+in a sentence (:mod:`figures.marks`). A test fails when a page is older than what it is made from.
 """
 
 import ast
@@ -30,13 +31,18 @@ from ..envs import stack as stacks
 from ..envs.plant import controller
 from ..envs.plant.lanes import is_part
 from ..envs.plant.quantity import InvalidInput, Quantity, quantities
+from .bounds import record
+from .figures import marks, tables
+from .markdown import row, table
+from .results import REFERENCE
 from .runs import atomic
 
 FOLDER = Path(_root).parent / "docs"
+README = Path(_root).parent / "README.md"
 
 PARTS = (
     "path", "sheet", "sensor", "filters", "calibration", "controller", "supervisor", "z_axis", "xy_axes", "planning",
-    "gantry", "spot", "cut", "machine",
+    "gantry", "spot", "cut", "published", "machine",
 )  # fmt: skip
 """Parts of the machine, in the order of the signal."""
 
@@ -80,22 +86,12 @@ def _table(lines: list[str]) -> list[str]:
     starts = [found.start() for found in re.finditer(r"=+", lines[0])]
     spans = list(zip(starts, [*starts[1:], None], strict=True))
     rows = [[_inline(line[a:b].strip()) for a, b in spans] for line in lines if not line.startswith("=")]
-    return [_row(rows[0]), _row(["---"] * len(spans)), *map(_row, rows[1:])]
+    return [row(rows[0]), row(["---"] * len(spans)), *map(row, rows[1:])]
 
 
 def _inline(line: str) -> str:
     """Roles such as ``:func:`x``` and double backquotes as plain code."""
     return re.sub(r"``([^`]+)``", r"`\1`", re.sub(r":\w+:`~?([^`]+)`", r"`\1`", line))
-
-
-def _row(cells: Iterable[Any]) -> str:
-    return "| " + " | ".join(str(cell).replace("|", "\\|") for cell in cells) + " |"
-
-
-def table(titles: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:
-    """A table in Markdown."""
-    head = list(titles)
-    return "\n".join([_row(head), _row(["---"] * len(head)), *map(_row, rows)]) + "\n"
 
 
 # ---------------------------------------------------------------------------------------------------------- the machine
@@ -161,9 +157,18 @@ def machine() -> str:
 
 def _settable(cls: Any) -> bool:
     """Whether a class holds what is set, not what the machine remembers."""
-    return cls.__name__ in ("Params", "Gate", "Axes", "Feed", "Hand", "Recipe", "Beam", "Wave", "Vibration") and all(
-        isinstance(value, int | float) for value in cls._field_defaults.values()
-    )
+    return cls.__name__ in (
+        "Params",
+        "Gate",
+        "Axes",
+        "Feed",
+        "Hand",
+        "Recipe",
+        "Range",
+        "Beam",
+        "Wave",
+        "Vibration",
+    ) and all(isinstance(value, int | float) for value in cls._field_defaults.values())
 
 
 def _titled(module: ModuleType) -> tuple[str, str]:
@@ -264,6 +269,32 @@ def scenario_tables() -> str:
     return "\n".join(text)
 
 
+def suites() -> str:
+    """Every suite, from its file."""
+    rows = []
+    for name in scenarios.suites():
+        rules, core = scenarios.rules(name), scenarios.core(name)
+        rows.append((
+            f"`{name}`", rules["version"], rules["slot"], len(rules["scenarios"]), len(core), rules["seeds"],
+            f"`{rules.get('score', 'rms_true')}`", f"`{rules.get('reference', REFERENCE)}`",
+        ))  # fmt: skip
+    titles = ("suite", "version", "drives", "scenarios", "in the score", "test seeds", "scored by", "reference")
+    return table(titles, rows)
+
+
+def suite(name: str) -> Callable[[], str]:
+    """What makes the table of a suite's scenarios."""
+
+    def made() -> str:
+        core = scenarios.core(name)
+        rows = (
+            (f"`{key}`", case.summary, "yes" if key in core else "no") for key, case in scenarios.suite(name).items()
+        )
+        return table(("scenario", "what happens", "in the score"), rows)
+
+    return made
+
+
 def _sections(cls: Any, name: str) -> Iterable[tuple[str, Any]]:
     yield name or "(top)", cls
     for field, kind in inspect.get_annotations(cls, eval_str=True).items():
@@ -314,7 +345,9 @@ def _distribution(value: Any) -> str:
 WHOLE: dict[str, Callable[[], str]] = {"machine.md": machine, "environments.md": environments}
 MADE: dict[str, Callable[[], str]] = {
     "controllers": controllers, "signals": signals, "metrics of followers": followers, "metrics of jobs": jobs,
-    "scenario": scenario_tables,
+    "scenario": scenario_tables, "bounds": record.table, "noise of a reading": record.noise_table,
+    "suites": suites, **{f"suite {name}": suite(name) for name in scenarios.suites()},
+    **tables.MADE,
 }  # fmt: skip
 """What stands between marks in pages written by hand."""
 
@@ -331,15 +364,18 @@ def filled(text: str, where: str = "") -> str:
     def made(found: re.Match[str]) -> str:
         if found["name"] not in MADE:
             raise InvalidInput(f"{where}: nothing makes '{found['name']}'; known: {', '.join(MADE)}")
-        return f"{found[1]}\n{MADE[found['name']]()}\n{found[3]}"
+        try:
+            return f"{found[1]}\n{MADE[found['name']]()}\n{found[3]}"
+        except InvalidInput as error:
+            raise InvalidInput(f"{where}, '{found['name']}': {error}") from None
 
-    return _MARKED.sub(made, text)
+    return marks.filled(_MARKED.sub(made, text), where)
 
 
 def pages() -> dict[Path, str]:
     """Every page as it should be, by its path."""
     out = {FOLDER / name: make() for name, make in WHOLE.items()}
-    for path in sorted(FOLDER.glob("*.md")):
+    for path in (README, *sorted(FOLDER.glob("*.md"))):
         if path.name not in WHOLE:
             out[path] = filled(path.read_text(encoding="utf-8"), path.name)
     return out

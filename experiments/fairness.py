@@ -2,7 +2,8 @@
 
 Ranks are given within an information class only. A controller that was tuned or trained on seeds of the run, whose
 budget is not recorded or larger than the others' (:mod:`budgets`), or that was not run in all scenarios, is shown with
-its figures but without a rank, and with the reason.
+its figures but without a rank, and with the reason. So is one whose figures of the cut are *extrapolated*: its settings
+left what they were calibrated on, or nothing was calibrated (:mod:`envs.evidence`).
 
 **Rank** is one more than the number of ranked controllers of the class that are better, by the rules of
 :func:`comparison.better`; who cannot be told apart shares it. :func:`order` is the order in which all are shown.
@@ -14,6 +15,7 @@ from typing import Any
 
 import pandas as pd
 
+from ..envs import evidence
 from ..envs.scenarios import SPLITS
 from . import comparison
 from .budgets import faults, measures, slots
@@ -88,7 +90,12 @@ def _last(score: float) -> float:
 
 
 def reasons(results: Any) -> dict[str, list[str]]:
-    """Why each controller may not be ranked, in sentences; nothing if it may."""
+    """Why each controller may not be ranked in the results' metric, in sentences; nothing if it may."""
+    return {name: [*why, *extrapolated(results, name)] for name, why in in_any_metric(results).items()}
+
+
+def in_any_metric(results: Any) -> dict[str, list[str]]:
+    """Why each controller may not be ranked, whatever the metric."""
     tuning = results.meta.get("tuning") or {}
     of_slots = measures(tuning, results.controllers, results.reference)
     out = {}
@@ -100,6 +107,15 @@ def reasons(results: Any) -> dict[str, list[str]]:
             *_not_run(results, runs),
         ]
     return out
+
+
+def extrapolated(results: Any, name: str) -> list[str]:
+    """Whether the metric is a figure of the cut's model and a controller's runs lie outside of what it stands on."""
+    if results.metric not in evidence.QUALITY:
+        return []
+    runs = results.runs[(results.runs["controller"] == name) & results.runs["scenario"].isin(results.scored)]
+    outside = evidence.ASSUMED if evidence.follows(runs) else evidence.pooled(runs)
+    return [evidence.said(outside)] if outside else []
 
 
 def overlaps(record: dict[str, Any], seeds: set[int]) -> list[str]:

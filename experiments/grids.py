@@ -74,6 +74,7 @@ def plan(
     seeds: int | None = None,
     split: str = "test",
     everything: bool = False,
+    extrapolate: bool = False,
 ) -> list[Grid]:
     """The grids that a user's words ask for, one a suite.
 
@@ -88,6 +89,7 @@ def plan(
         seeds: how many of the split; without, what the suite says.
         split: of the seeds.
         everything: all shipped controllers and policies of each suite's slot, besides ``controllers``.
+        extrapolate: process settings may leave those that the cut's figures were calibrated on.
 
     Raises:
         InvalidInput: unknown names, a controller or scenario that fits no suite, or a suite that nothing fits.
@@ -109,6 +111,8 @@ def plan(
         if path is not None:
             chosen, rules = along(path, dealt[suite], suite), {**rules, "seeds": scenarios.rules("drawing")["seeds"]}
             core = tuple(s.name for s in chosen)
+        if extrapolate:
+            chosen = [s.varied(job={"extrapolate": True}) if s.job else s for s in chosen]
         with_jobs = all(s.job is not None for s in chosen)
         mine = [name for name in words if len(given) == 1 or can_do(name, with_jobs)]
         mine += [name for name in (shipped(suite) if everything else ()) if name not in mine]
@@ -123,8 +127,14 @@ def plan(
 
 def _suites_of(cases: list[Scenario]) -> list[str]:
     """The suites that hold scenarios; for one of nobody's the plain suite of its kind."""
-    homes = {name: suite for suite in scenarios.suites() for name in scenarios.rules(suite)["scenarios"]}
-    return list(dict.fromkeys(homes.get(s.name, "contour" if s.job else "following") for s in cases))
+    named = {name: suite for suite in reversed(scenarios.suites()) for name in scenarios.rules(suite)["scenarios"]}
+
+    def home(case: Scenario) -> str:
+        # Suites of several versions share names; the one that holds this very scenario is meant.
+        same = [suite for suite in scenarios.suites() if scenarios.suite(suite).get(case.name) == case]
+        return (same or [named.get(case.name, "contour" if case.job else "following")])[0]
+
+    return list(dict.fromkeys(home(s) for s in cases))
 
 
 def _dealt(cases: list[Scenario], suites: list[str]) -> dict[str, list[Scenario]]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ..envs import job_metrics, workshop
+from ..envs import evidence, job_metrics, workshop
 from ..envs.plant import gantry, machine
 from ..envs.plant.controller import PERIOD
 from ..envs.plant.fleet import Fleet
@@ -75,7 +75,7 @@ def compute(
     start = time.process_time()
     fleet, job, _ = roll(scenario, team, seeds)
     jobs = job_metrics.Jobs.of(fleet, job)
-    frame = pd.DataFrame(job_metrics.evaluate(jobs))
+    frame = pd.DataFrame({**job_metrics.evaluate(jobs), **job_metrics.evidence(jobs)})
     steel = workshop.material_of(scenario)
     frame.insert(0, "controller", name)
     frame.insert(1, "information", team.information)
@@ -139,6 +139,11 @@ class JobResults(Comparison):
         frame = self.counts(frame)
         frame["count"] = frame["runs"]
         core = self.runs[self.runs["scenario"].isin(self.scored) & ~self.failures].groupby("controller", sort=False)
+        known = "extrapolated" in self.runs  # runs of earlier versions do not know
+        frame["extrapolated"] = core["extrapolated"].mean() if known else np.nan
+        frame["beyond"] = [
+            evidence.pooled(core.get_group(name)) if known and name in core.groups else "" for name in frame.index
+        ]
         for column in ("iso_roughness", "iso_taper"):
             frame[column] = (
                 core[column].agg(lambda values: "/".join(sorted(set(values)))).reindex(frame.index, fill_value="–")

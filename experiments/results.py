@@ -3,8 +3,8 @@
 Every figure of a controller is a metric of its runs that did not fail, pooled over seeds and scenarios as
 :mod:`pooling` says; how many runs failed stands beside it, and decides the rank first (:mod:`comparison`). The *score*
 of followers is that of the RMS of the true gap error over the suite's core, µm; the ratio is that of the reference over
-it. On the *scale*, 0 is ``xi2023-tuned`` and 1 is ``preview-5ms``, in the logarithm. Rankings never mix information
-classes.
+it. On the *scale*, 0 is ``xi2023-tuned`` and 1 is ``preview-5ms``, in the logarithm; who is better than
+the latter, which has other information and is no bound, has more than 1. Rankings never mix information classes.
 
 **Ms and margins** are the worst over the corner plants of every machine that the run's scenarios draw (:mod:`plants`).
 """
@@ -119,7 +119,7 @@ class Results(Comparison):
         margins: ``controller, machine, gain`` (factor) and ``delay_ms``, worst over the machine's corner plants
             (:mod:`margins`), and ``reason``, why there is no figure.
         blame: shares of stages in the error of some controllers, see :func:`blame.tables.shares`.
-        headroom: what those could gain at most, see :func:`blame.tables.headroom`.
+        headroom: those beside references with other information, see :func:`blame.tables.headroom`.
         detuned: how much worse presets get with one parameter 20 % off, see :func:`detuned.in_report`.
     """
 
@@ -140,6 +140,17 @@ class Results(Comparison):
     def pooled(self, metric: str = "rms_true") -> pd.DataFrame:
         """A metric over the seeds, see :meth:`Comparison.pooled`; that of the score unless another is named."""
         return super().pooled(metric)
+
+    @property
+    def bounds(self) -> dict[str, float]:
+        """What no controller with only the sensor can go below (:mod:`bounds`), µm, by scenario, where it is known."""
+        return {name: bound for name, bound in (self.meta.get("bounds") or {}).items() if name in self.scenarios}
+
+    @property
+    def bound(self) -> float:
+        """The score of a controller at its bound in every scored scenario, µm; NaN if one of them has none."""
+        values = np.array([self.bounds.get(name, np.nan) for name in self.scored])
+        return float(np.exp(np.log(values).mean()))
 
     @property
     def curves(self) -> pd.DataFrame:

@@ -9,10 +9,12 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
+from ..envs import evidence
 from ..envs.job_metrics import METRICS
 from ..envs.material import material
 from ..envs.plant.controller import INFORMATION, PERIOD
 from ..envs.plant.machine import SUBSTEPS
+from .bounds.record import LABEL
 from .budgets import MARKS, in_words
 from .comparison import by_scenario, methods, relative
 from .fairness import order
@@ -198,26 +200,37 @@ def _following(results: Results) -> list[Sheet]:
         _number(_cell(costs, name, "median_us")), _number(_cell(costs, name, "p99_us")), in_words(row),
         row["information"],
     ])  # fmt: skip
+    known = results.bounds if core else {}
+    if known:
+        at = {"score, µm": results.bound, **known}
+        row = [_number(at[title]) if title in at else "–" for title in sheet.titles]
+        sheet.sections.append([[LABEL, *row[1:]]])
     exempt = f" ({', '.join(results.exempt)} left out)" if results.exempt else ""
     explained = [
         *_ranking(summary, REFERENCE),
         f"score: RMS over seeds, geometric mean over {', '.join(core) or f'these {len(scored)}'};",
         "reported: the same of what the machine itself measures; P99: of |true error|; max: the largest of all;",
         f"jitter: RMS change of the command, mm/s per ms; collisions of all scenarios{exempt};",
-        f"dross and Rz: proxies, over the core. {material('thin-sheet').label.capitalize()}.",
+        f"dross and Rz: extrapolated and not ranked, over the core. {material('thin-sheet').label.capitalize()}.",
         "Ms: largest |S|, by a sine at a time and by noise, of which a controller that learns cannot learn the sine;",
         "gain, delay: factor on the loop's gain and additional dead time up to which it settles;",
         *_machines(results),
         f"decision: CPU time, median and 99th percentile, in a period of {1e6 * PERIOD:.0f} µs;",
         f"budget: trials and simulated steps of tuning. {budget_note(summary)}",
     ]
+    if known:
+        explained.append(f"{LABEL}: what no such controller can go below, docs/bounds.md.")
     more = _by_machine(results)
     if core:
         sheet.notes = explained
         return [sheet, *more]
     names = [row[0] for section in sheet.sections for row in section]
     rows = [[s, *(of_scenario(name, s) for name in names)] for s in scored]
-    return [sheet, Sheet("by scenario, µm", ["scenario", *names], [rows], explained), *more]
+    if results.bounds:
+        rows = [[*row, _number(results.bounds.get(row[0], math.nan))] for row in rows]
+        explained.append(f"{LABEL}: what no such controller can go below, docs/bounds.md.")
+    last = [LABEL] * bool(results.bounds)
+    return [sheet, Sheet("by scenario, µm", ["scenario", *names, *last], [rows], explained), *more]
 
 
 def _machines(results: Results) -> list[str]:
@@ -274,11 +287,12 @@ def _jobs(results: JobResults) -> list[Sheet]:
             titles["ISO 9013"] = ("iso_roughness", lambda row: str(row["iso_roughness"]))
     titles["collisions"] = ("collisions", lambda row: f"{row['collisions']}/{row['count']}")
     sheet = Sheet(
-        f"jobs · {_seeds(results)}", ["controller", *titles, "budget"],
+        f"jobs · {_seeds(results)}", ["controller", *titles, "budget", "evidence"],
         shown={title: column for title, (column, _) in titles.items()},
     )  # fmt: skip
     sheet.sections = _classes(
-        summary, lambda name, row: [str(name), *(form(row) for _, form in titles.values()), in_words(row)]
+        summary,
+        lambda name, row: [str(name), *(form(row) for _, form in titles.values()), in_words(row), _evidence(row)],
     )
     sheet.notes = [
         *_ranking(summary, results.reference),
@@ -286,6 +300,7 @@ def _jobs(results: JobResults) -> list[Sheet]:
         f"{', '.join(results.scored)} the geometric mean, of a maximum the largest.",
         f"budget: trials and steps of tuning, all slots together. {budget_note(summary)}",
         *(f"quality: {label}." for label in results.labels),
+        *_outside(results),
     ]
     several = results.reference in results.controllers and len(results.controllers) > 1
     known = {*WEIGHED, "power_max", "dither_max"} <= set(results.runs)  # runs of earlier versions do not have all
@@ -305,6 +320,33 @@ FORMS = {
 }  # fmt: skip
 """Metrics of jobs that the table shows, and with how many decimals."""
 
+
+def _evidence(row: Any) -> str:
+    """Whether the cut's figures stand on what was calibrated."""
+    if not row["extrapolated"] > 0:
+        return "–" if math.isnan(row["extrapolated"]) else "inside"
+    return "extrapolated" if row["extrapolated"] >= 0.995 else f"extrapolated, {row['extrapolated']:.0%} of the cut"
+
+
+def _outside(results: JobResults) -> list[str]:
+    """Where and by how much settings lie outside of what the cut's figures were calibrated on."""
+    if "extrapolated" not in results.runs:  # runs of earlier versions do not know
+        return []
+    lines = ["evidence: whether dross, Rz, through, kerf and u lie within the settings that they were calibrated on."]
+    found: dict[tuple[str, str], list[str]] = {}
+    for (scenario, name), runs in results.runs.groupby(["scenario", "controller"], sort=False):
+        if text := evidence.pooled(runs):
+            found.setdefault((text, str(name)), []).append(str(scenario))
+    who: dict[tuple[str, tuple[str, ...]], list[str]] = {}
+    for (text, name), names in found.items():
+        who.setdefault((text, tuple(names)), []).append(name)
+    for (text, places), controllers in who.items():
+        all_of_them = len(controllers) > 1 and len(controllers) == len(results.controllers)
+        where = "" if len(places) == len(results.scenarios) else f" ({', '.join(places)})"
+        lines.append(f"extrapolated: {'all' if all_of_them else ', '.join(controllers)}: {text}{where}.")
+    return lines
+
+
 WEIGHED = {
     "cutting_time": "cutting time", "contour_rms": "contour rms", "dross": "dross", "roughness": "Rz",
     "energy": "energy",
@@ -314,11 +356,11 @@ WEIGHED = {
 
 def _trades(results: JobResults) -> Sheet:
     """What each controller gains and gives against the reference."""
-    table = relative(results, WEIGHED)
+    table, summary = relative(results, WEIGHED), results.summary()
     apart = {m: by_scenario(replace(results, metric=m)) for m in WEIGHED}
     sheet = Sheet(
         f"over {results.reference} · {_seeds(results)}",
-        ["controller", *WEIGHED.values(), "better in", "worse in", "power, W", "dither, mm"],
+        ["controller", *WEIGHED.values(), "better in", "worse in", "power, W", "dither, mm", "evidence"],
     )
     most = pd.DataFrame({metric: results.over(metric) for metric in ("power_max", "dither_max")})
     rows = []
@@ -332,7 +374,9 @@ def _trades(results: JobResults) -> Sheet:
                 worse.append(title)
             elif len(there):
                 worse.append(f"{title} ({', '.join(there)})")
-        limits = [f"{most.loc[name, 'power_max']:.0f}", f"{most.loc[name, 'dither_max']:.3f}"]
+        limits = [
+            f"{most.loc[name, 'power_max']:.0f}", f"{most.loc[name, 'dither_max']:.3f}", _evidence(summary.loc[name]),
+        ]  # fmt: skip
         rows.append([str(name), *cells, ", ".join(better) or "–", ", ".join(worse) or "–", *limits])
     base = most.loc[results.reference]
     sheet.sections = [rows]
@@ -369,7 +413,7 @@ def _seeds(results: Results | JobResults) -> str:
 
 
 def print_blame(shares: Any, headroom: Any) -> None:
-    """Prints what each controller's error is made of, and what could be gained."""
+    """Prints what each controller's error is made of, and how references with other information do."""
     table = Table(title=f"shares of the mean-square true error, {shares['unit'].iloc[0]}, 95 % intervals over seeds")
     for title in ("scenario", "controller", "stage", "share", "interval", "of all", "idealised alone", "interval"):
         table.add_column(title, justify="left" if title in ("scenario", "controller", "stage") else "right")
@@ -387,12 +431,12 @@ def print_blame(shares: Any, headroom: Any) -> None:
         table.add_row("", "", "all", _number(whole))
     console = Console(width=max(Console().width, Console(width=1000).measure(table).maximum))
     console.print(table)
-    table = Table(title="headroom: the RMS of the true error could fall at most by this factor")
-    for title in ("scenario", "controller", "RMS, µm", "known more", "its RMS, µm", "factor", "interval"):
-        table.add_column(title, justify="left" if title in ("scenario", "controller", "known more") else "right")
+    table = Table(title="beside references with other information: RMS of the true error, and the factor between")
+    for title in ("scenario", "controller", "RMS, µm", "reference", "its RMS, µm", "factor", "interval"):
+        table.add_column(title, justify="left" if title in ("scenario", "controller", "reference") else "right")
     for row in headroom.itertuples():
         table.add_row(
-            row.scenario, row.controller, _number(row.rms), row.bound, _number(row.bound_rms), _number(row.ratio),
+            row.scenario, row.controller, _number(row.rms), row.informed, _number(row.informed_rms), _number(row.ratio),
             _ends(row.low, row.high),
         )  # fmt: skip
     console.print(table)
@@ -400,7 +444,8 @@ def print_blame(shares: Any, headroom: Any) -> None:
         "share: Shapley value of idealising the stage; all of a controller add up to its mean-square error;\n"
         "law: what the fully idealised machine has left, law, supervisor and sampling, at these gains;\n"
         "below 0, interval and all: the controller is tuned around this fault, and does worse without it;\n"
-        "headroom: no controller that has only the sensor reaches these, they know the sheet ahead or the true gap."
+        "references know the sheet ahead or the true gap; they are no bounds (below 1: closer than they are). Bounds:\n"
+        "docs/bounds.md."
     )
     if shares["share"].isna().any():
         console.print("–: a run failed, so there are no shares; which one stands in coalitions.parquet.")

@@ -4,8 +4,8 @@
 nominal axes in simulation. ``wu-feedforward`` keeps that gain; its feed-forward of the velocity is the inverse of the
 drive's gain, that of the acceleration the one with the smallest contour error on the tune seeds of the contour suite.
 ``wu-stiff`` may overshoot a step, which no planned path holds: it has half the gain at which the loop becomes unstable
-(linear; a step of 1 mm, where limits act, rings on from 1.7 times its gain), and both feed-forwards are those with the
-smallest contour error.
+(linear; a step of 1 mm, where limits act, rings on at a lower gain), and both feed-forwards are those with the smallest
+contour error.
 """
 
 import time

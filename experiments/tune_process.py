@@ -3,12 +3,12 @@
 * ``huang2024-adjusting`` keeps the planned settings of ``huang2024-dynamic``; the rules' numbers are those with the
   smallest geometric mean of contour error (RMS and largest), standoff error, roughness, dross and energy, relative to
   ``huang2024-dynamic``. Jobs may take at most 2 % longer: slower is smoother, but that is no achievement.
-* ``huang2024-tuned`` is the fastest that cuts no worse: planned settings and rules with the shortest cutting time at
-  which neither dross nor roughness is worse than ``huang2024-dynamic``'s in any scenario. Its settings stay within the
-  reach of the residual action of ``Cutting-v0`` around the published ones, and it gets no more power: the cut's model
-  is calibrated on three cuts, and the further from them the less it means.
+* ``huang2024-tuned`` looks for what is better than ``huang2024-dynamic`` in all three figures of Huang2024's Table 2,
+  cutting time, dross and roughness: planned settings and rules with the smallest of the largest ratio among the three,
+  in the scenario in which it is largest. At 1 nothing better was found.
 
-Both on tune seeds of the cutting suite's core.
+Settings stay within those that the cut's figures were calibrated on (:mod:`envs.evidence`); what a search may ask for
+beyond them, the machine does not obey. Both on tune seeds of the cutting suite's core.
 """
 
 import math
@@ -21,9 +21,8 @@ import numpy as np
 import tomli_w
 
 from ..baselines import PRESETS
-from ..envs import job_metrics, scenarios
+from ..envs import evidence, job_metrics, scenarios
 from ..envs import stack as stacks
-from ..envs.job_interface import RESIDUAL
 from ..envs.stack import Stack
 from . import jobs, runs
 from .ledger import Ledger
@@ -33,11 +32,8 @@ SEEDS = range(0, 8)
 LONGER = 1.02
 """Time that a job of ``huang2024-adjusting`` may take, relative to the plain method's."""
 
-SPARE = 0.99
-"""What quality of ``huang2024-tuned`` may be on tune seeds over the plain method's, so as to be no worse on others."""
-
 CRITERIA = ("contour_rms", "contour_max", "gap_rms", "roughness", "dross", "energy")
-KEPT = ("roughness", "dross")
+TABLE_2 = ("cutting_time", "roughness", "dross")
 MEASURED = (*CRITERIA, "time", "cutting_time", "through")
 
 Figures = dict[str, dict[str, float]]
@@ -50,8 +46,10 @@ def figures(stack: Stack, ledger: Ledger) -> Figures:
     for name in scenarios.core("cutting"):
         fleet, job, _ = jobs.roll(scenarios.load(name), stacks.team(stack), list(SEEDS))
         ledger.add(int(fleet.tick) * len(SEEDS), 0.0)
-        seen = job_metrics.evaluate(job_metrics.Jobs.of(fleet, job))
+        done = job_metrics.Jobs.of(fleet, job)
+        seen, outside = job_metrics.evaluate(done), job_metrics.evidence(done)
         found[name] = {key: float(seen[key].mean()) for key in MEASURED}
+        found[name] |= {key: float(outside[key].max()) for key in evidence.COLUMNS}
     return found
 
 
@@ -71,17 +69,18 @@ def balanced(r: dict[str, list[float]]) -> float:
     return gained + 50.0 * max(0.0, math.log(mean(r["time"]) / LONGER)) + 50.0 * max(0.0, 1.0 - mean(r["through"]))
 
 
-def fastest(r: dict[str, list[float]]) -> float:
-    """Logarithm of the cutting time, with a penalty for worse quality in any scenario."""
-    worse = sum(max(0.0, math.log(x / SPARE)) for key in KEPT for x in r[key])
-    return math.log(mean(r["cutting_time"])) + 10.0 * worse + 50.0 * max(0.0, 1.0 - min(r["through"]))
+def all_three(r: dict[str, list[float]]) -> float:
+    """Logarithm of the largest ratio of time, dross or roughness in any scenario, and a little of their mean."""
+    logs = [math.log(x) for key in TABLE_2 for x in r[key]]
+    return max(logs) + 0.01 * float(np.mean(logs)) + 50.0 * max(0.0, 1.0 - min(r["through"]))
 
 
 @dataclass(frozen=True)
 class Search:
     """One preset: what is searched (parameter of the law, with its range if it is not the declared one), and for what.
 
-    ``tied`` parameters have the value of another.
+    ``tied`` parameters have the value of another; with ``plain`` the rules leave the plain method alone, which is a
+    candidate of its own.
     """
 
     space: dict[str, tuple[float, float] | None]
@@ -89,6 +88,7 @@ class Search:
     criterion: str
     trials: int
     tied: dict[str, str] | None = None
+    plain: dict[str, float] | None = None
 
     def changes(self, values: dict[str, float]) -> dict[str, float]:
         """The law's parameters."""
@@ -98,22 +98,18 @@ class Search:
 
 SEARCHES = {
     # Focus and standoff keep their defaults: the errors of a good height follower are too small to show in any of the
-    # criteria but its own.
+    # criteria but its own. The power is the nominal one, since no other was published.
     "huang2024-adjusting": Search(
-        dict.fromkeys(
-            ("tolerance", "slow", "corner", "least", "recover", "match", "least_power", "overlap", "amplitude")
-        ),
+        dict.fromkeys(("tolerance", "slow", "corner", "least", "recover", "overlap", "amplitude")),
         balanced, f"geometric mean of {', '.join(CRITERIA)}, time at most × {LONGER:g}", 240,
     ),
     "huang2024-tuned": Search(
         {
-            "override": (1.0 - RESIDUAL.override, 1.0 + RESIDUAL.override), "x": (0.3 - RESIDUAL.x, 0.3),
-            "narrow": (0.0, RESIDUAL.y / 0.3), "z": (0.0, 1.0 + RESIDUAL.z),
-            "frequency": (2000.0 - 0.5 * RESIDUAL.frequency, 2000.0 + RESIDUAL.frequency),
-            "focus": (-RESIDUAL.focus, RESIDUAL.focus), "diagonal": (0.0, 0.5), "corner": (0.0, 1.0),
-            "recover": None, "match": None,
+            "override": (0.5, 1.0), "x": (0.1, 0.3), "z": (0.0, 5.0), "frequency": (2000.0, 4000.0),
+            "corner": (0.0, 1.0), "recover": None, "overlap": None, "amplitude": None, "slow": None, "tolerance": None,
         },
-        fastest, f"cutting time, {' and '.join(KEPT)} at most × {SPARE:g} in each scenario", 400, {"y": "x"},
+        all_three, f"largest ratio of {', '.join(TABLE_2)} in any scenario", 400, {"y": "x"},
+        {"corner": 0.0, "slow": 0.0, "overlap": 0.0, "amplitude": 0.0},
     ),
 }  # fmt: skip
 """By name of the preset."""
@@ -139,17 +135,23 @@ def search(name: str) -> None:
         return task.cost(r) if np.isfinite(list(r.values())).all() else 10.0
 
     study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=0, multivariate=True, n_startup_trials=30))
-    study.enqueue_trial({key: known[f"law.{key}"].value for key in task.space})
+    start = {key: known[f"law.{key}"].value for key in task.space}
+    study.enqueue_trial(start)
+    if task.plain:
+        study.enqueue_trial({**start, **task.plain})
     study.optimize(objective, n_trials=task.trials // 2)
     study.sampler = optuna.samplers.CmaEsSampler(x0=study.best_params, sigma0=0.1, seed=0)
     study.optimize(objective, n_trials=task.trials - task.trials // 2)
 
     parameters = task.changes(study.best_params)
-    r = ratios(figures(base.varied(parameters), ledger), plain)
+    last = figures(base.varied(parameters), ledger)
+    r = ratios(last, plain)
+    worst = {key: max(seen[key] for seen in last.values()) for key in evidence.COLUMNS}
     record = runs.record(["python", "-m", "kerfgym.experiments.tune_process", name])
     provenance = {
         "suite": f"cutting-{scenarios.rules('cutting')['version']}", "criterion": task.criterion,
-        "relative": {key: round(mean(values), 4) for key, values in r.items()}, "trials": task.trials,
+        "relative": {key: round(mean(values), 4) for key, values in r.items()},
+        "evidence": evidence.said(evidence.words(worst)), "trials": task.trials,
         "simulated_steps": ledger.steps, "sampler": f"TPE {task.trials // 2}, then CMA-ES", "sampler_seed": 0,
         "tune_seeds": f"{SEEDS[0]}-{SEEDS[-1]}",
         "cpu_seconds": round(time.process_time() - started, 1), "kerfgym": record["kerfgym"],
@@ -158,7 +160,7 @@ def search(name: str) -> None:
     head = f"# Found by: python -m kerfgym.experiments.tune_process {name}\n"
     with runs.atomic(PRESETS / f"{name}.toml") as part:
         part.write_text(head + tomli_w.dumps({"parameters": parameters, "provenance": provenance}), encoding="utf-8")
-    print(f"{name}: {parameters}, relative to {PLAIN}: {provenance['relative']}")
+    print(f"{name}: {parameters}, relative to {PLAIN}: {provenance['relative']}, {provenance['evidence']}")
 
 
 def main() -> None:

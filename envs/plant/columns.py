@@ -20,6 +20,9 @@ class Columns:
     """``size`` columns of ``height`` numbers; ``places`` holds offset and class of each part that has a name.
 
     Every part starts with the defaults of its class.
+
+    Raises:
+        TypeError: when they are to be copied or pickled. The copy's kernels would work on the original's memory.
     """
 
     def __init__(self, size: int, height: int, places: dict[str, tuple[Any, Any]]) -> None:
@@ -35,6 +38,12 @@ class Columns:
         }
         for name, (_, cls) in places.items():
             self.put(name, np.arange(size), cls())
+
+    def __reduce__(self) -> Any:
+        raise TypeError(
+            f"a {type(self).__name__} can't be copied or pickled, because kernels know the addresses of its memory; "
+            "make another one and give it the same seeds"
+        )
 
     def put(self, name: str, machines: Any, value: tuple) -> None:
         """Writes a part (a name of ``places``) into the columns of ``machines``."""

@@ -490,7 +490,8 @@ def _entry(function: Callable[..., None], module: ir.Module, context: Any) -> _L
 
 
 def _bound_entry(entry: ir.Function, module: ir.Module) -> None:
-    """A method without arguments, as Python calls it fastest: ``self`` is a Python int, the kernel's argument."""
+    """A method without arguments, as Python calls it fastest: ``self`` is a Python int, the kernel's argument, and the
+    answer, because it is at hand."""
     word, thing = ir.IntType(64), ir.IntType(8).as_pointer()
     method = ir.Function(module, ir.FunctionType(thing, [thing, thing]), f"{entry.name}.bound")
     builder = ir.IRBuilder(method.append_basic_block())

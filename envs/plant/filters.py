@@ -23,7 +23,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from .lanes import part
+from .lanes import clip, part
 from .quantity import InvalidInput, Quantity
 
 LONGEST = 64
@@ -35,6 +35,9 @@ NONE, MEAN, IMPROVED, WEIGHTED, MEDIAN, LAG, ANTI_IMPULSE, KALMAN = (float(i) fo
 
 TREND = 0.3
 """Share of the newest difference in the trend of the anti-impulse filter [A]."""
+
+FASTEST = 0.5
+"""mm per sample, steepest trend that the anti-impulse filter follows: the fastest drive, 500 mm/s (Xi2023)."""
 
 OPEN = 4.0
 """Samples for which the anti-impulse filter passes everything after a jump that outlasted it [A]."""
@@ -50,7 +53,7 @@ class Params(NamedTuple):
     ] = 1.0
     ratio: Annotated[float, Quantity("1", 0.1, 1.0, "weight of a sample over that of the next newer (weighted)")] = 0.8
     tau: Annotated[float, Quantity("ms", 0.0, 100.0, "time constant (lag)")] = 2.0
-    jump: Annotated[float, Quantity("mm", 1e-3, 1.0, "apparent jump that is bridged (anti-impulse)", log=True)] = 0.04
+    jump: Annotated[float, Quantity("mm", 1e-3, 0.2, "apparent jump that is bridged (anti-impulse)", log=True)] = 0.04
     hold: Annotated[float, Quantity("samples", 0, 50, "most samples bridged in a row (anti-impulse)", whole=True)] = 2.0
     trust: Annotated[
         float, Quantity("1", 1e-6, 1e3, "process over measurement variance per sample (kalman)", log=True)
@@ -150,14 +153,17 @@ def finish(p, s, windowed, sample, slope):
 
     # A jump off the trend is bridged; one that outlasts `hold` is real. Then the filter stays open for a while, so that
     # it learns the new trend (from none: a lasting step must not be extrapolated). A head on its way down moves through
-    # the curve of f(h); its trend bends, and must not be taken for a jump.
-    expected = s.value + s.trend
-    off = abs(sample - expected) > p.jump * slope + 0.5 * abs(s.trend)
+    # the curve of f(h); its trend bends, and must not be taken for a jump. All samples bridged in a row are together no
+    # further from the last that was believed than a jump, or one sample's trend.
+    trend = clip(s.trend, -FASTEST * slope, FASTEST * slope)
+    farthest = max(p.jump * slope, abs(trend))
+    expected = s.value + (trend if (s.held + 1.0) * abs(trend) <= farthest else 0.0)
+    off = abs(sample - expected) > p.jump * slope + 0.5 * abs(trend)
     jumps = off and s.held >= 0.0 and s.held < p.hold
     outlasted = off and s.held >= p.hold
     anti = expected if jumps else sample
-    learned = 0.0 if outlasted else s.trend + TREND * (sample - s.value - s.trend)
-    trend = s.trend if jumps else learned
+    learned = 0.0 if outlasted else trend + TREND * (sample - s.value - trend)
+    trend = trend if jumps else learned
     opened = -OPEN if outlasted else min(s.held + 1.0, 0.0)
     held = s.held + 1.0 if jumps else (opened if off or s.held < 0.0 else 0.0)
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from . import filters, gantry, machine, path, sheet
+from .addresses import Address, Words, address
 from .calibration import Pool
 from .columns import Columns
 from .controller import Law, stage_of
@@ -37,18 +38,20 @@ class Fleet(Columns):
         self._owned: dict[int, np.ndarray] = {}
         self._contours: dict[int, tuple[path.Contour, int]] = {}  # with the index of their first sample
         self._profiles: dict[int, tuple[np.ndarray, int]] = {}
+        self._randoms: dict[tuple[float, float, float], tuple[np.ndarray, int]] = {}
         self._maps: dict[int, tuple[np.ndarray, np.ndarray]] = {}
         self._deck = np.zeros(machine.DECK, np.uint64)
-        self._at = self._deck.ctypes.data
+        self._at = int(address(self._deck))
         self._deck[machine.D_MACHINES] = size
         self._deck[machine.D_STEPS] = self._usual = 1
+        self._promised = False  # a stepper has been handed out that does the usual steps
         self._point(machine.D_BLOCK, self._block)
         self._point(machine.D_KEYS, self._keys)
         self._point(machine.D_FREQUENCIES, tables.frequencies)
         self._point(machine.D_HEIGHTS, tables.heights)
         self._deck[machine.D_TABLES] = tables.frequencies.size
         self.drive_by(law)
-        self._pilots: dict[str, tuple[int, np.ndarray, Any]] = {}
+        self._pilots: dict[str, tuple[int, Words]] = {}
         self.record: np.ndarray | None = None
         self.gantries: Gantries | None = None
         every = np.arange(size)
@@ -60,7 +63,7 @@ class Fleet(Columns):
 
     def _point(self, slot: int, array: np.ndarray) -> None:
         self._owned[slot] = array  # keeps it alive
-        self._deck[slot] = array.ctypes.data
+        self._deck[slot] = address(array)
 
     def put_law(self, machines: Any, params: tuple) -> None:
         """Writes the law's ``Params``."""
@@ -72,15 +75,28 @@ class Fleet(Columns):
 
     # -------------------------------------------------------------------------------- lists beside the sheet
 
-    def put_wave(self, machines: Any, i: int, amplitude: Any, kx: Any, ky: Any, phase: Any) -> None:
-        """Wave ``i`` of the sheet: true amplitude (mm) and wave vector (rad/mm); the footprint is allowed for here."""
-        felt = np.asarray(amplitude) * sheet.attenuation(np.hypot(kx, ky))
-        self._put_list(machine.WAVES, 4, machines, i, (felt, kx, ky, phase))
+    def put_plate(self, machines: Any, radius: float) -> None:
+        """Radius of the footprint of the sensor's plate, mm; before waves and random sheets."""
+        self.set("sheet.plate", machines, radius)
+        if radius != sheet.FOOTPRINT:
+            self.use(machine.F_PLATES)
+
+    def put_wave(
+        self, machines: Any, i: int, amplitude: Any, kx: Any, ky: Any, phase: Any, plate: float = sheet.FOOTPRINT
+    ) -> None:
+        """Wave ``i`` of the sheet: true amplitude (mm), wave vector (rad/mm); the footprints are allowed for here."""
+        k = np.hypot(kx, ky)
+        tip = np.asarray(amplitude) * sheet.attenuation(k)
+        felt = np.asarray(amplitude) * sheet.attenuation(k, plate)
+        self._put_list(machine.WAVES, 5, machines, i, (tip, kx, ky, phase, felt - tip))
         self._deck[machine.D_WAVES] = max(int(self._deck[machine.D_WAVES]), i + 1)
 
-    def put_vibration(self, machines: Any, i: int, amplitude: Any, frequency: Any, phase: Any) -> None:
-        """Vibration ``i``: amplitude in mm, frequency in Hz."""
-        self._put_list(machine.VIBRATIONS, 3, machines, i, (amplitude, 2 * np.pi * np.asarray(frequency), phase))
+    def put_vibration(self, machines: Any, i: int, amplitude: Any, frequency: Any, phase: Any, zeta: Any = 0.0) -> None:
+        """Vibration ``i``: amplitude in mm (of a band √2 times its RMS), frequency in Hz, damping ratio (0: a tone)."""
+        omega = 2 * np.pi * np.asarray(frequency)
+        self._put_list(machine.VIBRATIONS, 4, machines, i, (amplitude, omega, phase, zeta))
+        if np.any(np.asarray(zeta) > 0):
+            self.use(machine.F_BANDS)
         self._deck[machine.D_VIBRATIONS] = max(int(self._deck[machine.D_VIBRATIONS]), i + 1)
 
     def put_feature(self, machines: Any, i: int, start: Any, stop: Any, rise: Any, across: Any) -> None:
@@ -92,6 +108,14 @@ class Fleet(Columns):
     def _put_list(self, place: Any, width: int, machines: Any, i: int, values: tuple) -> None:
         row = int(place) // W + i * width
         self._write(machines, {row + offset: value for offset, value in enumerate(values)})
+
+    def listed(self, kind: Any, i: int) -> Any:
+        """Entry ``i`` of a list beside the sheet as all machines have it: ``kind`` (:class:`sheet.Wave`, ``Vibration``
+        or ``Feature``) of arrays, shape (size,)."""
+        place = {sheet.Wave: machine.WAVES, sheet.Vibration: machine.VIBRATIONS, sheet.Feature: machine.FEATURES}[kind]
+        count = len(kind._fields)
+        row = int(place) // W + i * count
+        return kind(*self._view[:, row : row + count].transpose(1, 0, 2).reshape(count, -1)[:, : self.size])
 
     @property
     def nbytes(self) -> int:
@@ -113,9 +137,29 @@ class Fleet(Columns):
         none = flat(sheet.Feature())
         self._put_rows(int(machine.FEATURES) // W, machines, none * sheet.FEATURES)
 
+    def put_random(self, machines: Any, source: tuple[float, float, float] | None, numbers: Any = ()) -> None:
+        """A sheet of continuous spectrum: arguments of :func:`sheet.random_tables`, and the numbers of
+        :class:`sheet.Random` after the first; None: none."""
+        if source is None:
+            self.set("random.first", machines, -1.0)
+            return
+        if source not in self._randoms:
+            tables = sheet.random_tables(*source)
+            self._randoms[source] = (tables, sum(len(t) for t, _ in self._randoms.values()))
+            known = [t for t, _ in self._randoms.values()]
+            self._point(machine.D_RANDOM, known[0] if len(known) == 1 else np.concatenate(known))
+            self._deck[machine.D_RANDOMS] = sum(len(t) for t in known)
+        for name, value in zip(sheet.Random._fields, (self._randoms[source][1], *numbers), strict=True):
+            self.set(f"random.{name}", machines, value)
+        self.use(machine.F_RANDOM)
+
     def use_bulges(self) -> None:
         """Switches the thermal bulge on."""
         self.use(machine.F_BULGES)
+
+    def use_turns(self) -> None:
+        """Switches the turns of long episodes on."""
+        self.use(machine.F_TURNS)
 
     def use(self, flag: Any) -> None:
         """Switches on an optional stage, see ``machine.F_…``."""
@@ -211,8 +255,9 @@ class Fleet(Columns):
         self._point(machine.D_LAW_TABLES, np.concatenate([law.tables, memory]))
         self._deck[machine.D_LAW_SIZE] = law.tables.size
 
-    def hook(self, act: int, observe: int, io: np.ndarray) -> None:
-        """Stages that an environment runs before and after each period: addresses, and the array they share."""
+    def hook(self, act: int, observe: int, io: Words) -> None:
+        """Stages that an environment runs before and after each period: addresses, and the words they share."""
+        assert isinstance(io, Words), "plain words keep nothing alive"
         self._deck[machine.D_ACT], self._deck[machine.D_OBSERVE] = act, observe
         self._point(machine.D_IO, io)
 
@@ -225,23 +270,32 @@ class Fleet(Columns):
     def after_filter(self, stage: int, numbers: np.ndarray) -> None:
         """A stage between filter and table: its address, and the array that it gets beside the deck."""
         self._deck[machine.D_FILTERED] = stage
-        self._owned[machine.D_FILTERED] = numbers
-        self._point(machine.D_FILTERED_IO, np.array([numbers.ctypes.data, self._at], np.uint64))
+        self._point(machine.D_FILTERED_IO, Words((address(numbers), self._at)))
 
-    def pilot(self, name: str, stage: int, io: np.ndarray, arrays: Any = None) -> None:
+    def after_sensor(self, stage: int, io: np.ndarray) -> None:
+        """A stage between sensor and filter, not run while an episode begins: its address, and the array it gets."""
+        self._deck[machine.D_SENSED] = stage
+        self._point(machine.D_SENSED_IO, io)
+
+    def after_supervisor(self, stage: int, io: np.ndarray) -> None:
+        """A stage between supervisor and drive: its address, and the array it gets."""
+        self._deck[machine.D_SENT] = stage
+        self._point(machine.D_SENT_IO, io)
+
+    def pilot(self, name: str, stage: int, io: Words) -> None:
         """A stage that moves a hand of the machines: it runs when an episode has begun and after each period.
 
         Args:
             name: a second pilot of this name takes the place of the first; others run one after the other.
             stage: its address; it ends by calling the stage ``io[0]``, unless that is 0, with ``io[1]``.
-            io: what it knows, uint64.
-            arrays: whatever ``io`` points to; lives as long as the pilot.
+            io: what it knows.
         """
-        self._pilots[name] = (stage, io, arrays)
+        assert isinstance(io, Words), "plain words keep nothing alive"
+        self._pilots[name] = (stage, io)
         following = (0, 0)
-        for address, words, _ in reversed(self._pilots.values()):
+        for runs, words in reversed(self._pilots.values()):
             words[0], words[1] = following
-            following = (address, words.ctypes.data)
+            following = (runs, address(words))
         self._deck[machine.D_PILOT], self._deck[machine.D_PILOT_IO] = following
 
     def begin(self, machines: Any, keys: Any) -> None:
@@ -252,23 +306,30 @@ class Fleet(Columns):
     def advance(self, steps: int = 1) -> None:
         """``steps`` control periods of every machine; the result does not depend on the number of threads."""
         self._deck[machine.D_STEPS] = steps
-        if self.threads == 1 or self.blocks == 1:
-            machine.advance(self._at)
-        else:
-            self._deck[machine.D_NEXT] = 0
-            workers(self.threads).share(self._share)
-            self._deck[machine.D_TICK] += np.uint64(steps)
-        self._deck[machine.D_STEPS] = self._usual
+        try:
+            if self.threads == 1 or self.blocks == 1:
+                machine.advance(self._at)
+            else:
+                self._deck[machine.D_NEXT] = 0
+                workers(self.threads).share(self._share)
+                self._deck[machine.D_TICK] += np.uint64(steps)
+        finally:
+            self._deck[machine.D_STEPS] = self._usual
 
     def _share(self) -> None:
         machine.share(self._at)
 
     def stepper(self, steps: int = 1) -> Callable[[], Any]:
-        """A function that advances every machine by ``steps`` control periods, as quickly as can be."""
-        if self.threads > 1 and self.blocks > 1:
+        """A function that advances every machine by ``steps`` control periods, as quickly as can be.
+
+        It keeps the fleet alive. It goes on doing just these steps when others are asked for later: only the steps of
+        the first lie in the deck.
+        """
+        if (self.threads > 1 and self.blocks > 1) or (self._promised and steps != self._usual):
             return functools.partial(self.advance, steps)
-        self._usual = self._deck[machine.D_STEPS] = steps
-        return machine.advance.bound(self._at)
+        self._promised, self._usual = True, steps
+        self._deck[machine.D_STEPS] = steps
+        return machine.advance.bound(Address(self._at, self))
 
     def run_kernel(self, kernel: Any, steps: int) -> None:
         """``steps`` control periods by another kernel with the deck's contract, such as one to compare speed with."""
@@ -280,12 +341,13 @@ class Fleet(Columns):
         """Keeps the next ``steps`` periods: float32 of shape (steps, channels, size), see ``machine.CHANNELS``."""
         self.record = np.zeros((steps, len(machine.CHANNELS), self.size), np.float32)
         self._point(machine.D_RECORD, self.record)
-        self._deck[machine.D_RECORD_TICK] = self._deck[machine.D_TICK]
+        self._deck[machine.D_RECORD_TICK], self._deck[machine.D_RECORD_STEPS] = self._deck[machine.D_TICK], steps
         return self.record
 
     def stop_recording(self) -> None:
         """Ends :meth:`start_recording`; further periods are not kept."""
         self._deck[machine.D_RECORD] = 0
+        self._owned.pop(machine.D_RECORD, None)
         self.record = None
 
     @property

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from . import gantry, xy_axes
+from .addresses import Address, address
 from .columns import Columns
 from .controller import Law, stage_of
 from .lanes import W, fields, flat, rows, unflat
@@ -24,9 +25,9 @@ class Gantries(Columns):
         self._owned: dict[int, np.ndarray] = {}
         self._jobs: dict[int, tuple[Any, int]] = {}  # with the index of their first sample
         self._deck = np.zeros(gantry.DECK, np.uint64)
-        self.address = self._deck.ctypes.data
         self._deck[gantry.D_MACHINES] = size
         self._point(gantry.D_BLOCK, self._block)
+        self._point(gantry.D_JOBS, np.zeros(2 * len(gantry.JOB)))  # until there is a job, they rest
         self.record: np.ndarray | None = None
         self.laws: dict[str, Law] = {}
         for law in (axes, process):
@@ -35,7 +36,12 @@ class Gantries(Columns):
 
     def _point(self, slot: int, array: np.ndarray) -> None:
         self._owned[slot] = array  # keeps it alive
-        self._deck[slot] = array.ctypes.data
+        self._deck[slot] = address(array)
+
+    @property
+    def address(self) -> Address:
+        """Of their deck; it keeps all of them alive, because what the deck points to may change."""
+        return Address(address(self._deck), self)
 
     @property
     def nbytes(self) -> int:
@@ -80,12 +86,13 @@ class Gantries(Columns):
         """Keeps the next ``steps`` periods from ``tick`` on: float32 (steps, channels, size), ``gantry.CHANNELS``."""
         self.record = np.zeros((steps, len(gantry.CHANNELS), self.size), np.float32)
         self._point(gantry.D_RECORD, self.record)
-        self._deck[gantry.D_RECORD_TICK] = tick
+        self._deck[gantry.D_RECORD_TICK], self._deck[gantry.D_RECORD_STEPS] = tick, steps
         return self.record
 
     def stop_recording(self) -> None:
         """Ends :meth:`start_recording`; further periods are not kept."""
         self._deck[gantry.D_RECORD] = 0
+        self._owned.pop(gantry.D_RECORD, None)
         self.record = None
 
     def trail(self, tick: int, index: int = 0) -> gantry.Trail:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from . import cut, machine, path, spot, supervisor, xy_axes
+from . import cut, machine, path, published, spot, supervisor, xy_axes
 from .controller import (
     AHEAD,
     PERIOD,
@@ -125,6 +125,7 @@ class Sums(NamedTuple):
     energy: float = 0.0  # J of the beam
     power_most: float = 0.0  # W of the beam while cutting
     dither_most: float = 0.0  # mm, largest amplitude that the galvo realised while cutting
+    outside: float = 0.0  # mm cut with settings outside the published ones
 
 
 _layout = Layout()
@@ -140,6 +141,8 @@ PROCESS_SIGNALS, PROCESS_WISH = _layout.place(rows(ProcessPrivileged)), _layout.
 PROCESS_DUE, TURN, APPLIED = _layout.place(1), _layout.place(rows(Turn)), _layout.place(rows(Process))
 REALISED, BEAM = _layout.place(rows(spot.Realised)), _layout.place(rows(cut.Beam))
 S_CUT, FIGURES, SUMS = _layout.place(rows(cut.State)), _layout.place(rows(cut.Figures)), _layout.place(rows(Sums))
+P_PUBLISHED, EXCESS = _layout.place(rows(published.Range)), _layout.place(rows(published.Excess))
+WORST = _layout.place(rows(published.Excess))  # of the episode, while cutting
 BEFORE = _layout.place(rows(Sums))  # the sums when an environment last looked
 ROWS = _layout.rows
 STRIDE = U(ROWS * W)
@@ -159,12 +162,14 @@ PLACES = {
     "optics": (P_OPTICS, spot.Params), "cut": (P_CUT, cut.Params), "wish": (PROCESS_WISH, Process),
     "process_signals": (PROCESS_SIGNALS, ProcessPrivileged), "applied": (APPLIED, Process),
     "realised": (REALISED, spot.Realised), "figures": (FIGURES, cut.Figures), "sums": (SUMS, Sums),
+    "published": (P_PUBLISHED, published.Range), "excess": (EXCESS, published.Excess),
+    "worst": (WORST, published.Excess),
 }  # fmt: skip
 """Offset and class of each part that Python reads or writes."""
 
 (D_BLOCK, D_JOBS, D_LAW, D_LAW_TABLES, D_LAW_SIZE, D_PROCESS, D_PROCESS_TABLES, D_PROCESS_SIZE, D_RECORD,
- D_RECORD_TICK, D_MACHINES) = range(11)  # fmt: skip
-DECK = 11
+ D_RECORD_TICK, D_MACHINES, D_RECORD_STEPS) = range(12)  # fmt: skip
+DECK = 12
 _DECK = U(DECK)
 
 CHANNELS = (
@@ -175,6 +180,7 @@ CHANNELS = (
 the dither as the optics realise it, and the figures of the cut."""
 _CHANNELS = U(len(CHANNELS))
 _TRAIL_ROWS, _APPLIED_ROWS = U(rows(Trail)), U(rows(Process))
+_EXCESS_ROWS = U(rows(published.Excess))
 _REALISED_ROWS, _FIGURES_ROWS = U(rows(spot.Realised)), U(rows(cut.Figures))
 
 _ANY = U(2**40)
@@ -275,6 +281,9 @@ def apply_all(g, base, n):
                 focus=clip(k * u.focus + h.focus, -p.piezo_range, p.piezo_range),
                 standoff=clip(k * u.standoff + h.standoff, -r.most_standoff, r.most_standoff),
             )  # fmt: skip
+            r = load(published.Range, g, a + P_PUBLISHED)
+            if r.bounded:
+                c = published.bounded(r, load(Journey, g, a + P_JOURNEY).feed, c)
             before = load(spot.Realised, g, a + REALISED)
             real = spot.realised(p, spot.Command(c.frequency, c.x, c.y, c.z, c.focus), before.focus)
             store(g, a + APPLIED, c)
@@ -414,6 +423,12 @@ def cut_all(block, at, g, base, n, now):
         store(g, b + S_CUT, s)
         store(g, b + FIGURES, f)
         w = trail.speed * PERIOD if scored else 0.0
+        ranges, journey = load(published.Range, g, b + P_PUBLISHED), load(Journey, g, b + P_JOURNEY)
+        excess = published.beyond(ranges, journey.feed, applied, optics.shape, recipe.offset, params.pressure)
+        store(g, b + EXCESS, excess)
+        if scored:
+            for i in range(_EXCESS_ROWS):
+                g[b + WORST + i * UW] = max(g[b + WORST + i * UW], g[b + EXCESS + i * UW])
         off, gap = abs(trail.error), abs(error)
         running = 0.0 if trail.over > 0.5 else PERIOD
         store(g, b + SUMS, Sums(
@@ -424,6 +439,7 @@ def cut_all(block, at, g, base, n, now):
             sums.kerf + w * f.kerf_top, sums.taper + w * f.taper, sums.energy + trail.beam * power * PERIOD,
             max(sums.power_most, power) if scored else sums.power_most,
             max(sums.dither_most, real.x, real.y) if scored else sums.dither_most,
+            sums.outside + (w if published.outside(excess) else 0.0),
         ))  # fmt: skip
 
 
@@ -531,7 +547,7 @@ def _finish(block_address, at, n, deck_address, tick):
     base = column_of(at)
     now, after = TRAIL + (tick & TRAIL_LAST) * _TRAIL, TRAIL + ((tick + U1) & TRAIL_LAST) * _TRAIL
     cut_all(block, at, g, base, n, now)
-    if deck[D_RECORD] > U0:
+    if deck[D_RECORD] > U0 and tick - deck[D_RECORD_TICK] < deck[D_RECORD_STEPS]:
         first = (at // _STRIDE_Z) * UW
         where = (tick - deck[D_RECORD_TICK]) * _CHANNELS * deck[D_MACHINES] + first
         record_all(block, at, g, base, n, now, singles(deck[D_RECORD], _ANY), where, deck[D_MACHINES])
@@ -546,7 +562,10 @@ def _ready(block_address, at, n, deck_address, tick):
     base = column_of(at)
     store(g, base + S_CUT, cut.fresh())
     store(g, base + FIGURES, cut.nothing())
-    none = Sums(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    none = Sums(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    inside = published.Excess(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    store(g, base + EXCESS, inside)
+    store(g, base + WORST, inside)
     store(g, base + SUMS, none)
     store(g, base + BEFORE, none)
     now, after = TRAIL + (tick & TRAIL_LAST) * _TRAIL, TRAIL + ((tick + U1) & TRAIL_LAST) * _TRAIL

@@ -20,6 +20,7 @@ from collections.abc import Callable, Iterable
 from importlib.metadata import version
 from typing import Any
 
+from .addresses import Address
 from .lanes import W
 
 
@@ -76,9 +77,14 @@ class Kernel:
     def _method(self) -> "_Method":
         return _Method(b"kernel", self._addresses[1], _NO_ARGUMENTS, None)
 
-    def bound(self, word: int) -> Callable[[], Any]:
-        """The kernel with its only argument given, as a function whose call costs Python next to nothing."""
-        return _new_method(ctypes.byref(self._method), word, None)
+    def bound(self, word: Address) -> Callable[[], Any]:
+        """The kernel with its only argument given, as a function whose call costs Python next to nothing.
+
+        The function keeps alive what the address belongs to. Its ``PyMethodDef`` belongs to the kernel, so it keeps
+        that, too.
+        """
+        assert isinstance(word, Address), "a plain number keeps nothing alive"
+        return _new_method(ctypes.byref(self._method), Address(word, (word, self)), None)
 
 
 class _Method(ctypes.Structure):

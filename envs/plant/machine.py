@@ -24,9 +24,11 @@ from .lanes import (
     Layout,
     U,
     W,
+    bits,
     call,
     doubles,
     fma,
+    gauss,
     load,
     part,
     rows,
@@ -34,6 +36,7 @@ from .lanes import (
     stage,
     store,
     take,
+    uniform,
     words,
 )
 
@@ -67,6 +70,7 @@ class Course(NamedTuple):
     opens: float = 0.75  # share of the period at which the gate opens
     weight: float = 0.2  # of each substep within the gate
     cover: float = 1.0  # share of the sensor's plate over sheet
+    felt: float = 0.0  # mm by which the sheet under the plate is higher than under the tip, mean over the gate
     open: bool = False  # nothing but void under the nozzle tip
     scored: bool = True  # beam on and over sheet
 
@@ -92,8 +96,10 @@ class Tally(NamedTuple):
 
 _layout = Layout()
 P_PATH, P_SHEET = _layout.place(rows(path.Params)), _layout.place(rows(sheet.Params))
+PLATE = P_SHEET + U(rows(sheet.Params) - 1) * UW
 WAVES = _layout.place(sheet.WAVES * rows(sheet.Wave))
 VIBRATIONS = _layout.place(sheet.VIBRATIONS * rows(sheet.Vibration))
+P_RANDOM, P_TURNS = _layout.place(rows(sheet.Random)), _layout.place(rows(sheet.Turns))
 FEATURES = _layout.place(sheet.FEATURES * rows(sheet.Feature))
 P_SENSOR, P_GATE = _layout.place(rows(sensor.Params)), _layout.place(rows(sensor.Gate))
 P_FILTER, P_TABLE = _layout.place(rows(filters.Params)), _layout.place(rows(calibration.Params))
@@ -101,6 +107,8 @@ P_Z, P_GUARD = _layout.place(rows(z_axis.Params)), _layout.place(rows(supervisor
 JOB, START, HAND = _layout.place(rows(supervisor.Job)), _layout.place(rows(Start)), _layout.place(rows(Hand))
 P_LAW, S_LAW = _layout.place(SLOTS["z"].params), _layout.place(SLOTS["z"].state)
 S_PATH, S_SHEET = _layout.place(rows(path.State)), _layout.place(rows(sheet.State))
+ON = _layout.place(4)  # how much of waves, random sheet, vibrations and impulses is on, 0 to 1
+SHAKEN = _layout.place(sheet.VIBRATIONS * rows(sheet.Shaken))
 S_SENSOR, S_FILTER = _layout.place(rows(sensor.State)), _layout.place(rows(filters.State))
 S_Z, DRIVE, S_GUARD = (
     _layout.place(rows(z_axis.State)),
@@ -116,6 +124,7 @@ WISH, BEAM, SLOPE, CLOCK, ORIGIN = (_layout.place(1) for _ in range(5))
 PASSED, REFUGE = KEPT, KEPT + UW  # and these two when it keeps
 HINTS = _layout.place(2)  # entries of the table at the last reading, filtered and raw
 SURFACES, SURFACES_LAST = _layout.place(16), U(15)  # ring: two points a period, from the past period to the preview
+FELT = _layout.place(16)  # the same for what the sheet under the plate is above that under the tip
 SAMPLES, SAMPLES_LAST = _layout.place(filters.LONGEST), U(filters.LONGEST - 1)  # ring of frequencies
 HISTORY, HISTORY_LAST = 16, U(15)
 HEIGHTS, RAW_HEIGHTS, POSITIONS, COMMANDS = (_layout.place(HISTORY) for _ in range(4))  # rings, one entry a period
@@ -125,7 +134,8 @@ STRIDE = U(ROWS * W)
 LAW_PLACES = {"params": P_LAW, "state": S_LAW, "signals": SIGNALS, "wish": WISH, "stride": STRIDE}
 
 PLACES = {
-    "path": (P_PATH, path.Params), "sheet": (P_SHEET, sheet.Params), "sensor": (P_SENSOR, sensor.Params),
+    "path": (P_PATH, path.Params), "sheet": (P_SHEET, sheet.Params), "random": (P_RANDOM, sheet.Random),
+    "turns": (P_TURNS, sheet.Turns), "sensor": (P_SENSOR, sensor.Params),
     "gate": (P_GATE, sensor.Gate), "filter": (P_FILTER, filters.Params), "table": (P_TABLE, calibration.Params),
     "z": (P_Z, z_axis.Params), "guard": (P_GUARD, supervisor.Params), "job": (JOB, supervisor.Job),
     "start": (START, Start), "hand": (HAND, Hand), "signals": (SIGNALS, Privileged), "course": (COURSE, Course),
@@ -146,14 +156,19 @@ the period counts as cutting; distance along the path, mm; whether the superviso
 (D_BLOCK, D_KEYS, D_MACHINES, D_TICK, D_WINDOW, D_WAVES, D_VIBRATIONS, D_FLAGS, D_FREQUENCIES, D_HEIGHTS, D_TABLES,
  D_CONTOUR_X, D_CONTOUR_Y, D_CONTOUR_ON, D_CONTOURS, D_PROFILE, D_PROFILES, D_LAW, D_LAW_TABLES, D_LAW_SIZE, D_ACT,
  D_OBSERVE, D_IO, D_RECORD, D_RECORD_TICK, D_NEXT, D_STEPS, D_START, D_READY, D_TRAVEL,
- D_FINISH, D_GANTRY, D_SIGNAL, D_SIGNALS, D_PILOT, D_PILOT_IO, D_FILTERED, D_FILTERED_IO) = range(38)  # fmt: skip
-DECK = 38
+ D_FINISH, D_GANTRY, D_SIGNAL, D_SIGNALS, D_PILOT, D_PILOT_IO, D_FILTERED, D_FILTERED_IO, D_SENSED, D_SENSED_IO,
+ D_SENT, D_SENT_IO, D_RECORD_STEPS, D_RANDOM, D_RANDOMS) = range(45)  # fmt: skip
+DECK = 45
 _DECK = U(DECK)
 
-F_CONTOURS, F_FEATURES, F_PROFILES, F_BULGES, F_RANKS = (U(2**i) for i in range(5))
+F_CONTOURS, F_FEATURES, F_PROFILES, F_BULGES, F_RANKS, F_PLATES, F_RANDOM, F_BANDS, F_TURNS = (
+    U(2**i) for i in range(9)
+)
 """Flags: what at least one of the machines uses; the rest is skipped, which changes no bit of the others."""
 
 _WAVE, _VIBRATION, _FEATURE = (U(rows(c) * W) for c in (sheet.Wave, sheet.Vibration, sheet.Feature))
+_SHAKEN = U(rows(sheet.Shaken) * W)
+_SALT = U(0x5EED5EED5EED5EED)  # sets a vibration's random numbers apart from the sensor's
 _FEATURES = U(sheet.FEATURES)
 _AHEAD2 = U(2 * AHEAD)
 AHEAD_S = AHEAD * PERIOD
@@ -225,8 +240,20 @@ def supervise_all(block, at, n, tick):
 def travel_all(block, at, n, tick, deck):
     """Path and sheet: the surface in the middle and at the end of the period that lies AHEAD ms ahead."""
     flags = deck[D_FLAGS]
-    middle = at + SURFACES + ((tick + tick + _AHEAD2) & SURFACES_LAST) * UW
-    end = at + SURFACES + ((tick + tick + _AHEAD2 + U1) & SURFACES_LAST) * UW
+    slot_middle, slot_end = (
+        ((tick + tick + _AHEAD2) & SURFACES_LAST) * UW,
+        ((tick + tick + _AHEAD2 + U1) & SURFACES_LAST) * UW,
+    )
+    middle, end = at + SURFACES + slot_middle, at + SURFACES + slot_end
+    felt_middle, felt_end = at + FELT + slot_middle, at + FELT + slot_end
+    if flags & F_TURNS:
+        for lane in range(n):
+            a = at + lane
+            p, t = load(sheet.Turns, block, a + P_TURNS), load(path.State, block, a + S_PATH).time
+            block[a + ON] = sheet.turned(p, p.waves, t)
+            block[a + ON + UW] = sheet.turned(p, p.random, t)
+            block[a + ON + U2 * UW] = sheet.turned(p, p.vibrations, t)
+            block[a + ON + U(3) * UW] = sheet.turned(p, p.impulses, t)
     if deck[D_TRAVEL] > U0:  # axes that follow a job
         call(deck[D_TRAVEL], deck[D_BLOCK], at, n, deck[D_GANTRY], tick)
     else:
@@ -271,20 +298,48 @@ def travel_all(block, at, n, tick, deck):
             block[middle + lane] += sheet.bulge(p, half, where.middle_x, where.middle_y)
             block[end + lane] += sheet.bulge(p, s, where.x, where.y)
             store(block, a + S_SHEET, s)
+    if flags & F_PLATES:
+        for lane in range(n):
+            block[felt_middle + lane], block[felt_end + lane] = 0.0, 0.0
     for i in range(deck[D_WAVES]):
         offset = WAVES + i * _WAVE
         for lane in range(n):
             a = at + lane
             w, where = load(sheet.Wave, block, a + offset), load(path.State, block, a + S_PATH)
-            block[middle + lane] += sheet.wave(w, where.middle_x, where.middle_y)
-            block[end + lane] += sheet.wave(w, where.x, where.y)
-    for i in range(deck[D_VIBRATIONS]):
-        offset = VIBRATIONS + i * _VIBRATION
+            on = block[a + ON]
+            halfway, whole = on * sheet.wave(w, where.middle_x, where.middle_y), on * sheet.wave(w, where.x, where.y)
+            block[middle + lane] += w.amplitude * halfway
+            block[end + lane] += w.amplitude * whole
+            block[felt_middle + lane] += w.felt * halfway
+            block[felt_end + lane] += w.felt * whole
+    if flags & F_BANDS:
+        shake_all(block, at, n, tick, middle, end, words(deck[D_KEYS], U(2**40)), deck[D_VIBRATIONS])
+    else:
+        for i in range(deck[D_VIBRATIONS]):
+            offset = VIBRATIONS + i * _VIBRATION
+            for lane in range(n):
+                a = at + lane
+                v, where = load(sheet.Vibration, block, a + offset), load(path.State, block, a + S_PATH)
+                on = block[a + ON + U2 * UW]
+                block[middle + lane] += on * sheet.vibration(v, where.time - 0.5 * PERIOD)
+                block[end + lane] += on * sheet.vibration(v, where.time)
+    if flags & F_RANDOM:
+        randoms = doubles(deck[D_RANDOM], deck[D_RANDOMS])
         for lane in range(n):
             a = at + lane
-            v, where = load(sheet.Vibration, block, a + offset), load(path.State, block, a + S_PATH)
-            block[middle + lane] += sheet.vibration(v, where.time - 0.5 * PERIOD)
-            block[end + lane] += sheet.vibration(v, where.time)
+            p, where, on = (
+                load(sheet.Random, block, a + P_RANDOM),
+                load(path.State, block, a + S_PATH),
+                block[a + ON + UW],
+            )
+            if p.first >= 0.0:
+                half = where.distance - 0.5 * where.feed * PERIOD
+                halfway = sheet.random_height(randoms, p, half, 0.0)
+                whole = sheet.random_height(randoms, p, where.distance, 0.0)
+                block[middle + lane] += on * halfway
+                block[end + lane] += on * whole
+                block[felt_middle + lane] += on * (sheet.random_height(randoms, p, half, 1.0) - halfway)
+                block[felt_end + lane] += on * (sheet.random_height(randoms, p, where.distance, 1.0) - whole)
     if flags & F_FEATURES:
         for lane in range(n):
             a = at + lane
@@ -295,8 +350,15 @@ def travel_all(block, at, n, tick, deck):
         for lane in range(n):
             a = at + lane
             s, where = load(sheet.State, block, a + S_SHEET), load(path.State, block, a + S_PATH)
-            block[middle + lane] += sheet.features(s, where.distance - 0.5 * where.feed * PERIOD)
-            block[end + lane] += sheet.features(s, where.distance)
+            half, plate = where.distance - 0.5 * where.feed * PERIOD, block[a + PLATE]
+            halfway, whole = (
+                sheet.features(s, half, sheet.FOOTPRINT),
+                sheet.features(s, where.distance, sheet.FOOTPRINT),
+            )
+            block[middle + lane] += halfway
+            block[end + lane] += whole
+            block[felt_middle + lane] += sheet.features(s, half, plate) - halfway
+            block[felt_end + lane] += sheet.features(s, where.distance, plate) - whole
     if flags & F_PROFILES:
         profile = doubles(deck[D_PROFILE], deck[D_PROFILES])
         for lane in range(n):
@@ -313,11 +375,31 @@ def travel_all(block, at, n, tick, deck):
 
 
 @stage
+def shake_all(block, at, n, tick, middle, end, keys, count):
+    """Vibrations of which at least one machine has a band: two steps of its mode a period, with noise of its own."""
+    first = (at // STRIDE) * UW + at % STRIDE
+    for i in range(count):
+        offset, place, salt = VIBRATIONS + i * _VIBRATION, SHAKEN + i * _SHAKEN, _SALT * (i + U1)
+        for lane in range(n):
+            a = at + lane
+            v, where = load(sheet.Vibration, block, a + offset), load(path.State, block, a + S_PATH)
+            key, word, on = keys[first + lane] + salt, tick * _WORDS, block[a + ON + U2 * UW]
+            one = gauss(bits(key, word), uniform(bits(key, word + U1)))
+            two = gauss(bits(key, word + U2), uniform(bits(key, word + U(3))))
+            s = sheet.shake(v, load(sheet.Shaken, block, a + place), one, 0.5 * PERIOD)
+            block[middle + lane] += on * (s.height if v.zeta > 0.0 else sheet.vibration(v, where.time - 0.5 * PERIOD))
+            s = sheet.shake(v, s, two, 0.5 * PERIOD)
+            block[end + lane] += on * (s.height if v.zeta > 0.0 else sheet.vibration(v, where.time))
+            store(block, a + place, s)
+
+
+@stage
 def prepare_all(block, at, n, tick):
     """What the substeps of this period need: the surface's course, the drive's pace, the gate."""
     s0 = at + SURFACES + ((tick + tick - U1) & SURFACES_LAST) * UW
     s1 = at + SURFACES + ((tick + tick) & SURFACES_LAST) * UW
     s2 = at + SURFACES + ((tick + tick + U1) & SURFACES_LAST) * UW
+    f0, f1, f2 = s0 + FELT - SURFACES, s1 + FELT - SURFACES, s2 + FELT - SURFACES
     for lane in range(n):
         a = at + lane
         start, middle, end = block[s0 + lane], block[s1 + lane], block[s2 + lane]
@@ -334,9 +416,15 @@ def prepare_all(block, at, n, tick):
         )
         radius = sensor.sensing_radius(load(sensor.Params, block, a + P_SENSOR), max(m.gap, 0.0))
         counted = max(1.0, np.rint(gate.length * (1e-3 / PERIOD) * SUBSTEPS))  # substeps within the gate
+        # Means of q and q² over the gate's substeps, with which the plate's course is averaged as the gap is.
+        q = 1.0 - (counted - 1.0) / (2.0 * SUBSTEPS)
+        q2 = q * q + (counted * counted - 1.0) / (12.0 * SUBSTEPS * SUBSTEPS)
+        start, middle, end = block[f0 + lane], block[f1 + lane], block[f2 + lane]
+        felt = start + (4.0 * middle - 3.0 * start - end) * q + 2.0 * (start - 2.0 * middle + end) * q2
         store(block, a + COURSE, Course(
             c.surface, c.slope, c.bend, opens=1.0 - counted / SUBSTEPS + 1e-9, weight=1.0 / counted,
-            cover=sheet.coverage(feature, here, radius), open=sheet.over_void(feature, here, sheet.FOOTPRINT),
+            cover=sheet.coverage(feature, here, radius), felt=felt,
+            open=sheet.over_void(feature, here, sheet.FOOTPRINT),
             scored=block[a + BEAM] > 0.5 and not sheet.over_void(feature, here, 0.0),
         ))  # fmt: skip
         store(block, a + PACE, z_axis.pace(load(z_axis.Params, block, a + P_Z), load(z_axis.Drive, block, a + DRIVE)))
@@ -374,7 +462,7 @@ def move_all(block, at, n, k):
 @part
 def sensed_gap(m, c):
     """Gap that the sensor feels over the gate while nothing touches, mm."""
-    return max(m.gate_gap, 0.1 if c.open else 1e-6)
+    return max(m.gate_gap - c.felt, 0.1 if c.open else 1e-6)
 
 
 @stage
@@ -389,7 +477,7 @@ def sense_all(block, at, n, tick, keys, first):
         gap = 0.0 if touches else sensed_gap(m, c)
         s, f = sensor.step(
             load(sensor.Params, block, a + P_SENSOR), load(sensor.State, block, a + S_SENSOR),
-            load(sensor.Gate, block, a + P_GATE), gap, c.cover, keys[first + lane], tick,
+            load(sensor.Gate, block, a + P_GATE), gap, c.cover, block[a + ON + U(3) * UW], keys[first + lane], tick,
         )  # fmt: skip
         store(block, a + S_SENSOR, s)
         t = load(Tally, block, a + TALLY)
@@ -502,7 +590,8 @@ def report_all(block, at, n, tick):
         speed = (encoder - t.encoder) / PERIOD
         job = load(supervisor.Job, block, a + JOB)
         set_height = job.protect if s.mode == supervisor.PROTECT else job.set_height
-        way, lap = load(path.State, block, a + S_PATH), load(path.Params, block, a + P_PATH).lap
+        way, way_there = load(path.State, block, a + S_PATH), load(path.Params, block, a + P_PATH)
+        lap, feed = way_there.lap, path.feed_at(way_there, way.here) if way_there.corner > 0.0 else way.feed
         turns = np.floor(max(way.here, 0.0) / lap) if lap > 0.0 else 0.0
         here = a + SURFACES
         store(block, a + TALLY, Tally(t.ticks, t.collided, t.lowest, encoder))
@@ -510,7 +599,7 @@ def report_all(block, at, n, tick):
             height=x.height, raw_height=x.raw_height, frequency=x.frequency, valid=x.frequency > 0.0,
             set_height=set_height, head_position=position, head_velocity=speed,
             command=s.command, mode=s.mode, override=s.override, captured=s.captured, fresh=False,
-            feed=way.feed, place=way.here - turns * lap, lap=turns,
+            feed=feed, place=way.here - turns * lap, lap=turns,
             surface_0=block[here + _surface(tick, U0)], surface_1=block[here + _surface(tick, U1)],
             surface_2=block[here + _surface(tick, U2)], surface_3=block[here + _surface(tick, U(3))],
             surface_4=block[here + _surface(tick, U(4))], surface_5=block[here + _surface(tick, U(5))],
@@ -564,6 +653,8 @@ def sense_and_control(block, at, n, tick, keys, first, deck):
     sense_all(block, at, n, tick, keys, first)
     if deck[D_SIGNALS] > U0:
         replay_all(block, at, n, tick, deck)
+    if deck[D_SENSED] > U0:
+        call(deck[D_SENSED], deck[D_BLOCK], at, n, deck[D_SENSED_IO], tick)
     filter_all(block, at, n, tick, deck[D_WINDOW], deck[D_FLAGS] & F_RANKS)
     if deck[D_FILTERED] > U0:
         call(deck[D_FILTERED], deck[D_BLOCK], at, n, deck[D_FILTERED_IO], tick)
@@ -589,12 +680,14 @@ def live_all(deck, b):
         if deck[D_ACT] > U0 and i == U0:
             call(deck[D_ACT], deck[D_BLOCK], at, n, deck[D_IO], b * UW)
         supervise_all(block, at, n, tick)
+        if deck[D_SENT] > U0:
+            call(deck[D_SENT], deck[D_BLOCK], at, n, deck[D_SENT_IO], tick)
         travel_all(block, at, n, tick, deck)
         prepare_all(block, at, n, tick)
         for k in range(0, SUBSTEPS, _AT_ONCE):
             move_all(block, at, n, k)
         sense_and_control(block, at, n, tick, keys, b * UW, deck)
-        if deck[D_RECORD] > U0:
+        if deck[D_RECORD] > U0 and tick - deck[D_RECORD_TICK] < deck[D_RECORD_STEPS]:
             place = (tick - deck[D_RECORD_TICK]) * _CHANNELS * machines + b * UW
             record_all(block, at, n, tick, record, place, machines)
         if deck[D_FINISH] > U0:
@@ -657,16 +750,23 @@ def _begin(deck_address, machine, key):
         supervisor.FOLLOW if follows else supervisor.STOP, 0.0, 0.0, False, False, supervisor.NO_ALARM,
         0.0, 0.0, start.coast, 0.0, 0.0, 0.0,
     ))  # fmt: skip
-    store(block, at + DRIVE, z_axis.Drive(0.0, 0.0, 0.0, 0.0, 0.0))
+    store(block, at + DRIVE, z_axis.Drive(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     block[at + BEAM] = 1.0
     store(block, at + S_PATH, path.State(-PERIOD, -PERIOD * feed, 0.0, 0.0, 0.0, 0.0, feed, 0.0))
+    for i in range(4):
+        block[at + ON + U(i) * UW] = 1.0
+    for i in range(SURFACES_LAST + U1):
+        block[at + FELT + i * UW] = 0.0
+    for i in range(sheet.VIBRATIONS):
+        v = load(sheet.Vibration, block, at + VIBRATIONS + U(i) * _VIBRATION)
+        store(block, at + SHAKEN + U(i) * _SHAKEN, sheet.shaken(v))
     for i in range(_PREFILL):
         travel_all(block, at, U1, tick + U1 - U(_PREFILL) + U(i), deck)
     surface = block[at + SURFACES + _surface(tick, U0)]
     head = surface + start.gap
     store(block, at + S_Z, z_axis.at_rest(head))
     store(block, at + GAINS, z_axis.gains(load(z_axis.Params, block, at + P_Z), DT))
-    store(block, at + COURSE, Course(surface, 0.0, 0.0, 0.75, 0.2, 1.0, False, True))
+    store(block, at + COURSE, Course(surface, 0.0, 0.0, 0.75, 0.2, 1.0, 0.0, False, True))
     store(block, at + MOMENT, Moment(start.gap, head, start.gap, head, start.gap))
     store(block, at + TALLY, Tally(-1.0, False, 1e9, z_axis.encoded(load(z_axis.Params, block, at + P_Z), head)))
 

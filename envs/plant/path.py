@@ -1,4 +1,8 @@
-"""Path: where the nozzle is, at constant feed along a straight line or along the contours of a drawing.
+"""Path: where the nozzle is, along a straight line or along the contours of a drawing.
+
+The feed is constant, or it slows down for *corners*: each within its ``pitch`` of the path at a place of its own. There
+it is ``corner_feed``, elsewhere no more than what the acceleration lets it reach or leave it from. A straight path goes
+to and fro over a sheet of the length ``back``.
 
 Drawings are resampled at a uniform arc length when they are read, so that the machine finds its place by one
 multiplication. The axes that travel it are ideal here: they are where the path says.
@@ -25,6 +29,11 @@ class Params(NamedTuple):
     profile_samples: float = 0.0  # 0: a height map begins there
     profile_spacing: float = 1.0  # mm
     lap: float = 0.0  # mm, length of a lap of a path that is travelled again and again; 0: it is not
+    back: float = 3000.0  # mm after which a straight path turns back, a sheet's length [A]
+    corner: float = 0.0  # mm, pitch of the corners; 0: none
+    corner_feed: float = 20.0  # mm/s in a corner [A]
+    corner_acceleration: float = 5000.0  # mm/s² of the axes [A]
+    corner_phase: float = 0.0  # where the corners lie in their pitches, 0–1
 
 
 class State(NamedTuple):
@@ -41,15 +50,46 @@ class State(NamedTuple):
 
 
 @part
+def corner_at(p, n):
+    """Where the ``n``-th corner lies along the path, mm: in the middle three fifths of its pitch."""
+    u = p.corner_phase + 0.6180339887498949 * n  # multiples of the golden ratio fill [0, 1) evenly, without a period
+    return p.corner * (n + 0.2 + 0.6 * (u - np.floor(u)))
+
+
+@part
+def feed_at(p, distance):
+    """Feed at the distance along the path, mm/s: from a corner on v² = corner_feed² + 2·a·distance."""
+    n = np.floor(distance / max(p.corner, 1e-9))
+    off = min(
+        abs(distance - corner_at(p, n)),
+        min(abs(distance - corner_at(p, n - 1.0)), abs(distance - corner_at(p, n + 1.0))),
+    )
+    slow = np.sqrt(p.corner_feed * p.corner_feed + 2.0 * p.corner_acceleration * off)
+    return min(p.feed, slow) if p.corner > 0.0 else p.feed
+
+
+@part
+def to_and_fro(distance, back):
+    """Place on a straight path that turns back after ``back`` mm."""
+    whole = distance - 2.0 * back * np.floor(distance / (2.0 * back))
+    return whole if whole < back else 2.0 * back - whole
+
+
+@part
 def advance(p, s, dt, ahead):
     """Time and distance one control period of ``dt`` seconds later, on a straight line along x.
 
     ``ahead``: s by which they run ahead of the machine.
     """
-    distance = s.distance + p.feed * dt
-    return State(
-        s.time + dt, distance, distance, 0.0, s.distance + 0.5 * p.feed * dt, 0.0, p.feed, distance - p.feed * ahead
-    )
+    feed = feed_at(p, s.distance)
+    distance = s.distance + feed * dt
+    # With corners the machine's own place needs a sum of its own; it stands at the start until the lead is over.
+    behind = s.here + (feed_at(p, s.here) * dt if s.time + 0.5 * dt >= ahead else 0.0)
+    here = behind if p.corner > 0.0 else distance - p.feed * ahead
+    x, middle = distance, s.distance + 0.5 * feed * dt
+    x = to_and_fro(x, p.back) if p.back > 0.0 and x > p.back else x
+    middle = to_and_fro(middle, p.back) if p.back > 0.0 and middle > p.back else middle
+    return State(s.time + dt, distance, x, 0.0, middle, 0.0, feed, here)
 
 
 @part

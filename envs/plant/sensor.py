@@ -116,13 +116,14 @@ def counted(gate, frequency, phase):
 
 
 @part
-def step(p, s, gate, gap, cover, key, n):
+def step(p, s, gate, gap, cover, spatter, key, n):
     """One sample.
 
     Args:
         p, s, gate: :class:`Params`, :class:`State`, :class:`Gate`.
         gap: mean true gap over the gate, mm; the curvature of f(h) over a gate is neglected (below 0.1 µm at 100 mm/s).
         cover: share of the plate over sheet, 0–1.
+        spatter: factor on the rate of impulses.
         key, n: random stream and sample number.
 
     Returns:
@@ -133,7 +134,7 @@ def step(p, s, gate, gap, cover, key, n):
     d, e, g = bits(key, at + U3), bits(key, at + U4), bits(key, at + U4 + U1)
     phase, fill = uniform(bits(a, U1)), uniform(bits(b, U1))
 
-    starts = uniform(c) < p.impulses and s.remaining <= 0.0
+    starts = uniform(c) < p.impulses * spatter and s.remaining <= 0.0
     height = 1.0 + p.spread * (2.0 * uniform(d) - 1.0)
     hit = (height if uniform(bits(d, U1)) < 0.5 else -height) if starts else s.hit
     remaining = 1.0 + np.floor(uniform(e) * p.longest) if starts else s.remaining

@@ -18,9 +18,15 @@ command on, except where one of its guards acts:
 
 What is asked for in an alarm is refused until ``stop`` has acknowledged it; an unknown command is an alarm too.
 
-When the law takes over again, the difference between what the supervisor commanded and what the law asks for dies away
-by ``slew`` per period, so following is switched on and off without a bump. It is the difference that is limited, not
-the law's command: a rate limit in the loop could keep it oscillating for ever.
+When the law takes over again, what the supervisor commanded above the law's wish dies away by ``slew`` per period, so
+following is switched on and off without a bump. It is the difference that is limited, not the law's command: a rate
+limit in the loop could keep it oscillating for ever.
+
+The supervisor never makes a law's command more dangerous than it is. While it passes the law on, its command is never
+below the law's wish: a wish away from the sheet is obeyed at once. So are its own commands away from the sheet, such as
+the retraction after contact; only planned moves rise by ``slew`` per period. A wish beyond ``follow_speed`` is cut for
+the period in which it is asked, and one that is not a number stops the head for that period: one bad command costs what
+that command costs.
 """
 
 from typing import Annotated, NamedTuple
@@ -189,6 +195,12 @@ def planned(p, distance):
 
 
 @part
+def allowed(p, wish):
+    """The law's command within ``follow_speed``, mm/s; at rest if it is not a number."""
+    return clip(wish, -p.follow_speed, p.follow_speed) if wish == wish else 0.0
+
+
+@part
 def follow(p, s, job, x):
     """The tick of a machine that follows or holds; any other is left as it is.
 
@@ -204,7 +216,7 @@ def follow(p, s, job, x):
     late = p.alarm_error > 0.0 and s.captured and abs(e) > p.alarm_error
     trips = job.hole_guard and s.captured and e > p.error and x.fall > p.rise
     captured = (s.captured or e < p.capture) and job.request != HOLD  # after a pause it approaches again
-    wish = clip(x.wish, -p.follow_speed, p.follow_speed)
+    wish = allowed(p, x.wish)
     passed = wish if captured else max(wish, planned(p, -max(e, 0.0)))
     alarmed = s.ticks >= 100.0 and not holding
 
@@ -304,7 +316,7 @@ def errand(p, s, job, x, u):
         lets_go = x.height > job.protect + p.hysteresis
         phase = 1.0 if near else (0.0 if lets_go else phase)
         captured = phase == 1.0
-        u = max(clip(x.wish, -p.follow_speed, p.follow_speed), 0.0) if captured else 0.0
+        u = max(allowed(p, x.wish), 0.0) if captured else 0.0
     elif mode == HOME and phase < 4.0:
         before = phase
         u, phase = _home(p, phase, job, x)
@@ -351,14 +363,14 @@ def join(p, s, job, x, u):
     zero = x.head_position if flees else s.zero
     u = p.fastest if flees else (0.0 if limit else u)
 
-    passes = (mode == FOLLOW or mode == PROTECT) and u == x.wish
+    passes = (mode == FOLLOW or mode == PROTECT) and u == allowed(p, x.wish)
     difference = s.command - u if s.apart == UNJOINED else s.apart
-    left = difference - clip(difference, -p.slew, p.slew)
-    own = clip(u, s.command - p.slew, s.command + p.slew)
-    most = max(abs(u), abs(own))  # a law that jumps about must not be led beyond what it, or the supervisor, asks for
-    joined = clip(u + left, -most, most)
+    left = max(difference - p.slew, 0.0)  # below the wish nothing is left: it is obeyed at once
+    joined = min(u + left, max(u, s.command))  # a law that jumps about must not be led beyond what either asks for
+    planned_move = mode == MOVE or mode == HOME or mode == CALIBRATE
+    own = clip(u, s.command - p.slew, s.command + p.slew if planned_move else u)
     command = joined if passes else own
-    override = not passes or joined != u
+    override = not passes or joined != x.wish
     return State(
         mode, phase, s.ticks, s.captured, override, alarm, zero, s.anchor, s.offset, command, s.goal,
         joined - u if passes else UNJOINED,

@@ -13,6 +13,15 @@ The head hangs on the motor through a backlash that gravity closes (it opens onl
 faster than g), and through a structural mode that carries the share ``compliance`` of the load path::
 
     head/motor = (1 − c) + c·ωr²/(s² + 2·ζr·ωr·s + ωr²)
+
+Friction is LuGre's (Canudas de Wit et al., "A new model for control of systems with friction", IEEE Trans. Automatic
+Control 40, 1995): bristles bend by z before they slide, at g(v) between static and Coulomb friction F::
+
+    dz/dt = v − σ·|v|·z/g(v),   friction = σ·z,   g(v) = F·(1 + (stiction − 1)/(1 + (v/stribeck)²)),   σ = F/bristle
+
+So an axis that turns back sticks until its velocity loop has wound up enough to break it loose. The drop of friction
+with speed is a Lorentzian (Hess and Soom 1990) instead of a Gaussian, which costs no exponential; the bristles' own
+damping is left out, since the velocity loop's is far larger [A].
 """
 
 from typing import NamedTuple
@@ -24,7 +33,7 @@ from .lanes import clip, fma, part
 GRAVITY = 9810.0
 """mm/s²"""
 
-QUEUE = 5
+QUEUE = 7
 """Commands that the dead time can hold back; the longest dead time is ``QUEUE − 1`` control periods."""
 
 
@@ -40,7 +49,12 @@ class Params(NamedTuple):
     dac: float = 500.0 / 32768.0  # mm/s per step of the 16-bit ±10 V D/A; 0: ideal [A]
     encoder: float = 1e-3  # mm per count, 10 000 counts per revolution of 10 mm; 0: ideal [A]
     friction: float = 800.0  # mm/s², Coulomb friction over mass, 5–10 % of the rated force [A]
-    creep: float = 1.0  # mm/s, speed at which friction has grown to its full value [A]
+    creep: float = 1.0  # mm/s, speed at which friction has grown to its full value; of no use with bristles [A]
+    bristle: float = (
+        0.0  # mm by which Coulomb friction bends the bristles; 0: friction is viscous below `creep` [A] 2–10 µm
+    )
+    stiction: float = 1.0  # static over Coulomb friction [A] 1.2–1.6
+    stribeck: float = 2.0  # mm/s, speed at which half the difference is gone [A] 1–5
     backlash: float = 0.005  # mm [A] 2–10 µm
     omega_r: float = 628.3  # rad/s, structural resonance, 2π·100 Hz [A] 60–150 Hz
     zeta_r: float = 0.05  # its damping ratio [A]
@@ -60,6 +74,7 @@ class State(NamedTuple):
     falling: float = 0.0  # mm/s, speed of the head within the backlash
     mode: float = 0.0  # mm, deflected end of the structural mode
     mode_velocity: float = 0.0  # mm/s
+    bent: float = 0.0  # mm, deflection of the friction's bristles
 
 
 class Drive(NamedTuple):
@@ -70,6 +85,8 @@ class Drive(NamedTuple):
     c2: float = 0.0
     c3: float = 0.0
     c4: float = 0.0
+    c5: float = 0.0
+    c6: float = 0.0
 
 
 class Gains(NamedTuple):
@@ -86,6 +103,9 @@ class Gains(NamedTuple):
     jolt: float = 0.0  # mm/s², jerk·dt
     mode_stiff: float = 0.0
     mode_keep: float = 0.0  # what damping leaves of the mode's velocity
+    spring: float = 0.0  # 1/s², stiffness of the bristles over mass; 0: no bristles
+    extra: float = 0.0  # mm/s², static less Coulomb friction
+    slow: float = 0.0  # s/mm, 1/stribeck
 
 
 class Pace(NamedTuple):
@@ -101,7 +121,7 @@ def accept(p, d, command):
     """A new command enters at the start of a control period: speed limit, D/A, queue."""
     u = clip(command, -p.speed, p.speed)
     u = np.rint(u / p.dac) * p.dac if p.dac > 0.0 else u
-    return Drive(u, d.c0, d.c1, d.c2, d.c3)
+    return Drive(u, d.c0, d.c1, d.c2, d.c3, d.c4, d.c5)
 
 
 @part
@@ -122,17 +142,24 @@ def gains(p, dt):
         jolt=p.jerk * dt,
         mode_stiff=p.omega_r * xr * (1.0 - p.zeta_r * xr),
         mode_keep=1.0 - 2.0 * p.zeta_r * xr * (1.0 - p.zeta_r * xr),
+        spring=p.friction / p.bristle if p.bristle > 0.0 else 0.0,
+        extra=p.friction * (p.stiction - 1.0),
+        slow=1.0 / p.stribeck,
     )
+
+
+@part
+def _queued(d, n):
+    """The command that entered ``n`` periods ago, mm/s."""
+    recent = d.c0 if n < 1.0 else (d.c1 if n < 2.0 else (d.c2 if n < 3.0 else d.c3))
+    return recent if n < 4.0 else (d.c4 if n < 5.0 else (d.c5 if n < 6.0 else d.c6))
 
 
 @part
 def pace(p, d):
     """The coming period's :class:`Pace` under the commands ``d``."""
     whole = np.floor(p.dead_time)
-    older = d.c1 if whole < 1.0 else (d.c2 if whole < 2.0 else (d.c3 if whole < 3.0 else d.c4))
-    newer = (
-        d.c0 if whole < 1.0 else (d.c1 if whole < 2.0 else (d.c2 if whole < 3.0 else (d.c3 if whole < 4.0 else d.c4)))
-    )
+    older, newer = _queued(d, whole + 1.0), _queued(d, whole)
     return Pace(before=older, after=newer, change=p.dead_time - whole + 1e-9)
 
 
@@ -149,7 +176,13 @@ def step(p, g, r, s, share, dt):
     command = r.before if share <= r.change else r.after
     u = clip(command, fma(-g.near_end, s.position, g.near_low), fma(-g.near_end, s.position, g.near_high))
 
-    resist = clip(g.drag * s.velocity, -p.friction, p.friction)
+    # LuGre: bristles bend with the motion and slide at g(v); implicit in their own deflection, so stable at any speed.
+    # Of g(v) and 1 the multiple w is taken, which leaves one division.
+    w = fma(g.slow * s.velocity, g.slow * s.velocity, 1.0)
+    sliding = fma(p.friction, w, g.extra)
+    bent = fma(dt, s.velocity, s.bent) * (sliding / fma(abs(s.velocity) * dt * g.spring, w, sliding + 1e-300))
+    viscous = clip(g.drag * s.velocity, -p.friction, p.friction)
+    resist = g.spring * bent if g.spring > 0.0 else viscous
     wanted = fma(g.stiff, u - s.velocity, fma(-g.damp, s.acceleration, s.resist - resist))
     most = min(p.acceleration, fma(-g.soft, s.velocity, g.soft_speed))
     least = max(-p.acceleration, fma(-g.soft, s.velocity, -g.soft_speed))
@@ -168,13 +201,15 @@ def step(p, g, r, s, share, dt):
     mode = fma(dt, mode_velocity, s.mode)
     head = fma(p.compliance, mode - carried, carried)
     free = play > 0.0 and play < p.backlash
-    return State(position, velocity, acceleration, resist, play, falling if free else 0.0, mode, mode_velocity), head
+    return State(
+        position, velocity, acceleration, resist, play, falling if free else 0.0, mode, mode_velocity, bent
+    ), head
 
 
 @part
 def at_rest(position):
     """The axis standing still at ``position``, mm."""
-    return State(position, 0.0, 0.0, 0.0, 0.0, 0.0, position, 0.0)
+    return State(position, 0.0, 0.0, 0.0, 0.0, 0.0, position, 0.0, 0.0)
 
 
 @part

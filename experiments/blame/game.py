@@ -23,8 +23,8 @@ from ...envs.stack import Stack, Team
 from .. import jobs, rollout
 from ..ledger import Ledger
 
-BOUNDS = ("preview-5ms", "oracle")
-"""Controllers that know more, whose error bounds what can be gained."""
+REFERENCES = ("preview-5ms", "oracle")
+"""Controllers with other information, shown beside; neither is a bound (:mod:`kerfgym.experiments.bounds`)."""
 
 
 def shapley(worth: np.ndarray) -> np.ndarray:
@@ -65,7 +65,7 @@ class Blame:
         stages: that were idealised.
         errors: mean-square true error (µm²) of every coalition of idealised stages, shape (2ⁿ, seeds); stage ``i`` is
             idealised in coalition ``c`` if bit ``i`` of ``c`` is set. NaN where a run failed.
-        bounds: the same of the controllers that know more, on the real machine, shape (seeds,).
+        references: the same of the controllers with other information, on the real machine, shape (seeds,).
     """
 
     scenario: str
@@ -74,7 +74,7 @@ class Blame:
     seeds: tuple[int, ...]
     stages: tuple[str, ...]
     errors: np.ndarray
-    bounds: dict[str, np.ndarray]
+    references: dict[str, np.ndarray]
 
     @property
     def shares(self) -> np.ndarray:
@@ -90,7 +90,7 @@ class Blame:
     @property
     def failed(self) -> int:
         """Runs that failed; with one, there are no shares."""
-        return int(sum(np.isnan(e).sum() for e in (self.errors, *self.bounds.values())))
+        return int(sum(np.isnan(e).sum() for e in (self.errors, *self.references.values())))
 
 
 def measure(
@@ -98,7 +98,7 @@ def measure(
     stack: Stack | Team,
     seeds: Sequence[int],
     stages: Sequence[str] = (),
-    bounds: Sequence[str] = BOUNDS,
+    references: Sequence[str] = REFERENCES,
     threads: int = 1,
     told: Callable[[int], None] = lambda episodes: None,
     ledger: Ledger | None = None,
@@ -110,7 +110,7 @@ def measure(
         stack: of the slot ``z``; for a job a team.
         seeds: of the scenario, at least 1.
         stages: some of :func:`stages_of`; without any, all of them.
-        bounds: names of controllers of the slot ``z`` that the headroom of the gap is measured to.
+        references: names of controllers of the slot ``z`` that the gap is compared with.
         threads: worker threads; they change no figure.
         told: is told how many more episodes have been simulated.
         ledger: to which the cost is added.
@@ -134,7 +134,7 @@ def measure(
             for error, squares in _squares(scenario, stack, np.asarray(seeds)[seed], threads, cost, change).items():
                 found.setdefault(error, np.empty((len(everyone), len(seeds))))[coalition, seed] = squares
             told(len(seed))
-        known = {name: _squares(scenario, _informed(stack, name), seeds, threads, cost)["gap"] for name in bounds}
+        known = {name: _squares(scenario, _informed(stack, name), seeds, threads, cost)["gap"] for name in references}
     names = scenario.name, stack.name
     return [
         Blame(*names, error, tuple(int(s) for s in seeds), stages,

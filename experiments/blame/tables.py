@@ -1,4 +1,4 @@
-"""Tables of blame and headroom, with intervals over seeds."""
+"""Tables of blame and of references beside it, with intervals over seeds."""
 
 import math
 from collections.abc import Sequence
@@ -37,19 +37,21 @@ def shares(found: Sequence[Blame]) -> pd.DataFrame:
 
 
 def headroom(found: Sequence[Blame]) -> pd.DataFrame:
-    """One row per scenario, controller and bound.
+    """One row per scenario, controller and reference with other information.
 
-    Columns: ``scenario, controller, bound``; ``rms`` and ``bound_rms`` (µm) over all seeds; ``ratio, low, high``, the
-    factor by which the error could fall at most, with its 95 % interval over seeds.
+    Columns: ``scenario, controller, informed``; ``rms`` and ``informed_rms`` (µm) over all seeds; ``ratio, low, high``,
+    the factor between them, with its 95 % interval over seeds; below 1 the controller is closer than the reference.
     """
     rows = []
     for blame in found:
-        for name, bound in blame.bounds.items():
-            squares = [blame.errors[0], bound]
+        for name, informed in blame.references.items():
+            squares = [blame.errors[0], informed]
             ratio = _intervals([np.sqrt(s) for s in squares], log_score, np.array([[1.0, -1.0]]))[0]
             rows.append([blame.scenario, blame.controller, name, *(math.sqrt(s.mean()) for s in squares),
                          *np.exp(ratio)])  # fmt: skip
-    return pd.DataFrame(rows, columns=["scenario", "controller", "bound", "rms", "bound_rms", "ratio", "low", "high"])
+    return pd.DataFrame(
+        rows, columns=["scenario", "controller", "informed", "rms", "informed_rms", "ratio", "low", "high"]
+    )
 
 
 def _intervals(values: list[np.ndarray], statistic: Statistic, combinations: np.ndarray) -> list[Interval]:
@@ -78,7 +80,7 @@ def coalitions(blame: Blame) -> pd.DataFrame:
     count = len(blame.stages)
     names = ["+".join(blame.stages[i] for i in range(count) if c >> i & 1) for c in range(1 << count)]
     runs = [(blame.controller, name, errors) for name, errors in zip(names, blame.errors, strict=True)]
-    runs += [(name, "", errors) for name, errors in blame.bounds.items()]
+    runs += [(name, "", errors) for name, errors in blame.references.items()]
     return pd.concat(
         [pd.DataFrame({"scenario": blame.scenario, "controller": who, "error": blame.error, "seed": blame.seeds,
                        "idealised": name, "square": errors}) for who, name, errors in runs],
@@ -92,6 +94,6 @@ def of_coalitions(frame: pd.DataFrame, controller: str, stages: tuple[str, ...])
     for error, part in frame.groupby("error", sort=False):
         seeds = tuple(part["seed"].drop_duplicates().tolist())
         errors, names = part["square"].to_numpy().reshape(-1, len(seeds)), part["controller"].to_numpy()[:: len(seeds)]
-        bounds = dict(zip(names[count:], errors[count:], strict=True))
-        found.append(Blame(part["scenario"].iloc[0], controller, str(error), seeds, stages, errors[:count], bounds))
+        known = dict(zip(names[count:], errors[count:], strict=True))
+        found.append(Blame(part["scenario"].iloc[0], controller, str(error), seeds, stages, errors[:count], known))
     return found

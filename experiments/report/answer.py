@@ -170,8 +170,10 @@ def _card(standing: Standing, look: dict[str, Look], labels: dict[str, str]) -> 
         "summary": standing.suite.metrics[standing.metric].summary, "bars": [], "tied": [],
     }  # fmt: skip
     if best is None:
-        card["lines"].append("Nobody that may be ranked has a figure.")
-        return card
+        why = {reason for reasons in standing.frame["reasons"] for reason in reasons}
+        outside = len(why) == 1 and next(iter(why)).startswith("extrapolated")
+        card["lines"].append(f"Not ranked: {why.pop()}." if outside else "Nobody that may be ranked has a figure.")
+        return card | {"bars": _bars(standing, look, labels)}
     row = standing.frame.loc[best]
     low, high, value = (float(row[c]) for c in ("score_low", "score_high", "score"))
     places = known(low, high, value)
@@ -226,7 +228,7 @@ def _bars(standing: Standing, look: dict[str, Look], labels: dict[str, str]) -> 
     """Places of the first few on a common axis, per cent of its width: the best, the reference, the ceiling."""
     suite = standing.suite
     keep = [n for n in (*standing.ranked[: BARS - 2], suite.reference, suite.ceiling) if n in standing.order]
-    keep += [n for n in standing.ranked if n not in keep][: max(0, BARS - len(set(keep)))]
+    keep += [n for n in standing.ranked or standing.order if n not in keep][: max(0, BARS - len(set(keep)))]
     names = [n for n in standing.order if n in set(keep)]
     frame = standing.frame.loc[names, ["score", "score_low", "score_high"]].astype(float)
     frame["score_low"] = frame["score_low"].where(np.isfinite(frame["score_low"]), frame["score"])

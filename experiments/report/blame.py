@@ -1,4 +1,4 @@
-"""Headroom and blame: what each stage of the machine costs, and what a better controller could gain at most."""
+"""Blame: what each stage of the machine costs, and how references with other information do on the same seeds."""
 
 from typing import Any
 
@@ -82,19 +82,19 @@ def _title(shares: pd.DataFrame, labels: dict[str, str]) -> str:
 
 
 def headroom(suite: Suite, labels: dict[str, str]) -> list[dict[str, Any]]:
-    """Rows of the table of headroom: the factor by which an error could fall at most; empty if it was not asked for."""
+    """Rows of the table of references: their RMS and the factor to it; empty if it was not asked for."""
     table = suite.following.headroom if suite.following else pd.DataFrame()
     rows: list[dict[str, Any]] = []
     for (scenario, name), here in table.groupby(["scenario", "controller"], sort=False) if len(table) else []:
-        bounds = {}
+        known = {}
         for row in here.itertuples():
-            known = np.isfinite(row.ratio)
-            bounds[labels.get(row.bound, row.bound)] = {
-                "rms": number(row.bound_rms), "ratio": f"× {times(row.ratio)}" if known else "–",
+            finite = np.isfinite(row.ratio)
+            known[labels.get(row.informed, row.informed)] = {
+                "rms": number(row.informed_rms), "ratio": f"× {times(row.ratio)}" if finite else "–",
                 "span": span(row.low, row.high, 1),
             }  # fmt: skip
         rows.append({
             "scenario": scenario, "controller": labels.get(str(name), str(name)), "rms": number(here["rms"].iloc[0]),
-            "bounds": bounds,
+            "references": known,
         })  # fmt: skip
     return rows

@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
+from ..bounds.record import LABEL
 from .figure import Figure
 from .numbers import number
 from .palette import DIVERGING
@@ -35,7 +36,7 @@ def figure(suite: Suite, labels: dict[str, str]) -> Figure | None:
         f"Numbers are over all seeds of a scenario whose run did not fail; colours compare with {against}: blue is "
         f"better, orange worse, {2**FURTHEST:g} times at the ends. Columns right of the line make no score"
         f"{'; an asterisk marks scenarios that are built to defeat followers' if suite.exempt else ''}.",
-        views, "show", height=110 + 34 * len(suite.ranked), least=130 + 62 * len(suite.scenarios),
+        views, "show", height=110 + 34 * (len(suite.ranked) + 1), least=130 + 62 * len(suite.scenarios),
     )  # fmt: skip
 
 
@@ -53,9 +54,21 @@ def _errors(suite: Suite, metric: str, labels: dict[str, str]) -> go.Figure:
         "tickvals": ends, "title": {"text": "×", "side": "top"},
         "ticktext": [f"{2.0 ** abs(e):g} {'better' if e < 0 else 'worse'}" if e else "same" for e in ends],
     }  # fmt: skip
-    return _map(suite, table, np.clip(np.nan_to_num(doublings, nan=np.nan), -FURTHEST, FURTHEST), text, labels, {
-        "colorscale": DIVERGING, "zmin": -FURTHEST, "zmax": FURTHEST, "colorbar": bar,
-    }, suite.metrics[metric].unit)  # fmt: skip
+    return _map(
+        suite,
+        table,
+        np.clip(np.nan_to_num(doublings, nan=np.nan), -FURTHEST, FURTHEST),
+        text,
+        labels,
+        {
+            "colorscale": DIVERGING,
+            "zmin": -FURTHEST,
+            "zmax": FURTHEST,
+            "colorbar": bar,
+        },
+        suite.metrics[metric].unit,
+        suite.following.bounds if suite.following and metric == "rms_true" else {},
+    )
 
 
 def _cell(value: float, lost: int) -> str:
@@ -83,14 +96,21 @@ def _collisions(suite: Suite, labels: dict[str, str]) -> go.Figure:
 
 
 def _map(
-    suite: Suite, table: pd.DataFrame, colours: np.ndarray, text: list, labels: dict[str, str], more: dict, unit: str
-) -> go.Figure:
+    suite: Suite, table: pd.DataFrame, colours: np.ndarray, text: list, labels: dict[str, str], more: dict, unit: str,
+    bounds: dict[str, float] | None = None,
+) -> go.Figure:  # fmt: skip
+    """The map; ``bounds`` by scenario make a last row, in the colour of the best."""
     columns = [s + ("*" if s in suite.exempt else "") for s in suite.scenarios]
-    rows = [labels[c] for c in suite.ranked]
+    rows, values = [labels[c] for c in suite.ranked], table.to_numpy(float)
+    if bounds:
+        last = np.array([[bounds.get(s, np.nan) for s in suite.scenarios]])
+        rows, values = [*rows, LABEL], np.vstack([values, last])
+        colours = np.vstack([colours, np.where(np.isfinite(last), more["zmin"], np.nan)])
+        text = [*text, [_cell(v, 0) if np.isfinite(v) else "" for v in last[0]]]
     more["colorbar"] |= {"thickness": 10, "outlinewidth": 0, "tickfont": {"size": 11}, "x": 1.01, "xpad": 4}
     plot = go.Figure(go.Heatmap(
         z=colours, x=columns, y=rows, text=text, texttemplate="%{text}", textfont={"size": 12}, xgap=1, ygap=1,
-        customdata=table.to_numpy(float), hoverongaps=False,
+        customdata=values, hoverongaps=False,
         hovertemplate="%{y}<br>%{x}: %{customdata:.4g} " + unit + "<extra></extra>", **more,
     ))  # fmt: skip
     shapes = []
@@ -99,7 +119,7 @@ def _map(
             at = suite.scenarios.index(after) - 0.5
             shapes.append(_rule(x0=at, x1=at, y0=0, y1=1, yref="paper"))
     below = 0
-    for names in list(suite.classes.values())[:-1]:
+    for names in list(suite.classes.values())[: None if bounds else -1]:
         below += len(names)
         shapes.append(_rule(x0=0, x1=1, xref="paper", y0=below - 0.5, y1=below - 0.5))
     plot.update_layout(

@@ -24,8 +24,10 @@ def sentences(suites: list[Suite], learned: list[str]) -> list[tuple[str, str]]:
         ("The true gap cannot be seen on a machine.", "Scores are of the true gap. A real machine knows the reported "
          "height only, so it could not measure this score, and a slow filter looks better in its report than it is."),
         ("Dross and roughness are proxies.", "They follow the trends known of laser cuts; heat that builds up in "
-         f"corners, the gas' dynamics and striations as such are not in the model. {'; '.join(labels)}. Calibrated is "
-         "not validated: a fit to published numbers says nothing of numbers that were not published."),
+         f"corners, shocks of the gas and striations as such are not in the model. {'; '.join(labels)}. Calibrated is "
+         "not validated: a fit to published numbers says nothing of numbers that were not published. Figures of cuts "
+         "with other settings than those, or of materials with assumed coefficients, are extrapolated: they are shown, "
+         "but not ranked."),
         ("Intervals are about the draw of seeds.", f"They hold for other machines, sheets and noise of the same kind, "
          f"drawn as these {seeds} were. They know nothing of errors of the model, of other scenarios, or of another "
          "tuning of the same controller."),

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
+from ..bounds.record import LABEL
 from .figure import Figure, logarithmic
 from .heat import SHOWN
 from .numbers import fixed, known, number, span
@@ -26,6 +27,9 @@ def figure(standing: Standing, look: dict[str, Look], labels: dict[str, str]) ->
     if reported is not None:
         ends = np.concatenate([ends.ravel(), reported.loc[standing.order].to_numpy(float)])
     ends = ends[np.isfinite(ends) & (ends > 0)]
+    bound = suite.following.bound if suite.following else math.nan
+    if bound > 0:
+        ends = np.append(ends, bound)
     low, high = float(ends.min()) / 1.25, min(float(ends.max()) * 1.25, 8 * float(frame["score"][standing.order].max()))
     plot = go.Figure()
     annotations = []
@@ -64,6 +68,9 @@ def figure(standing: Standing, look: dict[str, Look], labels: dict[str, str]) ->
         plot.add_vline(
             float(frame.at[suite.reference, "score"]), line={"color": INK, "width": 1, "dash": "4px,3px"}, layer="below"
         )
+    if bound > 0:
+        plot.add_vline(bound, line={"color": INK, "width": 2, "dash": "1px,3px"}, layer="below")
+        annotations.append({**_text(math.log10(bound), bottom + 0.2, f"{LABEL}: {number(bound)}", 6)})
     plot.update_layout(
         xaxis={**logarithmic(low, high), "title": f"{SHOWN.get(metric.name, metric.name)} ({metric.unit}, log scale)",
                "fixedrange": True},
@@ -73,6 +80,8 @@ def figure(standing: Standing, look: dict[str, Look], labels: dict[str, str]) ->
     )  # fmt: skip
     _score_axis(plot, standing, low, high)
     beside = " The upright stroke is what the machine itself reports." if reported is not None else ""
+    if bound > 0:
+        beside += " The dotted line is what no causal controller with only the sensor can go below (docs/bounds.md)."
     return Figure(
         f"scores-{suite.name}", _title(standing, labels),
         f"Points are over the seeds whose run did not fail, {suite.scored_in_words}, with 95 % intervals; shorter is "

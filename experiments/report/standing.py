@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 
-from ..fairness import order, standings
+from ..fairness import extrapolated, in_any_metric, order, standings
 from .suite import Suite
 
 CARDS = {
@@ -85,11 +85,12 @@ def all_of(suite: Suite) -> dict[str, Standing]:
     wanted = [suite.metric, *(m for m in (*CARDS, *BESIDE) if m != suite.metric and m in suite.metrics)]
     r = suite.results
     found = {suite.metric: Standing(suite, suite.metric, r.standings)}
-    why = dict(r.standings["reasons"])
+    why = in_any_metric(r)
     for metric in wanted[1:]:
         view = SimpleNamespace(
             runs=r.runs, controllers=r.controllers, scenarios=r.scenarios, scored=suite.scored, meta=r.meta,
             metric=metric, reference=suite.reference, exempt=suite.exempt,
         )  # fmt: skip
-        found[metric] = Standing(suite, metric, standings(view, why, typical=False))
+        own = {name: [*reasons, *extrapolated(view, name)] for name, reasons in why.items()}
+        found[metric] = Standing(suite, metric, standings(view, own, typical=False))
     return found

@@ -324,10 +324,27 @@ def _jobs(suite: Suite, standings: dict[str, Standing]) -> list[Group]:
     contour = Group("contour error", [*first("RMS", "contour_rms"), column("max", "contour_max")], first=True)
     gap = Group("true gap error", [*first("RMS", "gap_rms"), column("max", "gap_max")])
     cut = Group("cut", [
-        column("dross", "dross"), rough, column("u", "taper", ranges("iso_taper")), *through, column("kerf", "kerf"),
+        _evidence(suite), column("dross", "dross"), rough, column("u", "taper", ranges("iso_taper")), *through,
+        column("kerf", "kerf"),
     ], first=True)  # fmt: skip
     time = Group("time", [column("job", "time"), column("feed", "mean_feed"), column("energy", "energy")], first=True)
     return [contour, gap, cut, time, Group("safety", [_collisions(suite)])]
+
+
+def _evidence(suite: Suite) -> Column:
+    """Whether the figures of the cut stand on what was calibrated."""
+    cells = {}
+    for name, row in suite.summary.iterrows():
+        share = float(row.get("extrapolated", math.nan))
+        if share > 0:
+            cells[str(name)] = Cell("extrapolated", share, percent(share), "bad", str(row["beyond"]))
+        else:
+            cells[str(name)] = Cell("inside" if share == 0 else "–", share)
+    meaning = (
+        "whether dross, Rz, u, through and kerf lie within the settings that they were calibrated on; else the share "
+        "of the cut that does not, and, when pointed at, in what"
+    )
+    return Column("evidence", "of the cut", cells, meaning)
 
 
 def _range(text: str) -> str:

@@ -28,14 +28,25 @@ DOCUMENTS = {
 REPRODUCED = "reproduced"
 CALIBRATED = "calibrated"
 TREND = "trend only"
+INPUT = "input"
+PRESENT = "present"
+FAILS = "does not hold here"
 NOT = "not reproducible as printed"
 VERDICTS = {
-    REPRODUCED: "the simulation, or the algebra, gives what is printed, from parameters that were not fitted to it",
+    REPRODUCED: "a printed figure or claim, met by the document's own method within a stated tolerance that a trivial "
+    "predictor misses; nothing was fitted to it",
     CALIBRATED: "free parameters were fitted to this very number, so that it agrees proves nothing",
-    TREND: "direction or order agree, the number does not or is not comparable",
-    NOT: "what is printed contradicts itself, is incomplete, or is not what this machine does; the note says which",
+    TREND: "direction or order agree; but no figure is printed, or it is missed, or a trivial predictor meets it too, "
+    "or another method than the document's was run",
+    INPUT: "printed, and here a setting or plain arithmetic on settings; the run shows that it is in force, no more",
+    PRESENT: "only named in the document, or not mentioned there; it is built here and does what the row says",
+    FAILS: "what is printed is clear and the run contradicts it, or what is named does not work here",
+    NOT: "what is printed contradicts itself or is incomplete; the note says which",
 }
-"""The verdicts, best first, and what they mean."""
+"""The verdicts and what they mean."""
+
+NAMED, SILENT = "named", "not mentioned"
+"""How the column of the paper begins where a document has no figure and no claim to compare with."""
 
 
 @dataclass(frozen=True)
@@ -84,20 +95,93 @@ def estimate(values: Sequence[float] | np.ndarray, unit: str = "", digits: int =
 
 
 @dataclass(frozen=True)
+class Evidence:
+    """Three errors by one measure: the run's from what is printed, the largest that counts as agreement, and that of a
+    predictor which knows nothing of the matter. Agreement says something only if that one misses.
+
+    Raises:
+        InvalidInput: no measure or trivial predictor is named, or tolerance or trivial error are no numbers.
+    """
+
+    measure: str  # what is compared, with its unit: "largest difference, Hz"
+    error: float
+    tolerance: float
+    trivial: str  # "a straight line between the fitted points"
+    trivial_error: float
+
+    def __post_init__(self) -> None:
+        if not self.measure or not self.trivial:
+            raise InvalidInput("evidence needs a measure and the name of a trivial predictor")
+        if not (np.isfinite(self.tolerance) and self.tolerance >= 0) or np.isnan(self.trivial_error):
+            raise InvalidInput(
+                f"evidence on {self.measure}: tolerance {self.tolerance}, trivial error {self.trivial_error}; "
+                "the first must be a number from 0 on, the second may be infinite"
+            )
+
+    @property
+    def met(self) -> bool:
+        """Whether the run lies within the tolerance; a failed run does not."""
+        return bool(abs(self.error) <= self.tolerance)
+
+    @property
+    def telling(self) -> bool:
+        """Whether the trivial predictor lies outside it."""
+        return bool(abs(self.trivial_error) > self.tolerance)
+
+    def __str__(self) -> str:
+        error, tolerance, trivial = (_text(v, 2) for v in (self.error, self.tolerance, self.trivial_error))
+        return f"{self.measure}: {error}, at most {tolerance}; {self.trivial}: {trivial}"
+
+
+@dataclass(frozen=True)
 class Row:
-    """A claim: where it stands, what is printed, what the simulation gives, and what to make of it."""
+    """A claim: where it stands, what is printed, what the simulation gives, and what to make of it.
+
+    A row is *reproduced* only with evidence that is met and telling, behind a printed figure or claim (``paper``) that
+    stands somewhere (``where``), by the document's own method. Where nothing is printed to compare with, ``paper``
+    begins with "named" or "not mentioned", and the row is *present* or does not hold.
+
+    Raises:
+        InvalidInput: the verdict is unknown or goes beyond what the row has to show.
+    """
 
     where: str  # in the document: "Table 1", "eq. 3", "claim 7"
     claim: str
-    paper: str
+    paper: str  # the printed figure, or the claim in the document's words
     simulation: Estimate | str
     verdict: str
     note: str = ""
     true: Estimate | str = ""  # the same of the true gap, where the document's figure is a measured height
+    evidence: Evidence | None = None
+    instead: str = ""  # what was run in place of the document's own method
 
     def __post_init__(self) -> None:
         if self.verdict not in VERDICTS:
             raise InvalidInput(f"unknown verdict '{self.verdict}'; {did_you_mean(self.verdict, tuple(VERDICTS))}")
+        if wrong := self._overreach():
+            raise InvalidInput(f"row '{self.claim}' can't be '{self.verdict}': {wrong}")
+
+    @property
+    def printed(self) -> bool:
+        """Whether the document has a figure or a claim to compare with."""
+        return bool(self.paper.strip(" –-")) and not self.paper.startswith((NAMED, SILENT))
+
+    def _overreach(self) -> str:
+        """What the verdict claims without ground, or nothing."""
+        if self.verdict == REPRODUCED:
+            if not self.where or not self.printed:
+                return f"nothing is printed to reproduce (where '{self.where}', paper '{self.paper}')"
+            if self.instead:
+                return f"{self.instead} is not the document's method"
+            if self.evidence is None:
+                return "it has no evidence: an error, a tolerance, and a trivial predictor's error"
+            if not (self.evidence.met and self.evidence.telling):
+                return f"its evidence does not bear it: {self.evidence}"
+        elif self.verdict == PRESENT and self.printed:
+            return f"it is for what is only '{NAMED}' or '{SILENT}'; the column of the paper says '{self.paper}'"
+        elif not self.printed and self.verdict not in (PRESENT, FAILS):
+            return f"nothing is printed ('{self.paper}'); it can be '{PRESENT}' or '{FAILS}'"
+        return ""
 
 
 @dataclass(frozen=True)
@@ -155,9 +239,30 @@ def study(document: str, title: str) -> Callable[[Callable[[Trial], Findings]], 
     return register
 
 
-def judged(holds: Any, verdict: str = REPRODUCED, otherwise: str = NOT) -> str:
-    """The verdict if what the row claims came out, else ``otherwise``."""
+def judged(holds: Any, verdict: str, otherwise: str = FAILS) -> str:
+    """The verdict if what the row claims came out, else ``otherwise``.
+
+    Raises:
+        InvalidInput: the verdict is *reproduced*, which takes evidence, see :func:`weighed`.
+    """
+    if REPRODUCED in (verdict, otherwise):
+        raise InvalidInput(f"'{REPRODUCED}' follows from evidence alone; use weighed()")
     return verdict if bool(holds) else otherwise
+
+
+def weighed(
+    where: str, claim: str, paper: str, simulation: Estimate | str, evidence: Evidence, note: str = "",
+    true: Estimate | str = "", otherwise: str = FAILS, instead: str = "",
+) -> Row:  # fmt: skip
+    """A row whose verdict follows from its evidence.
+
+    *Reproduced* if the run lies within the tolerance and the trivial predictor does not; *trend only* if both do, or if
+    another method than the document's was run; ``otherwise`` if the run lies outside.
+    """
+    verdict = otherwise
+    if evidence.met:
+        verdict = REPRODUCED if evidence.telling and not instead else TREND
+    return Row(where, claim, paper, simulation, verdict, note, true, evidence, instead)
 
 
 def studies(names: Sequence[str] = ()) -> list[Study]:

@@ -1,18 +1,38 @@
 """CN102528288A: the digital height controller's measurement, commands, follow flow and advanced processes."""
 
+import importlib
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from ...baselines import cn102528288a as law
 from ...baselines import sequences
-from ...envs import scenarios, stack
+from ...envs import metrics, scenarios, stack
 from ...envs.panel import LEVEL, Panel
 from ...envs.plant import sensor, supervisor, z_axis
 from .. import rollout
 from ..report.palette import COLOURS, GRID, QUIET
-from .claims import Drawing, Estimate, Findings, Row, Trial, estimate, judged, study
+from . import fixed_gains
+from .claims import (
+    FAILS,
+    INPUT,
+    NAMED,
+    PRESENT,
+    SILENT,
+    TREND,
+    Drawing,
+    Estimate,
+    Evidence,
+    Findings,
+    Row,
+    Trial,
+    estimate,
+    judged,
+    study,
+    weighed,
+)
 
 CONTROLLER = "cn102528288a"
 SPEED = 200.0
@@ -64,22 +84,22 @@ def counting(trial: Trial) -> Findings:
     rows = [
         Row(
             "description", "the oscillator's frequency for a gap capacitance of 5–20 pF lies within", "1–10 MHz",
-            f"{ends[0]:.2f}–{ends[1]:.2f} MHz", judged(1.0 <= ends[0] <= ends[1] <= 10.0),
+            f"{ends[0]:.2f}–{ends[1]:.2f} MHz", judged(1.0 <= ends[0] <= ends[1] <= 10.0, TREND),
             "with the inductance of Xi2023's oscillator, 168 µH",
         ),
         Row(
             "description", "frequency values of adjacent edges that go into one reading", "more than 100",
-            Estimate(values, digits=4), judged(values > 100.0), "periods in a gate of 0.25 ms at 1 mm",
+            Estimate(values, digits=4), judged(values > 100.0, INPUT), "periods in a gate of 0.25 ms [A] at 1 mm",
         ),
         Row(
-            "description", "300 MHz sampling: σ of one reading at 1 mm from counting alone", "–",
-            Estimate(scatter["total"][2], "µm"), judged(abs(scatter["total"][2] / law_ - 1.0) < 0.1),
+            "description", "300 MHz sampling: σ of one reading at 1 mm from counting alone", SILENT,
+            Estimate(scatter["total"][2], "µm"), judged(abs(scatter["total"][2] / law_ - 1.0) < 0.1, PRESENT),
             f"a phase that is uniform gives f/(√6·f_clk·T) = {law_:.3f} µm",
         ),
         Row(
-            "description", "the mean of per-period values is as good as one count of them all", "mean",
+            "description", "the mean of per-period values is as good as one count of them all", SILENT,
             f"{scatter['mean'][2] / scatter['total'][2]:.2f} × the scatter, {bias * 1e6:+.1f} ppm of bias",
-            judged(scatter["mean"][2] / scatter["total"][2] < 1.5),
+            judged(scatter["mean"][2] / scatter["total"][2] < 1.5, PRESENT),
             "averaging frequencies instead of periods adds the bias, which calibration takes out",
         ),
     ]  # fmt: skip
@@ -143,20 +163,23 @@ def commands(trial: Trial) -> Findings:
             p.break_(fault)
             alarms[name].append(p.home().alarm == name)
     rows = [
-        Row("claim 1", "stop: all motion stops; time from 150 mm/s or less", "stops", estimate(ends["stop"], "ms"),
-            judged(np.max(ends["stop"]) < 100.0)),
-        Row("claim 1, 2", "follow: gap − set height after 0.5 s", "follows", estimate(ends["follow"], "µm"),
-            judged(np.abs(ends["follow"]).max() < 20.0)),
-        Row("claim 3", "single-side protection at 2 mm from a gap of 1 mm: gap afterwards", "at least 2 mm",
-            estimate(ends["single-side protection"], "mm"), judged(np.min(ends["single-side protection"]) >= 1.99),
+        Row("claim 1", "stop: all motion stops; time from 150 mm/s or less", f"{NAMED}: stops",
+            estimate(ends["stop"], "ms"), judged(np.max(ends["stop"]) < 100.0, PRESENT)),
+        Row("claim 1, 2", "follow: gap − set height after 0.5 s", f"{NAMED}: follows",
+            estimate(ends["follow"], "µm"), judged(np.abs(ends["follow"]).max() < 20.0, PRESENT)),
+        Row("claim 3", "single-side protection at 2 mm from a gap of 1 mm: gap afterwards", f"{NAMED}: at least 2 mm",
+            estimate(ends["single-side protection"], "mm"),
+            judged(np.min(ends["single-side protection"]) >= 1.99, PRESENT),
             "0.2 mm of hysteresis were added; without it the follow flow is switched on and off by noise"),
-        Row("claim 4", "idle positioning: where it ends, from the target", "reaches it",
-            estimate(ends["idle positioning"], "µm"), judged(np.abs(ends["idle positioning"]).max() < 5.0)),
-        Row("claim 5", "homing: where it ends, from the index pulse", "at the pulse", estimate(homes, "µm"),
-            judged(np.abs(homes).max() < 20.0), "2 mm/s are 2 µm a period; the axis stops after the pulse"),
-        Row("claim 1", "each new command first stops the motion: largest jump of the command", "–",
-            estimate(jumps, "mm/s"), judged(np.max(jumps) <= 10.0 + 1e-9),
-            "per control period, outside following; the supervisor's slew is 10 mm/s"),
+        Row("claim 4", "idle positioning: where it ends, from the target", f"{NAMED}: reaches it",
+            estimate(ends["idle positioning"], "µm"),
+            judged(np.abs(ends["idle positioning"]).max() < 5.0, PRESENT)),
+        Row("claim 5", "homing: where it ends, from the index pulse", f"{NAMED}: at the pulse",
+            estimate(homes, "µm"), judged(np.abs(homes).max() < 20.0, PRESENT),
+            "2 mm/s are 2 µm a period; the axis stops after the pulse"),
+        Row("claim 1", "each new command first stops the motion: largest jump of the command", SILENT,
+            estimate(jumps, "mm/s"), judged(np.max(jumps) <= 10.0 + 1e-9, PRESENT),
+            "per control period, outside following; allowed: the supervisor's slew, 10 mm/s"),
     ]  # fmt: skip
     notes = {
         "unknown command": "motion stops, the alarm is latched",
@@ -166,11 +189,11 @@ def commands(trial: Trial) -> Findings:
     }
     for name, seen in alarms.items():
         rows.append(Row(
-            "claim 1, error handling", f"{name}: share of runs that end in its alarm, without contact", "–",
-            f"{sum(seen)}/{len(seen)}", judged(all(seen)), notes[name],
+            "claim 1, error handling", f"{name}: share of runs that end in its alarm, without contact",
+            f"{NAMED}: error handling", f"{sum(seen)}/{len(seen)}", judged(all(seen), PRESENT), notes[name],
         ))  # fmt: skip
-    rows.append(Row("claim 1", "contacts with the sheet in all of these", "–", f"{contacts}/{trial.seeds}",
-                    judged(contacts == 0)))  # fmt: skip
+    rows.append(Row("claim 1", "contacts with the sheet in all of these", SILENT, f"{contacts}/{trial.seeds}",
+                    judged(contacts == 0, PRESENT)))  # fmt: skip
     return Findings(rows)
 
 
@@ -222,21 +245,25 @@ def positioning(trial: Trial) -> Findings:
         axes.grid(color=GRID)
     a = p.plan * p.acceleration
     rows = [
-        Row("claim 4", "S-curve: displacement–time plan with limited speed, acceleration and jerk", "S-shaped",
+        Row("claim 4", "S-curve: displacement–time plan with limited speed, acceleration and jerk",
+            f"{NAMED}: S-shaped",
             f"{speed.max():.1f} mm/s, {acceleration.max():.0f} mm/s², {np.abs(jerk).max():.3g} mm/s³",
             judged(speed.max() < 1.001 * p.fastest and acceleration.max() < 1.001 * a
-                   and np.abs(jerk).max() < 1.01 * p.jerk),
+                   and np.abs(jerk).max() < 1.01 * p.jerk, PRESENT),
             f"allowed: {p.fastest:g} mm/s, {a:g} mm/s², {p.jerk:g} mm/s³"),
-        Row("claim 4, 6", "overshoot of a move by 50 mm", "none named", estimate(over, "µm"),
-            judged(np.max(over) < 5.0), "the position loop's gain is 25 1/s; the speed loop is the drive's own"),
-        Row("claim 6", "end of a move, from its target", "±3 µm static", estimate(ends, "µm"),
-            judged(np.abs(ends).max() <= STATIC), "encoder of 1 µm, backlash included"),
-        Row("claim 4", "time of a move by 50 mm", "–", estimate(seconds, "s"), judged(np.min(seconds) >= duration),
+        Row("claim 4, 6", "overshoot of a move by 50 mm", SILENT, estimate(over, "µm"),
+            judged(np.max(over) < 5.0, PRESENT),
+            "the position loop's gain is 25 1/s; the speed loop is the drive's own"),
+        Row("claim 6", "end of a move, from its target", SILENT, estimate(ends, "µm"),
+            judged(np.abs(ends).max() <= STATIC, PRESENT),
+            "encoder of 1 µm, backlash included; the printed ±3 µm are those of following"),
+        Row("claim 4", "time of a move by 50 mm", SILENT, estimate(seconds, "s"),
+            judged(np.min(seconds) >= duration, PRESENT),
             f"the plan alone takes {duration:.3f} s"),
         Row("claim 5", "homing: up to the switch, down at 2 mm/s to the index pulse; speed on the way down", "2 mm/s",
-            estimate(downs, "mm/s"), judged(np.abs(np.asarray(downs) - 2.0).max() < 0.1)),
-        Row("claim 5", "homing: scatter of the head's place afterwards, encoder off by ±5 mm before", "–",
-            Estimate(1e3 * float(np.ptp(homes_)), "µm"), judged(np.ptp(homes_) < 0.02)),
+            estimate(downs, "mm/s"), judged(np.abs(np.asarray(downs) - 2.0).max() < 0.1, INPUT)),
+        Row("claim 5", "homing: scatter of the head's place afterwards, encoder off by ±5 mm before", SILENT,
+            Estimate(1e3 * float(np.ptp(homes_)), "µm"), judged(np.ptp(homes_) < 0.02, PRESENT)),
     ]  # fmt: skip
     return Findings(rows, [Drawing(
         "s-curve", figure,
@@ -253,11 +280,15 @@ def _down(p: Panel) -> float:
     return float(-np.median(late[late < -0.5]))
 
 
+SLOPE = 0.006
+"""mm per mm of the sheet under protection: within the traverse it would come to 0.8 mm of a head that stands still."""
+
+
 @study(CONTROLLER, "Single-side protection")
 def protection(trial: Trial) -> Findings:
     """A traverse over a sheet with holes: under protection the head neither dives nor lifts, following it would."""
-    holes = scenarios.load("holes").varied(sheet={"tilt": 0.004}, duration=1.0)
-    lifts, lows, dives = [], [], []
+    holes = scenarios.load("holes").varied(sheet={"tilt": SLOPE}, duration=1.0)
+    lifts, lows, dives, stills, falls = [], [], [], [], []
     shown: dict[str, dict[str, np.ndarray]] = {}
     for seed in range(trial.seeds):
         for command in ("protect", "follow"):
@@ -274,7 +305,9 @@ def protection(trial: Trial) -> Findings:
             if command == "protect":
                 lows.append(float(log["gap"][-1000:].min()))
                 lifts.append(float(moved.min()))
+                stills.append(float((log["gap"][-1000:] - moved).min()))  # of a head that had stood still
             else:
+                falls.append(float(moved.min()))
                 dives.append(float(np.min(log["gap"][-1000:])))
             if seed == 0:
                 shown[command] = {k: v[-1000:] for k, v in log.items()}
@@ -287,17 +320,21 @@ def protection(trial: Trial) -> Findings:
     axes.grid(color=GRID)
     axes.legend(frameon=False)
     rows = [
-        Row("claim 3", "above the protection height following is off: lowest motion of the head over holes", "none",
-            estimate(np.abs(lifts) * 1e3, "µm"), judged(np.min(lifts) > -0.005)),
-        Row("claim 3", "below it the head follows at the protection height, 1.2 mm: smallest gap on a rising sheet",
-            "1.2 mm", estimate(lows, "mm"), judged(np.min(lows) > 1.0),
-            "less than 1.2 mm by the lag of the controller at 0.8 mm/s"),
-        Row("claim 3", "what following without a guard does there: smallest gap", "–", estimate(dives, "mm"),
-            judged(np.median(dives) < np.median(lows), "trend only"), "it dives where holes make the reading rise"),
+        weighed("claim 3", "above the protection height following is off: lowest motion of the head over holes",
+            "“closes height following”", estimate(np.abs(lifts) * 1e3, "µm"),
+            Evidence("largest motion downwards, µm", 1e3 * float(np.abs(lifts).max()), 5.0,
+                     "following, median", 1e3 * float(np.abs(np.median(falls))))),
+        weighed("claim 3", "below it the head follows at the protection height, 1.2 mm: smallest gap on a rising sheet",
+            "“the protection height as target”", estimate(lows, "mm"),
+            Evidence("1.2 mm less the smallest gap, mm", 1.2 - float(np.min(lows)), 0.2, "a head that stands still",
+                     1.2 - float(np.median(stills))),
+            "less than 1.2 mm by the lag of the controller at 1.2 mm/s"),
+        Row("claim 3", "what following without a guard does there: smallest gap", SILENT, estimate(dives, "mm"),
+            judged(np.median(dives) < np.median(lows), PRESENT), "it dives where holes make the reading rise"),
     ]  # fmt: skip
     return Findings(rows, [Drawing(
         "protection", figure,
-        "Gap (mm) along a sheet with holes that rises by 4 mm/m, at 200 mm/s: single-side protection and following "
+        "Gap (mm) along a sheet with holes that rises by 6 mm/m, at 200 mm/s: single-side protection and following "
         "without a hole guard. Protection lifts the head where the sheet comes nearer than 1.2 mm; it never lowers it.",
         "CN102528288A claim 3",
     )])  # fmt: skip
@@ -325,13 +362,13 @@ def schedules(trial: Trial) -> Findings:
     ):  # fmt: skip
         rows.append(Row(
             "description", f"position gain at {where}", printed, Estimate(100 * value, "%"),
-            judged(f"{100 * value:.0f} %" == printed), f"at {error:g} mm; linear between, which is open",
+            judged(f"{100 * value:.0f} %" == printed, INPUT), f"at {error:g} mm; linear between, which is open",
         ))  # fmt: skip
     words = {0.0: "off", 0.5: "half", 1.0: "full"}
     for where, wanted, error in (("error ≥ 1 mm", 0.0, 1.2), ("1–0.5 mm", 0.5, 0.7), ("error < 0.5 mm", 1.0, 0.3)):
         value = float(law.integral_share(error))
         rows.append(Row("description", f"integral gains at {where}", words[wanted],
-                        Estimate(value, "of full"), judged(value == wanted)))  # fmt: skip
+                        Estimate(value, "of full"), judged(value == wanted, INPUT)))  # fmt: skip
     return Findings(rows, [Drawing(
         "schedules", figure,
         "Share of the largest position gain and of the integral gains (%) over the following error (mm). Integral "
@@ -340,22 +377,164 @@ def schedules(trial: Trial) -> Findings:
     )])  # fmt: skip
 
 
+OPEN = {"guard.capture": 2.0, "guard.plan": 1.0, "guard.acceleration": 5e4, "guard.fastest": 500.0, "guard.delay": 0.0}
+"""The supervisor's own approach planner as good as off, so that the law's gains decide how the head arrives."""
+
+GAINS = (60.0, 80.0, 100.0, 130.0, 160.0, 200.0, 250.0)
+"""1/s, largest position gains that are tried; the document gives none."""
+
+ABOVE = 5.0
+"""mm from which the head comes down: beyond the 3 mm where the largest gain holds."""
+
+ARRIVED = 0.1
+"""mm from the set height within which it has arrived for good."""
+
+
+@dataclass(frozen=True)
+class Arrival:
+    """How the head came down: of each run s until it has arrived for good, mm of overshoot, whether it collided."""
+
+    time: np.ndarray
+    over: np.ndarray
+    collided: np.ndarray
+
+
+def arrival(trial: Trial, **gains: float) -> Arrival:
+    """A way down by :data:`ABOVE` onto a level sheet with gains of :mod:`fixed_gains`, over the seeds."""
+    case = scenarios.load("flat").varied(
+        start_above=ABOVE, duration=1.5, settle=0.1, set_height=1.0, head={"impulses": 0.0}
+    )
+    law_ = stack.as_stack(fixed_gains, "fixed-gains").varied({**OPEN, **{f"law.{k}": v for k, v in gains.items()}})
+    record = rollout.roll(case, law_, np.arange(trial.seeds))
+    near = np.abs(record.error) < ARRIVED
+    last = len(near) - np.argmax(~near[::-1], axis=0)
+    return Arrival(1e-3 * last, np.maximum(-record.error.min(axis=0), 0.0), record.collided.astype(bool))
+
+
+@study(CONTROLLER, "Scheduled gains against fixed ones")
+def scheduled_against_fixed(trial: Trial) -> Findings:
+    """Whether gains that follow the error are faster and overshoot less than gains that stay."""
+    near, far = law.NEAR, law.FAR
+    kinds: dict[str, dict[str, float]] = {
+        "scheduled": {}, f"fixed at {100 * near:.0f} %": {"share": near}, f"fixed at {100 * far:.0f} %": {"share": far},
+        "scheduled, integrals always on": {"gated": 0.0},
+    }  # fmt: skip
+    found = {k: [arrival(trial, gain=g, **change) for g in GAINS] for k, change in kinds.items()}
+    scheduled, small, large, wound = found.values()
+    sound = [i for i, a in enumerate(scheduled) if not a.collided.any()]
+    at = sound[-1] if sound else 0
+    own = stack.resolve(CONTROLLER).part("law").gain
+    mine = arrival(trial, gain=own), arrival(trial, gain=own, share=near)
+    note = (
+        f"from {ABOVE:g} mm above, largest gain {GAINS[at]:g} 1/s, the largest of {len(GAINS)} tried with which the "
+        "scheduled law touches the sheet in no run; supervisor's own approach planner off"
+    )
+
+    def over(a: Arrival) -> Estimate:
+        return estimate(1e3 * a.over, "µm")
+
+    def beside(a: Estimate, b: Estimate) -> str:
+        return f"{a} beside {b}"
+
+    quick, slow = (estimate(1e3 * x[at].time, "ms") for x in (scheduled, small))
+    rows = [
+        Row("description", f"position gain scheduled, beside {100 * near:.0f} % at any error: time until within "
+            f"{ARRIVED:g} mm for good", "“faster”", beside(quick, slow), judged(quick.value < 0.98 * slow.value, TREND),
+            f"beside {100 * far:.0f} % at any error {estimate(1e3 * large[at].time, 'ms')}; {note}"),
+        Row("description", f"position gain scheduled, beside {100 * far:.0f} % at any error: overshoot",
+            "“reduces overshoot”", beside(over(scheduled[at]), over(large[at])),
+            judged(over(scheduled[at]).value < 0.98 * over(large[at]).value, TREND),
+            f"beside {100 * near:.0f} % at any error {over(small[at])}. What overshoots there is the integral, and a "
+            "larger gain near the sheet holds it down"),
+        Row("description", f"the same with the gains of {CONTROLLER} (largest {own:g} 1/s, assumed), beside "
+            f"{100 * near:.0f} %: runs that end on the sheet", "“reduces overshoot”",
+            f"{mine[0].collided.sum()} of {trial.seeds} beside {mine[1].collided.sum()} of {trial.seeds}",
+            judged(mine[0].collided.sum() <= mine[1].collided.sum(), TREND),
+            f"overshoot {over(mine[0])} beside {over(mine[1])}. A speed of gain × error needs more braking the larger "
+            "the gain; the drive's acceleration has a limit, and a gain that grows with the error runs into it. With "
+            "the supervisor's planner on, the approach is not left to the law"),
+        Row("description", "integral gains opened step by step, beside always on: overshoot", "“reduces overshoot”",
+            beside(over(scheduled[at]), over(wound[at])),
+            judged(over(scheduled[at]).value < 0.98 * over(wound[at]).value, TREND),
+            f"{wound[at].collided.sum()} of {trial.seeds} runs with integrals always on end on the sheet: they fill on "
+            "the way down"),
+        *_integral_and_pid(trial),
+    ]  # fmt: skip
+    figure = Figure(figsize=(8.0, 3.6), dpi=110, layout="constrained")
+    left, right = figure.subplots(1, 2, sharex=True)
+    for (name, arrivals), colour, line in zip(found.items(), COLOURS, ("-", "--", "-.", ":"), strict=False):
+        left.plot(GAINS, [1e3 * np.median(a.time) for a in arrivals], line, color=colour, marker="o", markersize=4)
+        right.semilogy(GAINS, [max(1e3 * np.median(a.over), 1.0) for a in arrivals], line, color=colour, marker="o",
+                       markersize=4, label=name)  # fmt: skip
+    right.axhline(1e3, color=QUIET, linewidth=0.8, linestyle="--")
+    right.text(GAINS[0], 9e2, "the sheet", color=QUIET, fontsize=9, va="top")
+    right.set_ylim(top=5e4)
+    left.set(xlabel="largest position gain (1/s)", ylabel="time to arrive (ms)")
+    right.set(xlabel="largest position gain (1/s)", ylabel="overshoot (µm)")
+    right.legend(frameon=False, fontsize=8)
+    for axes in (left, right):
+        axes.grid(color=GRID)
+    return Findings(rows, [Drawing(
+        "scheduled", figure,
+        f"The head comes down by {ABOVE:g} mm, medians over the seeds: time (ms) until it stays within {ARRIVED:g} mm, "
+        "1500 if it does not, and overshoot (µm; beyond 1000 it is on the sheet), over the "
+        "largest position gain (1/s).",
+        "CN102528288A, follow flow",
+    )])  # fmt: skip
+
+
+def _integral_and_pid(trial: Trial) -> list[Row]:
+    """What the integral gains do to the error on a slope, and the tuned law beside a tuned PID."""
+    seeds = np.arange(trial.seeds)
+    slope = scenarios.load("flat").varied(
+        duration=2.0, settle=1.5, head={"impulses": 0.0}, sheet={"tilt": 0.005}, feed=SPEED
+    )
+    means = [
+        1e3 * np.abs(np.where(r.scored, r.error, 0.0).sum(axis=0) / r.scored.sum(axis=0))
+        for r in (
+            rollout.roll(slope, stack.as_stack(fixed_gains, "fixed-gains").varied(change), seeds)
+            for change in ({"law.ki": 0.0, "law.kiv": 0.0}, {})
+        )
+    ]
+    wavy = scenarios.load("wavy")
+    own, pid = (metrics.rms_true(rollout.roll(wavy, stack.get(name), seeds)) for name in (f"{CONTROLLER}-tuned", "pid"))
+    ratio = estimate(own / pid, digits=3)
+    return [
+        Row("description", "steady error on a slope that rises by 1 mm/s, without → with integral gains",
+            "“reduces the steady-state error”", f"{estimate(means[0], 'µm')} → {estimate(means[1], 'µm')}",
+            judged(np.median(means[1]) < 0.98 * np.median(means[0]), TREND)),
+        Row("description", "RMS error on a wavy sheet, adaptive dual loop over a traditional PID, both tuned",
+            "PID “leaves speed and accuracy to be desired”", ratio, judged(ratio.value < 0.98, TREND),
+            "both as shipped, true gap, tune seeds; the document names no figure for either, and blames "
+            "the PIDs' coarser measurement as well"),
+    ]  # fmt: skip
+
+
 @study(CONTROLLER, "Accuracy, and following at 200 mm/s")
 def accuracy(trial: Trial) -> Findings:
     """Static and dynamic error of the law, in three readings of the printed speed."""
     seeds = np.arange(trial.seeds)
     names = (CONTROLLER, f"{CONTROLLER}-gap", f"{CONTROLLER}-tuned")
     rows: list[Row] = []
-    flat = scenarios.load("flat").varied(head={"impulses": 0.0})
+    flat = scenarios.load("flat").varied(head={"impulses": 0.0}, start_above=0.05)
+    still = rollout.roll(flat, stack.get("idle"), seeds)
+    standing = 1e3 * np.abs(np.where(still.scored, still["height"] - still.set_height, 0.0)).max(axis=0)
     for name in names:
         record = rollout.roll(flat, stack.get(name), seeds)
         reported = 1e3 * np.abs(np.where(record.scored, record["height"] - record.set_height, 0.0)).max(axis=0)
         true = 1e3 * np.abs(np.where(record.scored, record.error, 0.0)).max(axis=0)
-        rows.append(Row(
+        high = estimate(reported).high
+        rows.append(weighed(
             "description", f"static accuracy: largest error over a level sheet, {name}", "±3 µm",
-            estimate(reported, "µm"), judged(np.median(reported) <= STATIC, "reproduced"),
-            "noise of the head 0.5–5 fF, heights 0.5–1 mm; the height is the measured one, as in the document",
-            estimate(true, "µm"),
+            estimate(reported, "µm"),
+            Evidence("upper end of the median's interval, µm",
+                high if np.isfinite(high) else float(np.median(reported)),
+                     STATIC,
+                     "a head that stands still", float(np.median(standing))),
+            "noise of the head 0.5–5 fF, heights 0.5–1 mm, start 0.05 mm too high; the height is the measured one, "
+            "as in the document; "
+            f"{(reported <= STATIC).sum()} of {len(reported)} machines stay within",
+            estimate(true, "µm"), TREND if np.median(reported) <= STATIC else FAILS,
         ))  # fmt: skip
     widest: dict[str, tuple[np.ndarray, list[float]]] = {}
     for name in names:
@@ -375,13 +554,13 @@ def accuracy(trial: Trial) -> Findings:
             "±0.02 mm",
             f"±{allowed:.2f} mm{' or more' * (peaks[-1] < DYNAMIC)}, {steepest:.1f} mm/s of surface speed"
             if np.isfinite(allowed) else "none",
-            judged(np.isfinite(allowed), "trend only"),
+            judged(np.isfinite(allowed), TREND),
             "the document names no sheet; this is the largest wave on which the true error stays within ±0.02 mm",
         ))  # fmt: skip
     fastest = z_axis.Params().speed
     rows.append(Row(
         "description", "200 mm/s and above, read as speed of the Z axis", "≥ 200 mm/s", Estimate(fastest, "mm/s"),
-        judged(fastest >= SPEED), "screw lead × rpm; the reading that fits the printed accuracy best [A]",
+        judged(fastest >= SPEED, INPUT), "screw lead × rpm; the reading that fits the printed accuracy best [A]",
     ))  # fmt: skip
     figure = Figure(figsize=(8.0, 3.6), dpi=110, layout="constrained")
     axes = figure.subplots()
@@ -409,6 +588,7 @@ def processes(trial: Trial) -> Findings:
     pierces: list[float] = []
     leaps: list[float] = []
     ways: list[float] = []
+    across: list[float] = []
     edges: list[float] = []
     focus: list[float] = []
     touched = 0
@@ -427,6 +607,9 @@ def processes(trial: Trial) -> Findings:
             touched += p.collided
             if seed == 0:
                 shown[leap.__name__.replace("_", " ")] = p.log()
+        p = _panel(seed, gap=1.0)
+        across.append(_protected(p, 60.0, 1.0))
+        touched += p.collided
         at = 40.0 + float(np.random.default_rng(seed).uniform(0.0, 30.0))
         sheet = {"holes": {"pitch": 2.0 * (at + 50.0), "length": 100.0, "count": 1}}
         p = Panel(CONTROLLER, LEVEL.varied(sheet=sheet), seed, gap=1.0)
@@ -440,17 +623,20 @@ def processes(trial: Trial) -> Findings:
         touched += p.collided
     saved = np.asarray(ways) - np.asarray(leaps)
     rows = [
-        Row("description", "staged pierce at 3 and 1.5 mm (0.3 and 0.2 s), then 1 mm: time from 10 mm above", "named",
-            estimate(pierces, "s"), judged(np.isfinite(pierces).all())),
-        Row("description", "frog-leap over 60 mm with a lift of 5 mm: time saved against lift, travel, land", "named",
-            estimate(saved, "s"), judged(np.min(saved) > 0.0),
+        Row("description", "staged pierce at 3 and 1.5 mm (0.3 and 0.2 s), then 1 mm: time from 10 mm above", NAMED,
+            estimate(pierces, "s"), judged(np.isfinite(pierces).all(), PRESENT)),
+        Row("description", "frog-leap over 60 mm with a lift of 5 mm: time saved against lift, travel, land", NAMED,
+            estimate(saved, "s"), judged(np.min(saved) > 0.0, PRESENT),
             f"{np.median(leaps):.2f} s against {np.median(ways):.2f} s"),
-        Row("description", "edge finding at 50 mm/s: place found − place of the edge", "named", estimate(edges, "µm"),
-            judged(np.abs(edges).max() < 200.0), "the head stands still under protection meanwhile"),
-        Row("description", "focus compensation of 0.4 mm over 200 mm at 50 mm/s: largest error of the focus", "named",
-            estimate(focus, "µm"), judged(np.max(focus) < 100.0)),
-        Row("description", "contacts with the sheet in all of these", "–", f"{touched}/{5 * trial.seeds}",
-            judged(touched == 0)),
+        Row("description", "60 mm to the next contour under single-side protection, no lift: time against "
+            "lift, travel, land", "“raises … efficiency”", f"{np.median(across):.2f} s against {np.median(ways):.2f} s",
+            judged(np.max(np.asarray(across) - np.asarray(ways)) < 0.0, TREND), "a level sheet, X at up to 166 mm/s"),
+        Row("description", "edge finding at 50 mm/s: place found − place of the edge", NAMED, estimate(edges, "µm"),
+            judged(np.abs(edges).max() < 200.0, PRESENT), "the head stands still under protection meanwhile"),
+        Row("description", "focus compensation of 0.4 mm over 200 mm at 50 mm/s: largest error of the focus", NAMED,
+            estimate(focus, "µm"), judged(np.max(focus) < 100.0, PRESENT)),
+        Row("description", "contacts with the sheet in all of these", SILENT, f"{touched}/{6 * trial.seeds}",
+            judged(touched == 0, PRESENT)),
     ]  # fmt: skip
     figure = Figure(figsize=(8.0, 3.6), dpi=110, layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
@@ -470,3 +656,18 @@ def processes(trial: Trial) -> Findings:
         "and without.",
         "CN102528288A, advanced processes",
     )])  # fmt: skip
+
+
+def _protected(p: Panel, distance: float, height: float) -> float:
+    """s that a way of ``distance`` mm takes under protection at half of the following height (mm), until it follows."""
+    p.follow(height)
+    start = p.time
+    p.protect(0.5 * height)
+    step = sequences.rapid(p, distance, 166.0)
+    p.until(lambda: not step())
+    p.feed = 0.0
+    done = p.follow(height).done
+    return p.time - start if done else float("nan")
+
+
+importlib.import_module(f"{__package__}.cn102528288a_height")  # one study more, of the background

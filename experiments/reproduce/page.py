@@ -10,10 +10,14 @@ from rich.console import Console
 from rich.table import Table
 
 from ..runs import atomic
-from .claims import DOCUMENTS, VERDICTS
+from .claims import CALIBRATED, DOCUMENTS, FAILS, INPUT, NOT, PRESENT, REPRODUCED, TREND, VERDICTS
 
 Part = dict[str, Any]
-STYLES = {"reproduced": "green", "calibrated": "cyan", "trend only": "yellow", "not reproducible as printed": "red"}
+STYLES = {
+    REPRODUCED: "green", CALIBRATED: "cyan", TREND: "yellow", INPUT: "blue", PRESENT: "blue", FAILS: "red",
+    NOT: "magenta",
+}  # fmt: skip
+"""Colours in the terminal, by verdict."""
 
 
 def command(part: Part) -> str:
@@ -22,7 +26,7 @@ def command(part: Part) -> str:
 
 
 def counts(parts: list[Part]) -> dict[str, int]:
-    """Rows by verdict, best first."""
+    """Rows by verdict."""
     counted = Counter(row["verdict"] for part in parts for row in part["rows"])
     return {verdict: counted[verdict] for verdict in VERDICTS}
 
@@ -76,7 +80,7 @@ def show(parts: list[Part]) -> None:
                 style = STYLES[row["verdict"]]
                 table.add_row(
                     row["where"], row["claim"], row["paper"], row["simulation"], row["true"],
-                    f"[{style}]{row['verdict']}[/{style}]",
+                    f"[{style}]{row['verdict']}[/{style}]" + (f" (with {row['instead']})" if row["instead"] else ""),
                 )  # fmt: skip
             table.add_section()
         console.print(table)

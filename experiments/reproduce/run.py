@@ -15,7 +15,7 @@ from ...envs.plant.quantity import InvalidInput
 from .. import runs
 from ..report.pictures import png
 from . import page
-from .claims import Estimate, Row, Study, Trial, studies
+from .claims import Estimate, Evidence, Row, Study, Trial, studies
 
 PARTS, FIGURES = "parts", "figures"
 
@@ -110,10 +110,12 @@ def _one(name: str, folder: Path, seeds: int, stamp: dict[str, Any]) -> dict[str
 
 def _row(row: Row) -> dict[str, Any]:
     """A row as JSON takes it: texts for readers, numbers beside them."""
-    texts = {**asdict(row), "simulation": str(row.simulation), "true": str(row.true)}
+    texts = {
+        **asdict(row), "simulation": str(row.simulation), "true": str(row.true), "evidence": str(row.evidence or ""),
+    }  # fmt: skip
     numbers = {
         key: {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in asdict(value).items()}
-        for key, value in (("simulation", row.simulation), ("true", row.true))
-        if isinstance(value, Estimate)
+        for key, value in (("simulation", row.simulation), ("true", row.true), ("evidence", row.evidence))
+        if isinstance(value, (Estimate, Evidence))
     }
     return {**texts, "numbers": numbers}

@@ -14,11 +14,12 @@ from ...envs import scenarios
 from ...envs import stack as stacks
 from ...envs.plant import machine
 from ...envs.plant.kernels import Kernel
-from ...envs.plant.lanes import U0, U1, UW, U, call, doubles, load, part, store, words
+from ...envs.plant.lanes import U1, UW, U, call, doubles, load, part, store, words
 from .. import rollout
+from .proof import NothingDone
 
 _DECK, _ANY, _AGAIN = U(machine.DECK), U(2**40), 20
-_WINDOW = U(machine.D_WINDOW)
+_WINDOW, _FLAGS = U(machine.D_WINDOW), U(machine.D_FLAGS)
 
 
 @part
@@ -83,7 +84,7 @@ def _filter(deck_address):
     for b in range(_blocks(deck)):
         for i in range(_AGAIN):
             at, tick = b * machine.STRIDE, deck[machine.D_TICK] + U(i)
-            machine.filter_all(block, at, _lanes(deck, b), tick, deck[_WINDOW], U0)
+            machine.filter_all(block, at, _lanes(deck, b), tick, deck[_WINDOW], deck[_FLAGS] & machine.F_RANKS)
 
 
 def _look_up(deck_address):
@@ -139,7 +140,7 @@ def _registers(deck_address):
                 machine.prepare_all(block, a, U1, tick)
                 _move_one(block, a)
                 machine.sense_all(block, a, U1, tick, keys, i)
-                machine.filter_all(block, a, U1, tick, deck[_WINDOW], U0)
+                machine.filter_all(block, a, U1, tick, deck[_WINDOW], deck[_FLAGS] & machine.F_RANKS)
                 machine.look_up_all(block, a, U1, tick, deck)
                 machine.report_all(block, a, U1, tick)
                 law, tables, size = deck[machine.D_LAW], deck[machine.D_LAW_TABLES], deck[machine.D_LAW_SIZE]
@@ -167,13 +168,24 @@ FUNCTIONS = {
 
 
 def stage_costs(size: int = 1024, controller: str = "pid") -> dict[str, float]:
-    """CPU-seconds of each stage per machine and period."""
+    """CPU-seconds of each stage per machine and period.
+
+    They run in their order on the same machines, so that each finds something new to work on.
+
+    Raises:
+        NothingDone: a stage has left a machine as it was.
+    """
     costs = {}
+    fleet = rollout.fleet_for(scenarios.load("wavy"), stacks.resolve(controller), np.arange(size))
     for name, kernel in STAGES.items():
-        fleet = rollout.fleet_for(scenarios.load("wavy"), stacks.resolve(controller), np.arange(size))
+        before = fleet._view.copy()
         start = time.process_time()
         fleet.run_kernel(kernel, 1)
         costs[name] = (time.process_time() - start) / _AGAIN / size
+        changed = (fleet._view != before).any(axis=1).reshape(-1)[:size]
+        if not changed.all():
+            still = int(np.flatnonzero(~changed)[0])
+            raise NothingDone(f"stage '{name}' is no measurement: it left machine {still} as it was")
     return costs
 
 

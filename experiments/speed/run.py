@@ -48,7 +48,7 @@ def _all_tasks() -> list[Task]:
     numpy = tasks.oracle(LARGEST)
     found = [*tasks.references(), tasks.single()]
     found += [tasks.closed_loop(controller) for controller in tasks.CONTROLLERS]
-    found += [_registers(), tasks.closed_loop("pid", 1), tasks.closed_loop("pid", threads=2)]
+    found += [tasks.from_registers(), tasks.closed_loop("pid", 1), tasks.closed_loop("pid", threads=2)]
     found += [tasks.kernel(size) for size in SIZES] + ([numpy] if numpy else [])
     found += [tasks.kernel(size, threads=2) for size in (LARGEST, MACHINES)]
     found += [tasks.vector(size) for size in (LARGEST, MACHINES, POLICIES)]
@@ -56,18 +56,12 @@ def _all_tasks() -> list[Task]:
     return [*found, tasks.job_step(), tasks.job_vector(POLICIES)]
 
 
-def _registers() -> Task:
-    fleet = tasks._fleet(MACHINES, "pid")
-
-    def run() -> int:
-        fleet.run_kernel(parts.registers, 15)
-        return 15 * MACHINES
-
-    return Task("registers", "from registers, pid", MACHINES, 1, run)
-
-
 def measure(todo: list[Task], rounds: int, progress: Callable[[str], None]) -> pd.DataFrame:
-    """A row for each task: nanoseconds of CPU time per machine-step, median and range over the rounds."""
+    """A row for each task: nanoseconds of CPU time per machine-step, median and range over the rounds.
+
+    Raises:
+        NothingDone: a task's machines have not lived through what was timed.
+    """
     for task in todo:
         progress(f"warming up: {task.name}")
         task.cost()

@@ -3,6 +3,8 @@
 import time
 from typing import Any
 
+from . import proof
+
 SETTINGS: dict[str, Any] = {"n_steps": 64, "batch_size": 512, "n_epochs": 4}
 MACHINES, ITERATIONS = 256, 3
 
@@ -15,6 +17,9 @@ def share(threads: int = 1) -> tuple[float, float]:
 
     Returns:
         ``(share, rate)``: the environment's part of the time, and environment steps per second.
+
+    Raises:
+        NothingDone: the machines have not lived through these steps.
     """
     import torch
     from stable_baselines3 import PPO
@@ -42,9 +47,11 @@ def share(threads: int = 1) -> tuple[float, float]:
         model = PPO("MlpPolicy", env, device="cpu", seed=0, **SETTINGS)
         steps = MACHINES * SETTINGS["n_steps"]
         model.learn(steps)  # everything is compiled and warm
-        env.spent, start = 0.0, time.perf_counter()
+        env.spent, begun = 0.0, proof.of_batch(env.batch)
+        start = time.perf_counter()
         model.learn(ITERATIONS * steps)
         whole = time.perf_counter() - start
+        proof.check("training PPO", begun, proof.of_batch(env.batch), ITERATIONS * SETTINGS["n_steps"])
     finally:
         torch.set_num_threads(before)
     return env.spent / whole, ITERATIONS * steps / whole

@@ -28,7 +28,7 @@ def trains(what: tuple[str, ...], env: str | None, steps: int | None, assignment
 def task(
     what: tuple[str, ...], controller: str | None, suite: str, trials: int | None, sampler: str | None,
     metrics: list[str], ms: float | None, jitter: float | None, overshoot: float | None, limits: list[str], seed: int,
-    seeds: int | None, url: str | None, name: str | None, budget: str | None = None,
+    seeds: int | None, url: str | None, name: str | None, budget: str | None = None, extrapolate: bool = False,
 ) -> Task:  # fmt: skip
     """The study that a user asks for; defaults depend on whether the suite's scenarios are jobs.
 
@@ -53,7 +53,7 @@ def task(
         sampler or ("tpe+cmaes" if len(chosen) == 1 else "tpe"),
         (MOST if budget else TRIALS) if trials is None else trials, seed,
         seeds if seeds is not None else (8 if jobs else 32), name or "", url or "",
-        steps_left(budget, named) if budget else 0,
+        steps_left(budget, named) if budget else 0, extrapolate,
     )  # fmt: skip
     check(asked)
     return asked
@@ -106,11 +106,13 @@ def show(result: Result) -> None:
         table.add_row(name, old, value if isinstance(value, str) else f"{value:.5g}")
     table.add_section()
     for name, value in result.after.items():
-        if name != "runs":
+        if name not in ("runs", "evidence"):
             table.add_row(f"{name}, test seeds", f"{result.before[name]:.4g}", f"{value:.4g}")
     if math.isfinite(found.ms):
         table.add_row("Ms", "", f"{found.ms:.3f}")
     console.print(table)
+    if "evidence" in result.after:
+        print(f"figures of the cut: before {result.before['evidence']}; tuned {result.after['evidence']}")
     near = result.near
     if len(near):
         worst = near.loc[near[task.metrics[0]].idxmax()]

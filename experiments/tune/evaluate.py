@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ...envs import job_metrics, metrics, scenarios
+from ...envs import evidence, job_metrics, metrics, scenarios
 from ...envs import stack as stacks
 from ...envs.plant import heads
 from ...envs.plant.fleet import Fleet
@@ -46,11 +46,15 @@ class Evaluator:
         suite: whose core is run.
         seeds: of the split *tune*.
         threads: worker threads.
+        extrapolate: process settings may leave what the cut's figures were calibrated on.
     """
 
-    def __init__(self, base: Stack | Team, suite: str, seeds: Any, threads: int = 1) -> None:
+    def __init__(self, base: Stack | Team, suite: str, seeds: Any, threads: int = 1, extrapolate: bool = False) -> None:
         self.base, self.suite, self.threads = base, suite, threads
         self.scenarios, self.core = chosen(suite)
+        if extrapolate:
+            self.scenarios = [s.varied(job={"extrapolate": True}) if s.job else s for s in self.scenarios]
+        self._excess = dict.fromkeys(evidence.COLUMNS, 0.0)
         self.jobs = self.scenarios[0].job is not None
         if not self.jobs and (isinstance(base, Team) or base.slot != "z"):
             raise InvalidInput(
@@ -96,6 +100,11 @@ class Evaluator:
         return max(each.peak for each in found)
 
     @property
+    def outside(self) -> str:
+        """In what, and by how much, settings of jobs so far lay outside of what figures of the cut stand on."""
+        return evidence.words(self._excess)
+
+    @property
     def steps(self) -> int:
         """Simulated steps of a candidate that goes through all scenarios, without Ms; a job is as long as the base
         makes it on the first seed."""
@@ -131,6 +140,8 @@ class Evaluator:
         fleet, job, _ = jobs.roll(scenario, team, self.seeds)
         done = job_metrics.Jobs.of(fleet, job)
         broken = job_metrics.broken(done)
+        left = job_metrics.evidence(done)
+        self._excess = {name: max(worst, float(left[name].max())) for name, worst in self._excess.items()}
         found = {
             name: figure if name in ("collision", "covered") else np.where(broken, np.nan, figure)
             for name in dict.fromkeys(wanted)

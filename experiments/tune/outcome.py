@@ -9,13 +9,12 @@ from typing import Any
 import pandas as pd
 from optuna.trial import FrozenTrial, TrialState
 
-from ...envs import scenarios
+from ...envs import evidence, scenarios
 from ...envs import stack as stacks
 from ...envs.plant.quantity import InvalidInput
 from ...envs.stack import Stack, Team
 from .. import runs
 from . import goals
-from .evaluate import Evaluator
 from .study import RollOuts, Task
 from .work import feasible, told_number
 
@@ -128,10 +127,11 @@ def _none(trials: list[FrozenTrial]) -> str:
 
 
 def scored(work: RollOuts, controller: Stack | Team, threads: int) -> tuple[dict[str, Any], goals.Figures]:
-    """What a controller is worth on *test* seeds: the metrics, collisions, overshoot of descents, runs per scenario."""
+    """What a controller is worth on *test* seeds: the metrics, collisions, overshoot of descents, runs per scenario,
+    and of figures of the cut whether they lie within what they were calibrated on."""
     task = work.task
     seeds = scenarios.SPLITS["test"][: TEST_SEEDS_JOBS if task.jobs else TEST_SEEDS]
-    evaluator = Evaluator(work.base, task.suite, seeds, threads)
+    evaluator = task.evaluator(seeds, threads)
     wanted = tuple(dict.fromkeys((*task.wanted, *(() if task.jobs else ("overshoot", "jitter")))))
     figures = evaluator.whole(controller, wanted)
     work.validation += evaluator.ledger
@@ -141,6 +141,8 @@ def scored(work: RollOuts, controller: Stack | Team, threads: int) -> tuple[dict
     if not task.jobs:
         out["descent_overshoot"] = goals.measured("overshoot", figures, evaluator.core, task.jobs)
         out["jitter"] = goals.score("jitter", figures, evaluator.core)
+    if task.jobs or any(m in evidence.QUALITY for m in task.metrics):
+        out["evidence"] = evidence.said(evaluator.outside if task.jobs else evidence.ASSUMED)
     return {k: float(f"{v:.6g}") if isinstance(v, float) else v for k, v in out.items()}, figures
 
 

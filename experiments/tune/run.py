@@ -13,7 +13,6 @@ from ...envs.plant.quantity import InvalidInput, did_you_mean
 from .. import runs
 from ..ledger import Ledger
 from . import crew, goals, outcome, pictures, sampling, storage
-from .evaluate import Evaluator
 from .study import RollOuts, Task
 from .work import done
 
@@ -50,7 +49,7 @@ def check(task: Task, workers: int = 1) -> None:
     if not task.limits.ms > 1.0:
         raise InvalidInput(f"--ms {task.limits.ms:g} is out of range; above 1, inf for no cap")
     sampling.check(task.sampler, len(task.metrics))
-    evaluator = Evaluator(task.base, task.suite, range(task.seeds))
+    evaluator = task.evaluator()  # refuses what does not fit the suite
     if task.budget and task.budget < (one := evaluator.steps):
         raise InvalidInput(f"--budget of {task.budget:,} steps is out of range; one candidate takes {one:,}")
     _ = task.space

@@ -41,6 +41,7 @@ class Task:
     name: str = ""
     url: str = ""
     budget: int = 0  # simulated steps, after which no trial is begun; 0: any number
+    extrapolate: bool = False  # process settings may leave what the cut's figures were calibrated on
 
     @property
     def base(self) -> Stack | Team:
@@ -84,7 +85,7 @@ class Task:
             f"controller {self.controller}", f"suite {self.suite}", f"metric {', '.join(self.metrics)}",
             f"Ms ≤ {self.limits.ms:g}", *(f"{limit.name} ≤ {limit.most:g}" for limit in self.limits.limits),
             f"sampler {self.sampler}", f"seed {self.seed}", f"tune seeds 0-{self.seeds - 1}",
-            *(axis.words for axis in self.space.axes),
+            *(["extrapolate"] if self.extrapolate else []), *(axis.words for axis in self.space.axes),
             f"{storage.FIXED}{storage.digest([f'{n}={v}' for n, v in values.items()] + self.base.program)}",
         ]  # fmt: skip
 
@@ -93,7 +94,13 @@ class Task:
         """Trials that there will be, if none is pruned."""
         if not self.budget:
             return self.trials
-        return min(self.trials, self.budget // Evaluator(self.base, self.suite, range(self.seeds)).steps)
+        return min(self.trials, self.budget // self.evaluator().steps)
+
+    def evaluator(self, seeds: Any = None, threads: int = 1) -> Evaluator:
+        """What runs its candidates, on its *tune* seeds unless told otherwise."""
+        return Evaluator(
+            self.base, self.suite, range(self.seeds) if seeds is None else seeds, threads, self.extrapolate
+        )  # fmt: skip
 
     def open(self) -> Any:
         """The study, made if there is none; with its sampler.
@@ -153,7 +160,7 @@ class RollOuts(Work):
     def __init__(self, task: Task, threads: int, study: Any = None) -> None:
         super().__init__(task, study)
         self.base, self.space = task.base, task.space
-        self.evaluator = Evaluator(self.base, task.suite, range(task.seeds), threads)
+        self.evaluator = task.evaluator(threads=threads)
         self.validation = Ledger()
         self._known: dict[str, _Known] = {}
 

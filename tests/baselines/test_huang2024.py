@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from kerfgym.baselines import huang2024
-from kerfgym.envs.job_interface import RESIDUAL
+from kerfgym.envs import job_metrics
 from kerfgym.envs.plant import spot
 from kerfgym.envs.plant.controller import ProcessSensed
-from kerfgym.envs.scenarios import SPLITS
-from kerfgym.envs.stack import get
+from kerfgym.envs.scenarios import SPLITS, load
+from kerfgym.envs.stack import get, team
+from kerfgym.experiments import jobs
 
 PLAN = huang2024.Params(restore=0.0)
 STEADY = ProcessSensed(
@@ -108,13 +109,13 @@ def test_the_preset_was_found_on_tune_seeds_and_keeps_the_planned_settings():
     assert found.provenance["relative"]["time"] <= 1.021
 
 
-def test_the_fastest_preset_stays_within_reach_of_the_published_settings_and_was_no_worse_on_tune_seeds():
-    found, plain = get("huang2024-tuned").part("law"), get("huang2024-dynamic").part("law")
-    for name in ("override", "frequency", "x", "y", "z", "focus", "standoff"):
-        assert abs(getattr(found, name) - getattr(plain, name)) <= getattr(RESIDUAL, name) + 1e-9, name
-    assert found.narrow <= RESIDUAL.y / plain.y
-    assert found.power <= plain.power
-    record = get("huang2024-tuned").provenance
-    assert record["trials"] == 400
-    assert record["relative"]["cutting_time"] < 0.95
-    assert max(record["relative"][name] for name in ("dross", "roughness")) < 1.0
+def test_the_tuned_preset_stays_within_the_published_settings_and_its_record_says_what_is_left():
+    found = get("huang2024-tuned")
+    fleet, job, _ = jobs.roll(load("cut-corners"), team("huang2024-tuned"), [0, 1])
+    seen = job_metrics.evidence(job_metrics.Jobs.of(fleet, job))
+    assert seen["extrapolated"].tolist() == [0.0, 0.0]
+    assert found.part("law").power == 1.0
+    assert found.provenance["trials"] == 400
+    assert found.provenance["evidence"] == "within the calibrated settings"
+    largest = max(found.provenance["relative"][name] for name in ("cutting_time", "dross", "roughness"))
+    assert 0.9 < largest <= 1.001  # the plain method is one of its candidates

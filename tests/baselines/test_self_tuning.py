@@ -157,3 +157,44 @@ def test_a_vibrating_sheet_is_followed_closer_than_it_moves():
     square = [np.sqrt(np.mean(np.square(r.error[1000:]))) for r in (own, pid)]
     assert square[0] < 0.4 * square[1]
     assert not own.collided.any()
+
+
+def test_factors_stay_the_covariance_of_least_squares():
+    """After 20 000 weighted readings U·D·Uᵀ is the inverse of the information matrix, which numpy sums up by itself."""
+    rng, memory, grow = np.random.default_rng(0), np.zeros(law.MEMORY), 2.0 ** (1.0 / 100.0)
+    p = law.Params(memory=100.0)
+    law._forget(p, memory)
+    information = np.eye(TERMS) / p.prior**2
+    for _ in range(20_000):
+        row = rng.normal(size=TERMS)
+        memory[law.SEEN : law.SEEN + TERMS] = row
+        law._weigh(memory, law.SEEN, 0.5 / grow, grow, np.inf)
+        information = information / grow + np.outer(row, row) / 0.5
+    factors = memory[law.SPREAD : law.SPREAD + TERMS**2].reshape(TERMS, TERMS)
+    upper, diagonal = np.triu(factors, 1) + np.eye(TERMS), np.diag(factors)
+    assert (diagonal > 0).all()
+    assert upper @ np.diag(diagonal) @ upper.T == pytest.approx(np.linalg.inv(information), rel=1e-6, abs=1e-9)
+
+
+def test_bridges_do_not_hold_each_other_up():
+    """Every second reading jumps: one in four of them at least is taken as it is, as predictions reach back so far."""
+    time = np.arange(2000) * PERIOD
+    sheet = 0.02 * np.sin(2 * np.pi * 4 * time) + 1e-4 * np.random.default_rng(0).normal(size=2000)
+    sheet[1500::2] += 0.02
+    p, memory, state, taken = law.Params(), np.zeros(law.MEMORY), law.init(law.Params()), []
+    for k, x in enumerate(readings(sheet)):
+        state, _ = law.control(p, state, x, np.zeros(0), memory)
+        believed = memory[law.READINGS + law._slot(state.tick, 0.0)]
+        taken.append(believed == pytest.approx(sheet[k], abs=1e-9))
+    assert not taken[1500]  # once they were bridged
+    assert np.mean(taken[1500::2]) >= 0.25
+
+
+@pytest.mark.parametrize("name", ["wavy", "rough"])
+def test_it_stays_close_for_minutes(name):
+    """What a plain covariance loses to rounding grows with the forgetting; it fell apart within 45 to 68 s."""
+    case = scenarios.suite("following")[name].varied(duration=100.0)
+    recording = rollout.roll(case, stacks.resolve("self-tuning"), range(4))
+    error = np.abs(recording.error)
+    assert error[10_000:].max() < 1.5 * error[300:10_000].max()
+    assert not recording.collided.any()

@@ -11,11 +11,14 @@ RISING = CALM.varied(sheet={"tilt": 0.02})  # 4 mm over 200 mm
 
 
 def bumpless(panel: Panel, slew: float = 10.0) -> bool:
-    """No command differs from the one before by more than the handover's slew, while the supervisor commands."""
+    """While the supervisor commands, no command is more than the handover's slew below the one before; in planned moves
+    none is so much above it either. Away from the sheet it goes at once elsewhere."""
     log = panel.log()
     own = log["mode"] != 4  # not following: there the law may do what it wants
-    jumps = np.abs(np.diff(log["command"]))
-    return bool((jumps[own[1:] & own[:-1]] <= slew + 1e-9).all())
+    moves = np.isin(log["mode"], (1, 2, 3))
+    change = np.diff(log["command"])
+    falls, rises = own[1:] & own[:-1], moves[1:] & moves[:-1]
+    return bool((change[falls] >= -slew - 1e-9).all() and (change[rises] <= slew + 1e-9).all())
 
 
 # ------------------------------------------------------------------------------------------------------- end states

@@ -143,7 +143,8 @@ def whole_run(tmp_path_factory):
         "high": [12.0, 55.0, 5.0], "unit": "µm²", "alone": [9.0, 40.0, np.nan], "alone_low": 1.0, "alone_high": 60.0,
     })  # fmt: skip
     follow.headroom = pd.DataFrame({
-        "scenario": ["rough"], "controller": ["pid"], "bound": ["preview-5ms"], "rms": [8.0], "bound_rms": [2.0],
+        "scenario": ["rough"], "controller": ["pid"], "informed": ["preview-5ms"], "rms": [8.0],
+        "informed_rms": [2.0],
         "ratio": [4.0], "low": [3.5], "high": [4.5],
     })  # fmt: skip
     beyond = following(

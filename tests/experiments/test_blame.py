@@ -72,7 +72,7 @@ def test_shares_add_up_to_the_difference_of_the_real_and_the_ideal_machine(found
     assert (table["low"] <= table["share"]).all()
     assert (table["share"] <= table["high"]).all()
     preview = metrics.evaluate(rollout.roll(ROUGH, stacks.resolve("preview-5ms"), SEEDS))["rms_true"]
-    gained = headroom([found]).set_index("bound").loc["preview-5ms"]
+    gained = headroom([found]).set_index("informed").loc["preview-5ms"]
     assert gained["ratio"] == pytest.approx(np.sqrt(real.mean() / np.mean(preview**2)))
     assert gained["low"] < gained["ratio"] < gained["high"]
 
@@ -81,14 +81,14 @@ def test_a_stage_that_is_made_worse_gains_share(found):
     stack = stacks.resolve("xi2023-improved")
     flat = scenarios.load("flat").varied(duration=0.8, settle=0.1)  # where noise is all that there is
     louder = flat.varied(head={"noise": {"log_uniform": [5 * n for n in flat.head.noise.log_uniform]}})
-    before, after = (of(measured(s, stack, SEEDS, bounds=()), "sensor") for s in (flat, louder))
+    before, after = (of(measured(s, stack, SEEDS, references=()), "sensor") for s in (flat, louder))
     assert after > 5 * before > 0
     later = ROUGH.varied(axis={"dead_time": {"choice": [0.004]}})  # 1 or 2 ms, plus 3 or 2
-    assert of(measured(later, stack, SEEDS, bounds=()), "dead time") > 2 * of(found, "dead time") > 0
+    assert of(measured(later, stack, SEEDS, references=()), "dead time") > 2 * of(found, "dead time") > 0
     sluggish = ROUGH.varied(axis={"bandwidth": 30.0})
-    assert of(measured(sluggish, stack, SEEDS, bounds=()), "servo") > 2 * of(found, "servo") > 0
+    assert of(measured(sluggish, stack, SEEDS, references=()), "servo") > 2 * of(found, "servo") > 0
     slower = stack.varied({"filter.window": 12.0})
-    assert of(measured(ROUGH, slower, SEEDS, bounds=()), "filter") > 2 * of(found, "filter") > 0
+    assert of(measured(ROUGH, slower, SEEDS, references=()), "filter") > 2 * of(found, "filter") > 0
 
 
 def test_a_stage_without_effect_is_not_simulated_and_has_no_share(found):
@@ -101,13 +101,13 @@ def test_a_stage_without_effect_is_not_simulated_and_has_no_share(found):
 def test_of_a_job_gap_and_contour_are_blamed_apart():
     job = scenarios.load("contour-mismatch").varied(job={"size": 40.0})  # mm, diameter
     team = stacks.team("z=xi2023-improved,xy=wu")
-    gap, contour = measure(job, team, SEEDS[:2], ["servo", "matching", "axes"], bounds=("oracle",))
+    gap, contour = measure(job, team, SEEDS[:2], ["servo", "matching", "axes"], references=("oracle",))
     fleet, programme, _ = jobs.roll(job, team, SEEDS[:2])
     real = job_metrics.evaluate(job_metrics.Jobs.of(fleet, programme))
     np.testing.assert_allclose(gap.errors[0], real["gap_rms"] ** 2)
     np.testing.assert_allclose(contour.errors[0], real["contour_rms"] ** 2)
     assert stages_of(job) == JOBS
-    assert (list(gap.bounds), list(contour.bounds)) == (["oracle"], [])
+    assert (list(gap.references), list(contour.references)) == (["oracle"], [])
     assert gap.shares[0].min() > 0
     servo, matching, axes = contour.shares
     assert np.abs(servo).max() < 1e-3 * matching.min()
@@ -120,7 +120,7 @@ def test_of_a_job_gap_and_contour_are_blamed_apart():
 
 
 def test_threads_change_nothing(found):
-    again = measured(ROUGH, stacks.resolve("xi2023-improved"), SEEDS, threads=2, bounds=())
+    again = measured(ROUGH, stacks.resolve("xi2023-improved"), SEEDS, threads=2, references=())
     np.testing.assert_array_equal(again.errors, found.errors)
 
 
@@ -158,7 +158,7 @@ def test_a_part_is_read_back_as_it_was(found):
     frame = coalitions(found)
     assert len(frame) == (32 + 2) * len(SEEDS)
     (again,) = of_coalitions(frame, found.controller, found.stages)
-    assert (again.seeds, list(again.bounds)) == (found.seeds, list(found.bounds))
+    assert (again.seeds, list(again.references)) == (found.seeds, list(found.references))
     np.testing.assert_array_equal(again.errors, found.errors)
     mine = frame[(frame["controller"] == found.controller) & (frame["idealised"] == "sensor+servo")]
     np.testing.assert_array_equal(mine["square"], found.errors[0b01001])

@@ -1,10 +1,9 @@
 """The cost of a decision: that it is of the law's own decisions is checked, how fast they are is not."""
 
-import numpy as np
 import pytest
 
 from kerfgym.envs.plant import heads, machine
-from kerfgym.envs.plant.controller import stage_of
+from kerfgym.envs.plant.addresses import address
 from kerfgym.envs.plant.fleet import Fleet
 from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.envs.stack import python_stack, resolve
@@ -20,11 +19,7 @@ def test_what_is_timed_decides_as_the_machine_did(spec):
     fleet.advance(200)
     alone = Fleet(1, stack.law, heads.POOL)
     stack.install(alone, [0])
-    deck = np.zeros(8, np.uint64)
-    deck[0], deck[2] = alone._block.ctypes.data, alone._owned[machine.D_LAW_TABLES].ctypes.data
-    deck[1], deck[3] = stage_of(stack.law, machine.LAW_PLACES), stack.law.tables.size
-    deck[4], deck[5] = signals.ctypes.data, len(signals)
-    decisions._decide_kernel.bound(deck.ctypes.data)()
+    decisions._decide_kernel.bound(address(decisions.deck_for(alone, signals, len(signals))))()
     assert alone.slots(machine.WISH, 1)[0] == fleet.slots(machine.WISH, 1)[0] != 0.0
 
 

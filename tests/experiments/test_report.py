@@ -125,7 +125,7 @@ def test_every_section_for_which_there_are_data_is_there(whole):
         "What this can’t tell you",
         "Record of the run",
         "Condition by condition",
-        "What a better controller",
+        "Beside references with other information",
     ):
         assert words in whole.text
 

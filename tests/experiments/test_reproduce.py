@@ -11,15 +11,24 @@ from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.experiments.cli import main
 from kerfgym.experiments.reproduce import claims, page
 from kerfgym.experiments.reproduce.claims import (
+    CALIBRATED,
+    FAILS,
+    INPUT,
+    NAMED,
     NOT,
+    PRESENT,
     REPRODUCED,
+    SILENT,
+    TREND,
     Drawing,
     Estimate,
+    Evidence,
     Findings,
     Row,
     Trial,
     estimate,
     judged,
+    weighed,
 )
 from kerfgym.experiments.reproduce.run import reproduce
 
@@ -65,11 +74,69 @@ def test_numbers_are_written_with_three_digits(value, text):
     assert str(Estimate(value, digits=4 if value == 1234.4 else 3)) == text
 
 
+GOOD = Evidence("deviation, %", -0.5, 1.0, "a guess", 30.0)
+
+
 def test_a_row_takes_no_verdict_of_its_own():
     with pytest.raises(InvalidInput, match="reproduced"):
         Row("eq. 1", "x", "1", "1", "reproducd")
-    assert judged(True) == REPRODUCED
-    assert judged(np.bool_(False)) == NOT
+    assert judged(True, TREND) == TREND
+    assert judged(np.bool_(False), TREND) == FAILS
+    assert judged(False, TREND, NOT) == NOT
+
+
+def test_reproduced_takes_evidence_that_is_met_and_that_a_trivial_predictor_misses():
+    assert Row("eq. 1", "x", "1", "1", REPRODUCED, evidence=GOOD).verdict == REPRODUCED
+    missed = Evidence("deviation, %", 1.5, 1.0, "a guess", 30.0)
+    guessed = Evidence("deviation, %", 0.5, 1.0, "a guess", -0.9)
+    failed = Evidence("deviation, %", np.nan, 1.0, "a guess", 30.0)
+    for evidence, why in ((None, "no evidence"), *((e, "does not bear it") for e in (missed, guessed, failed))):
+        with pytest.raises(InvalidInput, match=why):
+            Row("eq. 1", "x", "1", "1", REPRODUCED, evidence=evidence)
+    for verdict in ((REPRODUCED,), (TREND, REPRODUCED)):
+        with pytest.raises(InvalidInput, match="weighed"):
+            judged(True, *verdict)
+
+
+@pytest.mark.parametrize("paper", ["", "–", " - ", NAMED, SILENT, f"{NAMED}: stops"])
+def test_what_is_only_named_or_not_mentioned_is_present_or_fails_and_nothing_else(paper):
+    for verdict in (REPRODUCED, CALIBRATED, TREND, INPUT, NOT):
+        with pytest.raises(InvalidInput, match="nothing is printed"):
+            Row("eq. 1", "x", paper, "1", verdict, evidence=GOOD)
+    assert Row("eq. 1", "x", paper, "1", FAILS).verdict == FAILS
+    assert Row("eq. 1", "x", paper, "1", PRESENT).verdict == PRESENT
+
+
+def test_a_printed_figure_is_more_than_present_and_another_method_reproduces_nothing():
+    with pytest.raises(InvalidInput, match="only 'named'"):
+        Row("eq. 1", "x", "4.5", "1", PRESENT)
+    with pytest.raises(InvalidInput, match="nothing is printed"):
+        Row("", "x", "4.5", "1", REPRODUCED, evidence=GOOD)
+    with pytest.raises(InvalidInput, match="observer is not the document's method"):
+        Row("eq. 1", "x", "4.5", "1", REPRODUCED, evidence=GOOD, instead="observer")
+
+
+def test_the_verdict_follows_from_the_evidence():
+    def verdict(error: float, trivial: float, instead: str = "") -> str:
+        evidence = Evidence("deviation, %", error, 1.0, "a guess", trivial)
+        return weighed("eq. 1", "x", "4.5", "1", evidence, instead=instead).verdict
+
+    assert verdict(0.9, 1.1) == REPRODUCED
+    assert verdict(-0.9, -1.1) == REPRODUCED
+    assert verdict(0.9, 0.95) == TREND
+    assert verdict(0.9, 1.1, "observer") == TREND
+    assert verdict(1.1, 30.0) == FAILS
+    assert verdict(np.nan, 30.0) == FAILS
+    assert weighed("eq. 1", "x", "4.5", "1", Evidence("%", 2.0, 1.0, "a guess", 9.0), otherwise=NOT).verdict == NOT
+
+
+@pytest.mark.parametrize(
+    "change", [{"measure": ""}, {"trivial": ""}, {"tolerance": -1.0}, {"tolerance": np.inf}, {"trivial_error": np.nan}]
+)
+def test_evidence_without_a_measure_a_tolerance_or_a_trivial_predictor_is_refused(change):
+    whole = {"measure": "µm", "error": 0.0, "tolerance": 1.0, "trivial": "a guess", "trivial_error": 3.0}
+    with pytest.raises(InvalidInput, match="evidence"):
+        Evidence(**{**whole, **change})
 
 
 # -------------------------------------------------------------------------------------------------------------- names
@@ -103,18 +170,27 @@ def test_a_run_writes_page_markdown_figures_and_record(shelf, tmp_path):
     def own(trial: Trial) -> Findings:
         figure = Figure(figsize=(2, 1))
         figure.subplots().plot([0, 1])
-        row = Row("eq. 1", "gain | of it", "4.5", estimate(np.arange(trial.seeds), "mm"), judged(True), true="a < b")
-        return Findings([row], [Drawing("line", figure, "A line (mm).", "Wu Fig. 0")])
+        row = weighed(
+            "eq. 1", "gain | of it", "4.5", estimate(np.arange(trial.seeds), "mm"), GOOD, true="a < b"
+        )  # fmt: skip
+        other = weighed("eq. 2", "by another law", "4.5", "4.5", GOOD, instead="the observer")
+        return Findings([row, other], [Drawing("line", figure, "A line (mm).", "Wu Fig. 0")])
 
     (part,) = reproduce(["wu"], tmp_path / "r", seeds=8, workers=1)
     assert part["rows"][0]["numbers"]["simulation"]["value"] == 3.5
     page_text = (tmp_path / "r" / "reproduce.html").read_text(encoding="utf-8")
     assert "data:image/png;base64," in page_text
     assert "a &lt; b" in page_text
+    assert str(GOOD) in page_text
+    assert part["rows"][0]["numbers"]["evidence"]["trivial_error"] == 30.0
+    assert "1 of them are reproduced" in page_text
+    assert ">trend only<small>with the observer</small>" in page_text
     assert "http://" not in page_text.replace("http://www.w3.org", "")
     assert "kerfgym reproduce wu/own --seeds 8" in page_text
     text = (tmp_path / "r" / "reproduce.md").read_text(encoding="utf-8")
     assert "gain \\| of it" in text
+    assert f"| reproduced | {GOOD} |" in text
+    assert "| trend only (with the observer) |" in text
     assert (tmp_path / "r" / "figures" / "wu-line.png").is_file()
     record = json.loads((tmp_path / "r" / "run.json").read_text(encoding="utf-8"))
     assert record["studies"] == ["wu/own"]
@@ -129,7 +205,7 @@ def test_a_study_that_fails_is_said_so_and_the_others_are_there(shelf, tmp_path,
 
     @shelf("wu", "Works")
     def works(trial: Trial) -> Findings:
-        return Findings([Row("eq. 1", "x", "1", "1", judged(True))])
+        return Findings([weighed("eq. 1", "x", "1", "1", GOOD)])
 
     parts = reproduce([], tmp_path / "r", workers=1)
     assert [bool(part["error"]) for part in parts] == [True, False]

@@ -4,6 +4,9 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
+from kerfgym.envs import material as materials
+from kerfgym.envs.plant import spot
+from kerfgym.experiments import calibrate
 from kerfgym.experiments.reproduce import huang2024
 from kerfgym.experiments.reproduce.claims import Trial
 
@@ -30,8 +33,11 @@ def test_the_printed_eq_5_sums_to_1_at_the_start_and_to_0_at_the_end():
 
 def test_only_eq_5_of_the_b_spline_is_not_reproducible():
     findings = huang2024.b_spline(TRIAL)
-    wrong = [key for key, verdict in verdicts(findings).items() if verdict != "reproduced"]
-    assert wrong == [("eq. 5", "the printed basis sums to 1")]
+    rest = {key: verdict for key, verdict in verdicts(findings).items() if verdict != "reproduced"}
+    assert rest == {
+        ("eq. 5", "the printed basis sums to 1"): "not reproducible as printed",
+        ("eq. 5", "our correction of that basis sums to 1"): "present",
+    }
     local = next(row for row in findings.rows if "control point" in row.claim)
     assert str(local.simulation).startswith("4 of 9")
 
@@ -73,4 +79,31 @@ def test_the_unit_follows_the_contour_better_for_little_time():
     rows = {row.claim.split(" with")[0]: row for row in huang2024.adjusting_unit(TRIAL).rows}
     assert rows["RMS contour error"].simulation.high < 0.9
     assert rows["time of the job"].simulation.value < 1.03
-    assert rows["time of the job"].verdict == "not reproducible as printed"
+    assert rows["time of the job"].verdict == "does not hold here"
+
+
+def test_the_largest_feed_is_the_one_that_the_margin_allows():
+    steel = materials.material("c45-10")
+    feed = huang2024.fastest(steel.params, steel.power, spot.Command())
+    below, above = (
+        calibrate.streamed(steel.params, steel.power, {"feed": s * feed, "dither": spot.Command()}).margin
+        for s in (0.999, 1.001)
+    )
+    assert above < 1.0 < below
+
+
+def test_what_is_said_of_dither_follows_from_the_jobs(monkeypatch):
+    def verdicts_of(study):
+        return {(row.claim, row.verdict) for row in study(TRIAL).rows}
+
+    assert {verdict for _, verdict in verdicts_of(huang2024.absorption)} <= {"trend only", "does not hold here"}
+    names = ("dross", "roughness", "taper")
+    monkeypatch.setattr(huang2024, "jobs_of", lambda *a: {name: np.full(6, 1.0) for name in names})
+    assert {verdict for _, verdict in verdicts_of(huang2024.shapes)} == {"does not hold here"}
+    better = {name: np.full(6, 0.5) for name in names}
+    worse = {name: np.full(6, 1.0) for name in names}
+    monkeypatch.setattr(
+        huang2024, "jobs_of", lambda stack, scenario, seeds, shape: better if shape == "elliptical" else worse
+    )
+    assert {v for claim, v in verdicts_of(huang2024.shapes) if "elliptical" in claim} == {"trend only"}
+    assert {v for claim, v in verdicts_of(huang2024.shapes) if "elliptical" not in claim} == {"does not hold here"}

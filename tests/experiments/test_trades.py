@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kerfgym.envs import job_metrics
-from kerfgym.experiments import table
+from kerfgym.envs import evidence, job_metrics
+from kerfgym.experiments import fairness, table
 from kerfgym.experiments.comparison import relative
 from kerfgym.experiments.jobs import JobResults
 
@@ -46,11 +46,48 @@ def test_each_figure_is_over_the_references_with_an_interval_from_the_same_seeds
         assert value == pytest.approx(np.exp(np.log(pooled["mine"] / pooled["plain"]).mean()))
 
 
+def trades(found):
+    """The row of ``mine`` in the table against the reference, by title."""
+    sheet = table.sheets(found)[1]
+    (row,) = sheet.sections[0]
+    return dict(zip(sheet.titles, row, strict=True))
+
+
+def extrapolating(metric):
+    """The same, but ``mine`` cut the scenario ``one`` in part faster than was published."""
+    found = results()
+    found.metric, found.meta = metric, {"tuning": {name: {"trials": 0} for name in ("plain", "mine")}}
+    found.runs = found.runs.assign(extrapolated=0.0, **dict.fromkeys(evidence.COLUMNS, 0.0))
+    at = (found.runs["controller"] == "mine") & (found.runs["scenario"] == "one")
+    found.runs.loc[at, ["extrapolated", "beyond_feed"]] = [0.6, 8.33]
+    return found
+
+
+def test_extrapolated_figures_of_the_cut_are_shown_and_marked_but_not_ranked():
+    found = extrapolating("roughness")
+    first = table.sheets(found)[0]
+    rows = {row[0]: dict(zip(first.titles, row, strict=True)) for section in first.sections for row in section}
+    assert (rows["mine"]["rank"], rows["plain"]["rank"]) == ("–", "1")
+    assert rows["mine"]["Rz, µm"] != "–"
+    assert (rows["mine"]["evidence"], rows["plain"]["evidence"]) == ("extrapolated, 30% of the cut", "inside")
+    assert trades(found)["evidence"] == "extrapolated, 30% of the cut"
+    notes = " ".join(first.notes)
+    assert "not ranked: mine: extrapolated: feed by 8.33 mm/s." in notes
+    assert "extrapolated: mine: feed by 8.33 mm/s (one)." in notes
+    summary = found.summary()
+    assert summary.loc["mine", ["extrapolated", "beyond"]].tolist() == [0.3, "feed by 8.33 mm/s"]
+
+
+def test_what_is_no_figure_of_the_cut_is_ranked_all_the_same():
+    assert not any("extrapolated" in why for each in fairness.reasons(extrapolating("contour_rms")).values()
+                   for why in each)  # fmt: skip
+    assert any("extrapolated" in why for why in fairness.reasons(extrapolating("dross"))["mine"])
+
+
 def test_better_and_worse_are_what_the_intervals_say():
     first, second = table.sheets(results())
     assert second.title.startswith("over plain")
-    (row,) = second.sections[0]
-    cells = dict(zip(second.titles, row, strict=True))
+    cells = trades(results())
     assert cells["better in"] == "cutting time, Rz, energy"
     assert cells["worse in"] == "contour rms"
     assert cells["power, W"] == "906"
@@ -60,13 +97,11 @@ def test_better_and_worse_are_what_the_intervals_say():
 
 def test_a_mean_that_is_better_hides_no_scenario_that_is_worse():
     mixed = results()
-    (row,) = table.sheets(mixed)[1].sections[0]
-    assert "contour rms" in row[-3]
+    assert "contour rms" in trades(mixed)["worse in"]
     at = (mixed.runs["controller"] == "mine") & (mixed.runs["scenario"] == "one")
     mixed.runs.loc[at, "contour_rms"] /= 2.0  # now 0.65 there, and 1.3 in the other
-    (row,) = table.sheets(mixed)[1].sections[0]
-    assert row[-4] == "cutting time, contour rms, Rz, energy"
-    assert row[-3] == "contour rms (other)"
+    assert trades(mixed)["better in"] == "cutting time, contour rms, Rz, energy"
+    assert trades(mixed)["worse in"] == "contour rms (other)"
 
 
 def test_without_the_reference_there_is_nothing_to_set_it_against():

@@ -279,16 +279,14 @@ class ZMachine:
         u = np.where(self.captured, self.wish, slow)
         u = np.where(self.holding | expired, back, u)
 
-        # A command that is not the law's changes by no more than the slew; when the law takes over, what the two differ
-        # by then dies away by the slew.
+        # What the supervisor commands above the law's wish dies away by the slew when the law takes over; towards the
+        # sheet its own command changes by no more than the slew, away from it at once.
         passes = ~self.holding & (u == self.wish)
         differs = np.where(self.foreign, self.command - u, self.apart)
-        self.apart = np.sign(differs) * np.maximum(np.abs(differs) - g.slew, 0.0)
-        joined = clip(u, self.command - g.slew, self.command + g.slew)
-        largest = np.maximum(np.abs(u), np.abs(joined))
-        faded = clip(u + self.apart, -largest, largest)
+        left = np.where(differs > g.slew, differs - g.slew, 0.0)
+        faded = np.where(u + left > np.maximum(u, self.command), np.maximum(u, self.command), u + left)
         self.apart = faded - u
-        command = np.where(passes, faded, joined)
+        command = np.where(passes, faded, np.maximum(u, self.command - g.slew))
         self.foreign = ~passes
         self.override = ~passes | (self.apart != 0.0)
         self.command = command

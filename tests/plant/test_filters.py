@@ -249,6 +249,20 @@ def test_the_anti_impulse_filter_bridges_an_impulse_on_a_ramp_along_the_ramp():
     assert y[100:] == pytest.approx(ramp[100:], abs=1e-3)
 
 
+@pytest.mark.parametrize("hold", [2, 10, 50])
+@pytest.mark.parametrize("slope", [1.0, 0.1, 1e-3])
+def test_the_anti_impulse_filter_never_extrapolates_by_more_than_a_jump_or_the_fastest_drive_s_sample(hold, slope):
+    """Whatever it has been fed: noise as wide as the whole range of heights, on a table of any steepness."""
+    rng, jump = np.random.default_rng(12), 0.1
+    x = BASE + SLOPE * rng.uniform(-3.0, 3.0, 4000) * (rng.random(4000) < 0.5)
+    x[0] = BASE
+    out = np.empty(len(x))
+    filtered(filters.validated(kind("anti-impulse", jump=jump, hold=hold)), x, BASE, slope * SLOPE, out)
+    believed = out == x
+    last = np.maximum.accumulate(np.where(believed, np.arange(len(x)), 0))
+    assert np.abs(out - x[last]).max() <= max(jump, filters.FASTEST) * slope * SLOPE * (1 + 1e-9)
+
+
 def test_the_anti_impulse_filter_passes_anything_that_does_not_jump():
     x = BASE + 0.009 * SLOPE * np.random.default_rng(11).uniform(-1.0, 1.0, 500)
     assert np.array_equal(passed(kind("anti-impulse", jump=0.04, hold=3), x, BASE), x)

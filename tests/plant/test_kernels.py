@@ -14,6 +14,7 @@ import pytest
 from numba.core.runtime import _nrt_python, rtsys
 
 from kerfgym.envs.plant import compiler, controller, filters, heads, idle, kernels, machine, z_axis
+from kerfgym.envs.plant.addresses import address
 from kerfgym.envs.plant.columns import aligned
 from kerfgym.envs.plant.compiler import for_python
 from kerfgym.envs.plant.controller import make_law, stage_of
@@ -163,7 +164,7 @@ def test_kernels_together_share_a_file_and_a_bound_kernel_needs_no_argument(cach
         first = Kernel(_scaled)
         second = Kernel(_added).together_with(first)
         x = np.array([1.0, -2.5, 0.0, 1e6])
-        step = first.bound(x.ctypes.data)
+        step = first.bound(address(x))
         step()
         assert x.tolist() == SCALED
         second(x.ctypes.data, 3)

@@ -313,7 +313,7 @@ def test_following_after_a_pause_above_a_pit_is_an_approach_again(pause):
 
 
 @pytest.mark.parametrize("slew", [2.0, 10.0, 50.0])
-def test_a_handover_never_changes_the_command_by_more_than_the_slew_and_what_the_law_does(slew):
+def test_a_handover_never_lowers_the_command_by_more_than_the_slew_and_what_the_law_does(slew):
     n, steps = 32, 1500
     fleet, every, rng = Fleet(n, IDLE, heads.ensure([0])), np.arange(n), np.random.default_rng(21)
     fleet.put_filter(every, filters.Params())
@@ -335,12 +335,42 @@ def test_a_handover_never_changes_the_command_by_more_than_the_slew_and_what_the
         asked = wish.copy()
         command, override = fleet.column("supervisor.command"), fleet.column("supervisor.override") > 0.5
         change, own = command - before, asked - last  # no more than the slew beyond what the law itself does
-        assert np.all(change <= np.maximum(own, 0.0) + slew + 1e-9)
+        mode = fleet.column("supervisor.mode")
+        moves = (mode == MOVE) | (mode == CALIBRATE)
+        assert np.all(change[moves] <= np.maximum(own, 0.0)[moves] + slew + 1e-9)
+        follows = (mode == FOLLOW) & (fleet.column("job.request") == FOLLOW)
+        assert np.all(command[follows] >= wish[follows] - 1e-9)  # away from the sheet at once
         assert np.all(change >= np.minimum(own, 0.0) - slew - 1e-9)
         assert np.all(np.abs(command) <= 150.0 + 1e-9)  # of moves; the law asks for less
         assert np.array_equal(command[~override], wish[~override])
-        modes |= set(fleet.column("supervisor.mode"))
+        modes |= set(mode)
     assert modes == {STOP, MOVE, CALIBRATE, FOLLOW, ALARM}
+
+
+@pytest.mark.parametrize("bad", [-1001.0, -1e9, -np.inf, 1e9, np.inf, np.nan])
+@pytest.mark.parametrize("before", [0.0, -700.0])
+def test_one_bad_command_costs_what_that_command_costs(bad, before):
+    """What the drive makes of it within a period, by its own limits; the next command of the law is obeyed at once."""
+    fleet = started(machine_with(IDLE, gap=3.0, job__set_height=3.0, path__feed=0.0))
+    fleet.advance(5)
+    for asked in (before, bad, 0.0):
+        fleet.set("hand.residual", 0, asked)
+        fleet.advance()
+        sent = now(fleet, "supervisor.command")
+        assert sent == pytest.approx(0.0 if np.isnan(asked) else np.clip(asked, -1000.0, 1000.0))
+    gap = run(fleet, 100, "signals.gap")[0]
+    # Two periods at the drive's acceleration of 14 000 mm/s²: at most 28 mm/s, which its loop takes 8 ms to stop.
+    assert np.abs(gap - 3.0).max() < 0.25
+    assert now(fleet, "signals.override") == 0.0
+
+
+def test_after_contact_the_head_goes_up_at_once():
+    fleet = started(machine_with(IDLE, gap=0.5, path__feed=0.0))
+    fleet.set("hand.residual", 0, -60.0)
+    invalid, command = run(fleet, 60, "signals.valid", "supervisor.command")
+    touched = int(np.argmax(invalid < 0.5))
+    assert command[touched] == pytest.approx(-60.0)
+    assert command[touched + 1] == pytest.approx(supervisor.Params().fastest)
 
 
 # ------------------------------------------------------------------------------------------------------------ alarms

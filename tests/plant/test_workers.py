@@ -2,6 +2,7 @@
 
 import itertools
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -174,6 +175,30 @@ def test_calls_that_no_helper_has_begun_are_withdrawn_when_the_caller_fails(monk
         thread.start()
     in_time(lambda: helpers.share(threading.Barrier(3, timeout=PATIENCE).wait))
     assert calls == [1]
+
+
+@pytest.mark.skipif(not hasattr(signal, "pthread_kill"), reason="no signals to threads")
+def test_an_interrupt_waits_for_the_helpers_because_they_write_into_the_caller_s_memory():
+    assert threading.current_thread() is threading.main_thread(), "interrupts reach the main thread only"
+    helpers, begun, ended = Workers(1), threading.Event(), []
+
+    def call():
+        if not helping():
+            assert begun.wait(PATIENCE)
+            raise KeyboardInterrupt
+        begun.set()
+        for _ in range(3):
+            time.sleep(0.05)
+            signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
+        time.sleep(0.05)
+        ended.append(1)
+
+    with pytest.raises(KeyboardInterrupt):
+        helpers.share(call)
+    assert ended == [1]
+    blocks = Blocks(50)
+    helpers.share(blocks.work)
+    assert blocks.done == [1] * 50
 
 
 # --------------------------------------------------------------------------------------------------------------- times

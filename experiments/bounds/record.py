@@ -1,0 +1,133 @@
+"""The recorded bounds, which docs and report read: ``recorded.json``, made by ``python -m kerfgym.experiments.bounds``.
+
+A figure belongs to a scenario's physics: it is found by a hash of the scenario's TOML, so a scenario that was changed
+has none. A second hash, of the sources that bounds are made from, tells whether the record must be made anew; a test
+fails when it must.
+"""
+
+import functools
+import hashlib
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from ...envs import scenarios
+from ...envs.scenarios import Scenario
+from ..runs import atomic
+
+HERE = Path(__file__).parent
+FILE = HERE / "recorded.json"
+
+LABEL = "bound (causal, sensor only)"
+"""What tables and figures call it."""
+
+_ENVS = HERE.parents[1] / "envs"
+SOURCES = (
+    *sorted(HERE.glob("*.py")), _ENVS / "scenarios.py", _ENVS / "distributions.py",
+    *(_ENVS / "plant" / f"{name}.py" for name in ("heads", "machine", "path", "sensor", "sheet", "z_axis")),
+)  # fmt: skip
+"""What bounds are made from, beside the scenarios."""
+
+
+@dataclass(frozen=True)
+class Bound:
+    """Bounds of a scenario: RMS of the true gap error over the benchmark's seeds, µm.
+
+    Attributes:
+        bound: for any causal controller with only the sensor.
+        learned: the same if drawn frequencies have to be learned too, an estimate.
+        linear: for a fixed linear controller; None where a sheet has nothing of a spectrum.
+        parts: RMS of the sheet's prediction and of steps, which make ``bound``, µm; then what disturbs a reading.
+    """
+
+    bound: float
+    learned: float
+    linear: float | None
+    parts: dict[str, float]
+
+
+def physics(scenario: Scenario) -> str:
+    """Hash of all that a scenario says of machine, sheet and journey."""
+    return hashlib.sha256(scenario.to_toml().encode()).hexdigest()[:20]
+
+
+def sources() -> str:
+    """Hash of :data:`SOURCES`."""
+    digest = hashlib.sha256()
+    for file in SOURCES:
+        digest.update(file.name.encode() + file.read_bytes())
+    return digest.hexdigest()[:20]
+
+
+def wanted() -> dict[str, Scenario]:
+    """The scenarios of which bounds are recorded: the core of every suite of height followers on a straight line."""
+    found = {}
+    for name in scenarios.suites():
+        if scenarios.rules(name).get("slot") == "z" and name != "drawing":  # whose journey is the user's
+            core = {each: scenarios.suite(name)[each] for each in scenarios.core(name)}
+            found.update({each: s for each, s in core.items() if not (s.circle or s.path or s.job)})
+    return found
+
+
+def write(bounds: dict[str, Bound], seeds: range, file: Path = FILE) -> None:
+    """Writes the record of ``bounds``, by the name of their scenario."""
+    entries = {
+        name: {"physics": physics(scenarios.load(name)), **asdict(bound)} for name, bound in sorted(bounds.items())
+    }
+    record = {"sources": sources(), "seeds": [seeds.start, seeds.stop], "scenarios": entries}
+    with atomic(file) as part:
+        part.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+
+
+@functools.cache
+def _record(file: Path = FILE) -> dict:
+    read: dict = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else {"sources": "", "scenarios": {}}
+    return read
+
+
+def recorded(scenario: Scenario) -> Bound | None:
+    """The bounds of a scenario from the record; None if it has none, or if its physics are not those recorded."""
+    entry = dict(_record()["scenarios"].get(scenario.name, {}))
+    if not entry or entry.pop("physics") != physics(scenario):
+        return None
+    return Bound(**entry)
+
+
+def stale() -> list[str]:
+    """What the record is not up to date with: ``sources``, or names of scenarios."""
+    found = _record()
+    changed = [name for name, scenario in wanted().items() if recorded(scenario) is None]
+    return ["sources"] * (found["sources"] != sources()) + changed
+
+
+def table() -> str:
+    """The page's tables in Markdown."""
+    from ..docs import table as markdown
+
+    text = []
+    for suite in scenarios.suites():
+        if scenarios.rules(suite).get("slot") != "z":
+            continue
+        rows = []
+        for name in scenarios.core(suite):
+            if bound := recorded(scenarios.suite(suite)[name]):
+                linear = "–" if bound.linear is None else f"{bound.linear:.2f}"
+                made = (bound.parts["prediction"], bound.parts["steps"], bound.parts["capacitance"])
+                rows.append([f"`{name}`", f"**{bound.bound:.2f}**", f"{bound.learned:.2f}", linear,
+                             *(f"{part:.2f}" if part else "–" for part in made)])  # fmt: skip
+        if rows:
+            titles = ("scenario", "bound", "frequencies learned too", "fixed linear", "of it: prediction",
+                      "of it: steps", "noise of a reading")  # fmt: skip
+            text += [f"Suite `{suite}`, µm RMS:\n", markdown(titles, rows)]
+    return "\n".join(text)
+
+
+def noise_table() -> str:
+    """What disturbs a reading, RMS over the machines of the first scenario of each suite, µm."""
+    from ..docs import table as markdown
+
+    for name in scenarios.core("following"):
+        if bound := recorded(scenarios.load(name)):
+            parts = {key: value for key, value in bound.parts.items() if key not in ("prediction", "steps")}
+            return markdown([f"`{name}`, µm RMS", *parts], [["", *(f"{value:.3f}" for value in parts.values())]])
+    return ""

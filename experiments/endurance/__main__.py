@@ -1,0 +1,76 @@
+"""``python -m kerfgym.experiments.endurance``; see the package's text."""
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from ...envs.plant.quantity import InvalidInput
+from .. import grids, pages, runs
+from ..bars import progress
+from .run import endurance
+from .sheets import sheets as sheets_of
+from .tables import promised, promises, table
+
+MODULE = "kerfgym.experiments.endurance"
+
+QUICK = (("xi2023-tuned", "self-tuning"), 4, 60.0)
+"""Controllers, seeds and seconds of ``--quick``."""
+
+
+def main(
+    controllers: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME …")] = (),
+    sheets: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME …")] = (), seeds: int = 24, split: str = "test",
+    duration: float = 300.0, path: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None, quick: bool = False,
+    name: str = "endurance", jobs: int = 1, docs: bool = False,
+) -> None:  # fmt: skip
+    """Run every follower for minutes, and tell whether it gets worse.
+
+    Args:
+        controllers: names; without any, all that are shipped, policies too.
+        sheets: some of wavy, rough, rough+flutter+impulses, chatter, random-k2 and path; without any, all.
+        seeds: of each sheet.
+        split: of the seeds.
+        duration: seconds of each run; a drawing takes what it takes.
+        path: a drawing (DXF, SVG, G-code) that is cut whole, as a job of the suite contour.
+        quick: two controllers, four seeds, one minute.
+        name: of the folder in runs/.
+        jobs: processes.
+        docs: write the tables into docs/endurance.md, too.
+    """
+    chosen = controllers or (QUICK[0] if quick else tuple(grids.shipped("following")))
+    seeds, duration = (min(seeds, QUICK[1]), min(duration, QUICK[2])) if quick else (seeds, duration)
+    found, missing = sheets_of(sheets, duration, path)
+    folder = runs.open_folder(runs.named(name), overwrite=True)
+    started, wall = time.process_time(), time.time()
+    which = grids.split_seeds(seeds, split)
+    with progress("runs") as told:
+        frame, windows = endurance(chosen, found, which, jobs=jobs, told=told)
+    kept = promises(frame)
+    words = ["python", "-m", MODULE, *(["--quick"] if quick else []), "--seeds", str(seeds)]
+    words += ["--duration", f"{duration:g}", *(["--sheets", *sheets] if sheets else [])]
+    words += [*(["--controllers", *controllers] if controllers else []), *(["--path", path.name] if path else [])]
+    record = runs.record(words) | {
+        "cpu_seconds": round(time.process_time() - started, 1), "wall_seconds": round(time.time() - wall, 1),
+        "seeds": f"{which[0]}-{which[-1]}", "controllers": list(chosen), "missing": missing,
+        "seconds": {name: scenario.duration for name, scenario in found.items() if not scenario.job}, "promises": kept,
+    }  # fmt: skip
+    runs.write_table(folder, "verdicts", frame)
+    runs.write_table(folder, "windows", windows)
+    runs.write_json(folder / "run.json", record)
+    shown = [promised(kept), table(frame)]
+    shown[-1].notes += missing
+    for sheet in shown:
+        sheet.show()
+    if docs:
+        text = [pages.origin(record, MODULE), *(sheet.markdown() for sheet in shown)]
+        pages.put("endurance", "\n\n".join(text), pages.manual("endurance.md"))
+    print(f"\n{folder}")
+
+
+if __name__ == "__main__":
+    try:
+        tyro.cli(main)
+    except InvalidInput as error:
+        raise SystemExit(f"kerfgym: {error}") from None

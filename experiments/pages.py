@@ -1,0 +1,51 @@
+"""Tables of the manual that a long run makes: the run writes them between two marks of a page::
+
+    <!-- run: faults -->
+    …
+    <!-- end -->
+
+What can be made from the code in a moment has other marks, and a test that it is not stale (:mod:`docs`). What takes
+minutes says beside the table with which command, version and commit it was made.
+"""
+
+import re
+from pathlib import Path
+from typing import Any
+
+from ..envs.plant.quantity import InvalidInput
+from .docs import FOLDER
+from .runs import atomic
+
+
+def put(name: str, text: str, page: Path) -> None:
+    """Writes ``text`` between the marks ``name`` of a page.
+
+    Raises:
+        InvalidInput: the page does not exist, or does not have the marks just once.
+    """
+    marked = re.compile(rf"(<!-- run: {re.escape(name)} -->\n).*?(<!-- end -->)", re.DOTALL)
+    try:
+        old = page.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InvalidInput(f"cannot read '{page}': {error.strerror}") from None
+    if len(marked.findall(old)) != 1:
+        raise InvalidInput(f"{page}: needs '<!-- run: {name} -->' … '<!-- end -->' just once")
+    new = marked.sub(lambda found: f"{found[1]}\n{text.strip()}\n\n{found[2]}", old)
+    with atomic(page) as part:
+        part.write_text(new, encoding="utf-8")
+
+
+def manual(name: str) -> Path:
+    """A page of the manual."""
+    return FOLDER / name
+
+
+def origin(record: dict[str, Any], module: str) -> str:
+    """Where a table comes from, in a sentence; ``record`` is that of a run, see :func:`runs.record`."""
+    commit = (record.get("git") or {}).get("commit")
+    changed = ", changed since" if (record.get("git") or {}).get("changed") else ""
+    return (
+        f"Made by `{record['command']}` (`{module}`), version {record['kerfgym']}"
+        + (f", commit {commit[:10]}{changed}" if commit else "")
+        + f", in {record['cpu_seconds']:.0f} CPU-seconds."
+    )

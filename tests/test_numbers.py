@@ -1,0 +1,144 @@
+"""Numbers that runs make are written by a script: none stands in README or manual outside the marks.
+
+A number *looks like a result* if it has decimals, a unit of measurement, a percent sign, or a word such as "times" with
+it, or if it stands in a table. Those that are constants of the design, of statistics or of an example stand in a list
+here, each with its reason. The changelog tells what was true of a version, so it is not asked.
+"""
+
+import re
+
+import pytest
+
+from kerfgym.experiments import docs
+from kerfgym.experiments.figures import marks
+
+WHOLE = {"machine.md", "environments.md"}
+"""Pages that the code makes from docstrings and declared quantities: what stands there is the machine's definition."""
+
+PAGES = {
+    page.relative_to(docs.README.parent).as_posix(): page
+    for page in (docs.README, *sorted(docs.FOLDER.glob("*.md")))
+    if page.name not in WHOLE
+}
+
+_NUMBER = r"[-−+±]?\d[\d,]*(?:\.\d+)?"
+_UNITS = (
+    r"µm²?|nm|mm|cm|m/s|m/min|µs|ms|s|seconds?|minutes?|hours?|CPU-seconds?|CPU-minutes?|Hz|kHz|MHz|pF|µH|W|kW|kB|KB|MB|"
+    r"%|per cent|×|times|steps|trials|million|M|seeds|collisions|runs"
+)
+RESULT = re.compile(
+    rf"(?<![\w.\-–]){_NUMBER}[ -]?(?:{_UNITS})(?!\w)"
+    r"|(?<![\w.\-–])[-−+±]?\d+\.\d+(?![\w.])|×\s?\d|\d+-fold|[Ff]actor (?:of )?\d"
+)
+"""What looks like a result in a sentence."""
+
+CELL = re.compile(r"(?<![\w.])\d")
+"""What looks like one in a table: any number that is not part of a name."""
+
+LEVEL = "the level of all intervals, a constant of inference.LEVEL"
+ALLOWED: dict[str, dict[str, str]] = {
+    "README.md": {
+        "Python 3.11 or newer": "of pyproject.toml",
+        "up to 5 mm/s on top": "a tenth of the action's range, in the example",
+        "95 % intervals over seeds": LEVEL,
+    },
+    "docs/blame.md": {"95 % intervals over seeds": LEVEL},
+    "docs/results-following.md": {"95 % intervals over seeds": LEVEL},
+    "docs/controllers.md": {
+        "head velocity | 1 ms |": "the control period, a constant of the machine",
+        "servo period, 4 ms in Wu": "Wu's",
+        "standoff | 8 ms |": "the interpolation period, a constant of the machine",
+        "1.1 times the simulated steps": "a rule of the ranking, budgets.SLACK",
+    },
+    "docs/reproduction.md": {"encoder is 3.2 mm off until it is homed": "an argument of the example"},
+    "docs/statistics.md": {
+        "above 1 it is closer": "follows from the definition",
+        "mean of the worst 5 % of the runs": "the definition of the figure",
+        "They hold 95 %": LEVEL,
+        "contain the truth in 95 % of the repeats": LEVEL,
+        "is near 95 %": LEVEL,
+        "which should be 5 %": LEVEL,
+        "hold together with 95 %": LEVEL,
+    },
+}
+"""Words around numbers that no run makes, by page, and why they may stand there."""
+
+
+def stripped(text: str) -> str:
+    """A page without what a script makes, code, links' targets and marks; comments of code blocks stay."""
+
+    def comments(found: re.Match[str]) -> str:
+        return "\n\n".join(re.findall(r"(?m)(?:^| )# (.*)$", found[0]))
+
+    text = re.sub(r"(?ms)^```.*?^```$", comments, text)
+    own = r"(?s)<!-- run: .*?<!-- end -->"  # of scripts with records of their own
+    for pattern in (docs._MARKED, marks.MARKED, own, r"(?s)<!--.*?-->", r"`[^`\n]*`", r"\]\([^)]*\)"):
+        text = re.sub(pattern, " ", text)
+    return re.sub(r"[ \t]+", " ", text)
+
+
+def unmarked(text: str, allowed: dict[str, str]) -> tuple[list[str], set[str]]:
+    """Every place that looks like a result and is not allowed, and the allowed words that are not there."""
+    lines, unused = stripped(text), set(allowed)
+    for words in allowed:
+        pattern = r"\s+".join(map(re.escape, words.split()))
+        if re.search(pattern, lines):
+            unused.discard(words)
+        lines = re.sub(pattern, "…", lines)
+    cells = [line for line in lines.split("\n") if line.lstrip().startswith("|") and CELL.search(line)]
+    flat = re.sub(r"\s+", " ", lines)
+    return cells + [flat[max(0, f.start() - 30) : f.end() + 20] for f in RESULT.finditer(flat)], unused
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_no_result_stands_outside_the_marks(name):
+    found, unused = unmarked(PAGES[name].read_text(encoding="utf-8"), ALLOWED.get(name, {}))
+    assert not found, (
+        "mark it (<!-- n: study.path -->, <!-- made: table -->); a constant goes into ALLOWED, with a reason"
+    )
+    assert not unused, "ALLOWED names what is no longer there"
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_no_sentence_goes_on_behind_a_mark_that_begins_a_line(name):
+    # Markdown takes such a line as HTML, and shows what follows on it as it stands.
+    for line in PAGES[name].read_text(encoding="utf-8").splitlines():
+        assert not re.match(r"\s*<!--.*?-->\s*\S", line), line
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_what_a_page_claims_is_so(name):
+    assert marks.broken(PAGES[name].read_text(encoding="utf-8")) == []
+
+
+def test_every_exception_is_of_a_page():
+    assert set(ALLOWED) <= set(PAGES)
+
+
+@pytest.mark.parametrize(
+    "sentence",
+    [
+        "It reaches 3.42 µm.", "It is 7 times closer.", "They need 168 CPU-seconds.", "dross falls by 3 %",
+        "Ms is 1.22", "it lies 3 % below the paper's", "after 4.8 million steps", "between 9 and 14 µm",
+        "a ratio of × 2", "±0.3 mm", "| `pid` | 9 | 0/2400 |", "```\nkerfgym tune law   # takes 130 seconds\n```",
+    ],
+)  # fmt: skip
+def test_what_looks_like_a_result_is_found(sentence):
+    assert unmarked(f"A page.\n\n{sentence}\n", {})[0]
+
+
+@pytest.mark.parametrize(
+    "sentence",
+    [
+        "Huang2024's Table 2 and CN102528288A", "slot `z`, `law.kp=3.5`", "two of them, in 16 corner plants",
+        "[a link](page.md#3.5-mm)", "| Huang2024 | `x=3` |", "<!-- n: following.pid.score .2f -->9.77<!-- /n --> µm",
+        "<!-- made: following -->\n| pid | 9.77 |\n<!-- end -->", "```\nkerfgym tune law.kp=20..120 --ms 3.3\n```",
+        "kerfgym 0.1.0",
+    ],
+)  # fmt: skip
+def test_names_code_and_marked_numbers_are_none(sentence):
+    assert unmarked(f"A page.\n\n{sentence}\n", {})[0] == []
+
+
+def test_an_exception_must_be_there():
+    assert unmarked("It has 3 mm.", {"It has 3 mm": "as given", "and 4 mm": "gone"}) == ([], {"and 4 mm"})

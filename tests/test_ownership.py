@@ -1,0 +1,419 @@
+"""Whatever is handed out keeps alive what it points to: every kind of function and array, with its owner gone.
+
+Each test makes two of a kind from the same seeds. One lives, of the other only what was handed out is kept; then the
+collector runs, and the freed memory is written over. Both must go on alike, bit for bit.
+"""
+
+import copy
+import gc
+import pickle
+import re
+import weakref
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import kerfgym
+from kerfgym.agents.vec_env import HeightFollowingVecEnv
+from kerfgym.envs import panel, scenarios, workshop
+from kerfgym.envs import stack as stacks
+from kerfgym.envs.batch import Batch
+from kerfgym.envs.cutting import CuttingEnv
+from kerfgym.envs.height_following import HeightFollowingEnv
+from kerfgym.envs.job_batch import ContourBatch, CuttingBatch
+from kerfgym.envs.plant import calibration, gantry, heads, machine, path, prompt
+from kerfgym.envs.plant.addresses import Address, Words, address
+from kerfgym.envs.plant.controller import stage_address
+from kerfgym.envs.plant.fleet import Fleet
+from kerfgym.envs.plant.kernels import Kernel
+from kerfgym.envs.vector import HeightFollowingVectorEnv
+from kerfgym.experiments import decisions, margins, rollout
+
+SIZE, PERIODS = 5, 40
+EVERY = np.arange(SIZE)
+
+
+def churn():
+    """Collects what nobody holds, and writes over the memory that has become free, pieces of every size."""
+    gc.collect()
+    held = []
+    for count in (*range(1, 200), *(int(1.3**i) for i in range(20, 52))):
+        held += [np.full(count, 0xFFFFFFFFFFFFFFFF, np.uint64) for _ in range(8 if count < 200 else 2)]
+    assert held[-1][-1] == 0xFFFFFFFFFFFFFFFF
+
+
+# --------------------------------------------------------------------------------------------------------- fleets
+
+
+def controlled(spec, scenario="wavy", change=None):
+    def make(threads=1, size=SIZE):
+        return rollout.fleet_for(scenarios.load(scenario), stacks.resolve(spec), np.arange(size), threads, change)
+
+    return make
+
+
+def begun(prepare, spec="pid"):
+    """A fleet that has got something more from arrays of which nobody else knows."""
+
+    def make(threads=1, size=SIZE):
+        fleet = controlled(spec)(threads, size)
+        prepare(fleet, np.arange(size))
+        fleet.begin(np.arange(size), np.arange(size) + 7)
+        return fleet
+
+    return make
+
+
+def travelled(fleet, every):
+    for radius in (5.0, 9.0):
+        turn = np.linspace(0.0, 6.0, 200)
+        pieces = [radius * np.stack([np.cos(turn), np.sin(turn)], axis=1)]
+        fleet.put_contours([path.resample(f"arc {radius}", pieces)], np.zeros(len(every), int), every)
+
+
+def uneven(fleet, every):
+    for seed in (1, 2):
+        fleet.put_profile(np.random.default_rng(seed).normal(0.0, 0.02, 400), 0.5, every)
+
+
+def bumpy(fleet, every):
+    fleet.put_map(np.random.default_rng(3).normal(0.0, 0.02, (60, 60)), -5.0, -5.0, 1.0, every)
+
+
+def replayed(fleet, every):
+    fleet.replay(np.random.default_rng(4).uniform(2e6, 3e6, 100))
+
+
+def own_tables(fleet, every):
+    pool = calibration.Pool(1)
+    pool[0] = heads.table(3)
+    fleet.read_from(pool, 0)
+
+
+def late(fleet, every):
+    numbers = np.zeros(1 + (2 + margins.RING) * fleet.blocks * 32)
+    numbers[0], numbers[1 : 1 + fleet.blocks * 32] = fleet.blocks * 32, 0.7
+    fleet.at_end(stage_address(margins.fault), numbers)
+
+
+def prompted(fleet, every):
+    prompt.install(fleet, every)
+
+
+def another_law(fleet, every):
+    stack = stacks.resolve("lqg")
+    fleet.drive_by(stack.law)
+    stack.install(fleet, every)
+
+
+def cutting(spec):
+    def make(threads=1, size=SIZE):
+        scenario = scenarios.load("cut-square")
+        return workshop.fleet_for(scenario, stacks.team(spec), np.arange(size), threads)
+
+    return make
+
+
+FLEETS = {
+    "law": controlled("pid"), "law with memory": controlled("lqg"), "two policies, one after the other": begun(
+        lambda fleet, every: stacks.resolve("height-following-ppo").install(fleet, every), "height-following-ppo"
+    ),
+    "policy": controlled("height-following-ppo"), "policy with a schedule": controlled("height-following-schedule-ppo"),
+    "contours": begun(travelled), "profiles": begun(uneven), "map": begun(bumpy), "signal": begun(replayed),
+    "tables": begun(own_tables), "stage at the end": begun(late), "stage behind the filter": begun(prompted, "lqg"),
+    "another law": begun(another_law), "job": cutting("recipe"), "job with a policy": cutting("cutting-ppo"),
+    "contour with a policy": cutting("contour-following-ppo"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("kind", FLEETS)
+def test_a_stepper_keeps_its_fleet_and_all_that_belongs_to_it(kind, threads):
+    size = SIZE if threads == 1 else 40  # two blocks, one for each thread
+    whole, gone = FLEETS[kind](threads, size), FLEETS[kind](threads, size)
+    expected, found = whole.start_recording(3 * PERIODS), gone.start_recording(3 * PERIODS)
+    whole_cut = whole.gantries and whole.gantries.start_recording(3 * PERIODS, whole.tick)
+    cut = gone.gantries and gone.gantries.start_recording(3 * PERIODS, gone.tick)
+    step = gone.stepper(3)
+    del gone
+    churn()
+    for _ in range(PERIODS):
+        step()
+    whole.advance(3 * PERIODS)
+    assert np.abs(np.diff(found[:, machine.CHANNELS.index("head")], axis=0)).max() > 0.0
+    np.testing.assert_array_equal(found, expected)
+    if whole.gantries:
+        np.testing.assert_array_equal(cut, whole_cut)
+
+
+def test_a_stepper_keeps_its_fleet_no_longer_than_it_lives_itself():
+    fleet = FLEETS["job with a policy"]()
+    seen, step = weakref.ref(fleet), fleet.stepper()
+    gc.disable()
+    try:
+        del fleet
+        assert seen() is not None
+        del step
+        assert seen() is None  # no circle, so nobody waits for the collector
+    finally:
+        gc.enable()
+
+
+def test_a_stepper_goes_on_with_its_own_steps_when_others_are_handed_out():
+    fleet = FLEETS["law"]()
+    one, eight = fleet.stepper(), fleet.stepper(8)
+    for step, periods in ((one, 1), (eight, 8), (one, 1), (fleet.advance, 1), (eight, 8)):
+        before = fleet.tick
+        step()
+        assert fleet.tick - before == periods
+
+
+def test_steps_that_break_off_do_not_stay_in_force(monkeypatch):
+    fleet = FLEETS["law"](2, 40)
+
+    def interrupted(call):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(kerfgym.envs.plant.workers.Workers, "share", lambda self, call: interrupted(call))
+        with pytest.raises(KeyboardInterrupt):
+            fleet.advance(500)
+    before = fleet.tick
+    fleet.advance()
+    assert fleet._deck[machine.D_STEPS] == 1
+    assert fleet.tick - before == 1
+
+
+# ----------------------------------------------------------------------------------------- environments and batches
+
+
+def episode(kind, **arguments):
+    batch = kind(3, **arguments)
+    batch.sequence(np.arange(3), np.arange(3))
+    batch.restart(np.arange(3))
+    batch.actions[:] = np.linspace(-0.6, 0.9, batch.actions.size).reshape(batch.actions.shape)
+    while (batch.rewards == 0.0).any():  # until all cut
+        batch.advance()
+    return batch
+
+
+BATCHES = {
+    "following": (Batch, {"scenario": "wavy"}), "schedule": (Batch, {"scenario": "rough", "control": "schedule"}),
+    "raw": (Batch, {"observation": "raw", "control": "direct"}), "contour": (ContourBatch, {}),
+    "cutting": (CuttingBatch, {}), "several threads": (Batch, {"threads": 2}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kept", ["observations", "rewards", "returns", "infos", "left"])
+@pytest.mark.parametrize("kind", BATCHES)
+def test_a_batch_s_step_keeps_every_array_that_the_kernel_reads_and_writes(kind, kept):
+    make, arguments = BATCHES[kind]
+    whole, gone = episode(make, **arguments), episode(make, **arguments)
+    found, advance = getattr(gone, kept), gone.advance
+    before = found.copy()
+    del gone
+    churn()
+    for _ in range(PERIODS):
+        advance()
+        whole.advance()
+    assert not np.array_equal(found, before)
+    np.testing.assert_array_equal(found, getattr(whole, kept))
+
+
+@pytest.mark.parametrize("make", [HeightFollowingEnv, lambda: HeightFollowingEnv(control="schedule"), CuttingEnv])
+def test_an_environment_s_step_outlives_the_environment(make):
+    whole, gone = make(), make()
+    whole.reset(seed=5), gone.reset(seed=5)
+    step, action = gone.step, 0.5 * np.ones(gone.action_space.shape, np.float32)
+    del gone
+    churn()
+    for _ in range(PERIODS):
+        found, expected = step(action), whole.step(action)
+        np.testing.assert_array_equal(found[0], expected[0])
+        assert found[1:4] == expected[1:4]
+
+
+@pytest.mark.parametrize("make", [HeightFollowingVectorEnv, HeightFollowingVecEnv])
+def test_what_a_step_returned_is_the_user_s(make):
+    env = make(4, scenario="wavy")
+    env.reset()
+    actions = np.full((4, 1), 0.3, np.float32)
+    returned = env.step(actions)
+    before = copy.deepcopy(returned)
+    for _ in range(PERIODS):
+        env.step(-actions)
+    del env
+    churn()
+    for now, then in zip(returned, before, strict=True):
+        if isinstance(now, np.ndarray):
+            np.testing.assert_array_equal(now, then)
+
+
+def test_a_panel_s_views_read_the_machine_that_it_had():
+    whole, gone = panel.Panel(), panel.Panel()
+    tick, views = gone.tick, dict(gone._views)
+    del gone
+    churn()
+    for _ in range(PERIODS):
+        tick(), whole.tick()
+    for name, view in views.items():
+        assert view[0] == whole[name]
+
+
+# ---------------------------------------------------------------------------------------------------------- arrays
+
+
+def test_views_of_a_column_outlive_the_fleet():
+    fleet = FLEETS["job"]()
+    fleet.advance(PERIODS)
+    views = [
+        fleet.row("motion.position", 2),
+        fleet.slots(machine.SIGNALS, 6, 3),
+        fleet.gantries.row("progress.near", 1),
+    ]
+    before = [view.copy() for view in views]
+    del fleet
+    churn()
+    for view, then in zip(views, before, strict=True):
+        np.testing.assert_array_equal(view, then)
+
+
+def test_a_recording_is_the_caller_s_when_the_next_one_begins():
+    fleet, whole = FLEETS["job"](), FLEETS["job"]()
+    expected = whole.start_recording(2 * PERIODS), whole.gantries.start_recording(2 * PERIODS, 0)
+    whole.advance(2 * PERIODS)
+    parts = []
+    for _ in range(2):
+        parts.append((fleet.start_recording(PERIODS), fleet.gantries.start_recording(PERIODS, fleet.tick)))
+        churn()
+        fleet.advance(PERIODS)
+    for now, then in zip(zip(*parts, strict=True), expected, strict=True):
+        np.testing.assert_array_equal(np.concatenate(now), then)
+
+
+@pytest.mark.parametrize("kind", ["law", "job"])
+def test_a_recording_that_is_full_is_not_written_beyond_its_end(kind):
+    fleet = FLEETS[kind]()
+    for owner, start, slot in (
+        (fleet, lambda: fleet.start_recording(4), machine.D_RECORD),
+        (fleet.gantries, lambda: fleet.gantries.start_recording(4, fleet.tick), gantry.D_RECORD),
+    ):
+        if owner is None:
+            continue
+        shape = start().shape
+        room = np.full((20, *shape[1:]), np.nan, np.float32)
+        owner._point(slot, room)  # the recording is the beginning of a larger array
+        fleet.advance(3)
+        fleet.advance(12)
+        assert np.isfinite(room[:4]).all()
+        assert np.isnan(room[4:]).all()
+        owner.stop_recording()
+
+
+def test_a_recording_that_was_stopped_belongs_to_the_caller_alone():
+    fleet = FLEETS["job"]()
+    records = [fleet.start_recording(4), fleet.gantries.start_recording(4, fleet.tick)]
+    seen = [weakref.ref(record) for record in records]
+    fleet.stop_recording(), fleet.gantries.stop_recording()
+    del records
+    assert [one() for one in seen] == [None, None]
+    fleet.advance(PERIODS)
+
+
+def test_gantries_that_have_no_job_yet_rest():
+    team = stacks.team("recipe")
+    fleet = Fleet(SIZE, team.z.law, heads.POOL)
+    gantries = fleet.use_gantries(team.xy.law, team.process.law)
+    fleet.begin(EVERY, EVERY)
+    fleet.advance(PERIODS)
+    assert [gantries.trail(fleet.tick - 1, i)[:2] for i in EVERY] == [(0.0, 0.0)] * SIZE
+
+
+def test_gantries_outlive_the_fleet_in_what_knows_their_address():
+    fleet = FLEETS["job"]()
+    words, gone = Words((fleet.gantries.address,)), weakref.ref(fleet.gantries)
+    del fleet
+    churn()
+    assert gone() is not None
+    assert int(words[0]) == gone().address
+
+
+# --------------------------------------------------------------------------------------------- kernels and addresses
+
+
+def test_a_bound_kernel_keeps_the_kernel_and_the_array():
+    fleet = FLEETS["law"]()
+    record = fleet.start_recording(PERIODS)
+    kernel = Kernel(machine.advance.function)
+    step, gone = kernel.bound(Address(fleet._at, fleet)), weakref.ref(fleet)
+    del kernel, fleet
+    churn()
+    for _ in range(PERIODS):
+        step()
+    assert gone().tick == PERIODS
+    whole = FLEETS["law"]()
+    expected = whole.start_recording(PERIODS)
+    whole.advance(PERIODS)
+    np.testing.assert_array_equal(record, expected)
+
+
+def test_a_number_that_keeps_nothing_alive_is_no_argument():
+    fleet = FLEETS["law"]()
+    with pytest.raises(AssertionError, match="keeps nothing alive"):
+        machine.advance.bound(fleet._at)
+    for give in (lambda words: fleet.hook(0, 0, words), lambda words: fleet.pilot("height", 0, words)):
+        with pytest.raises(AssertionError, match="keep nothing alive"):
+            give(np.zeros(20, np.uint64))
+
+
+def test_words_keep_what_their_addresses_point_to_and_so_does_a_part_of_them():
+    array = np.arange(3.0)
+    inner, gone = Words((address(array), 7)), weakref.ref(array)
+    part = Words((1, address(inner)))[1:]
+    assert [int(word) for word in inner] == [array.ctypes.data, 7]
+    del array, inner
+    gc.collect()
+    assert gone() is not None
+    del part
+    gc.collect()
+    assert gone() is None
+
+
+def test_decisions_are_timed_on_a_machine_that_is_there():
+    stack = stacks.resolve("height-following-ppo")
+    signals, wishes = decisions.lived(stack, "rough", 50), []
+    for forget in (False, True):
+        fleet = Fleet(1, stack.law, heads.POOL)
+        stack.install(fleet, [0])
+        given, wish, hand = signals.copy(), fleet.slots(machine.WISH, 1), fleet.row("hand.residual")
+        run = decisions._decide_kernel.bound(address(decisions.deck_for(fleet, given, len(given))))
+        if forget:
+            del fleet, given
+            churn()
+        run()
+        wishes.append((wish[0], hand[0]))
+    assert wishes[0] == wishes[1]
+    assert wishes[0][1] != 0.0
+
+
+@pytest.mark.parametrize("make", [FLEETS["law"], lambda: episode(Batch), HeightFollowingEnv, CuttingEnv])
+@pytest.mark.parametrize("way", [copy.copy, copy.deepcopy, pickle.dumps])
+def test_what_kernels_work_on_is_not_copied(make, way):
+    thing = make()
+    if way is copy.copy and not isinstance(thing, Fleet):
+        return  # a second name for the same fleet
+    with pytest.raises(TypeError, match=r"can't be copied or pickled|cannot (be )?pickle"):
+        way(thing)
+
+
+def test_addresses_are_taken_in_one_place():
+    root = Path(kerfgym.__file__).parent
+    taken = re.compile(r"\.ctypes\.data|__array_interface__|addressof\(|c_void_p\.from|\.data_ptr\(")
+    found = {
+        f"{folder}/{file.relative_to(root / folder)}"
+        for folder in ("envs", "baselines", "agents", "experiments")
+        for file in (root / folder).rglob("*.py")
+        if taken.search(file.read_text(encoding="utf-8"))
+    }
+    assert found == {"envs/plant/addresses.py", "envs/plant/columns.py"}  # the second aligns an array
