@@ -48,7 +48,7 @@ def _entries(kind: str) -> list[tuple[str, str]]:
         from ..envs import scenarios
 
         return [
-            (name, f"{s.summary} [{group} {s.version}{', core' if name in scenarios.core(group) else ''}]")
+            (name, f"{s.summary} [{group} {scenarios.rules(group)['version']}{', core' if name in scenarios.core(group) else ''}]")
             for group in scenarios.suites()
             for name, s in scenarios.suite(group).items()
         ]

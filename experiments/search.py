@@ -5,8 +5,8 @@ Every stack is given the same:
 
 - *searched set*: all that its law declares and all that its filter's kind reads, within the declared ranges (windows up
   to 15, trims up to 3, bridges up to 10 samples);
-- *trials*: :data:`TRIALS`, the first of which is the stack as it stands. TPE explores, then CMA-ES is started twice, each
-  time from the best so far, first with a narrow, then with a wide spread (TPE alone misses optima, PHYSICS §6);
+- *trials*: :data:`TRIALS`, the first of which is the stack as it stands. TPE explores, then CMA-ES is started twice, from
+  the best so far, first with a narrow, then with a wide spread (TPE alone misses optima, PHYSICS §6);
 - *seeds*: :data:`SEEDS` tune seeds for each scenario and trial; a scenario of minutes takes a tenth of them;
 - *final check*: the best :data:`CHECKED` on :data:`MORE_SEEDS` tune seeds, and Ms at the suite's frequencies. Few seeds
   flatter a candidate that fails one time in a hundred.
@@ -142,7 +142,7 @@ def search(name: str, trials: int = TRIALS, cap: float = CAP, seed: int = 0) -> 
         return seen["score"] if fits else math.inf
 
     explore, done = min(EXPLORE, trials), []
-    sampler = optuna.samplers.TPESampler(seed=seed, multivariate=True, n_startup_trials=30)
+    sampler: Any = optuna.samplers.TPESampler(seed=seed, multivariate=True, n_startup_trials=30)
     study = optuna.create_study(sampler=sampler)
     # The stack as it stands is the first point, so a search never ends worse than it began.
     study.enqueue_trial({key: base.parameters()[key].value for key in searched})
