@@ -27,8 +27,8 @@ from ..envs.plant.quantity import InvalidInput
 from ..envs.scenarios import Scenario
 
 NOT_MACHINE = (
-    "name", "summary", "version", "duration", "settle", "share", "feed", "corners", "turns", "set_height", "start_above",
-    "guard", "exempt", "path", "circle", "sheet", "job", "gantry", "optics",
+    "name", "summary", "version", "duration", "settle", "share", "feed", "corners", "turns", "set_height",
+    "start_above", "guard", "exempt", "path", "circle", "sheet", "job", "gantry", "optics",
 )  # fmt: skip
 """What a scenario holds of sheet, journey and jobs; all else is the machine that follows the sheet."""
 
