@@ -34,16 +34,16 @@ from .tune import evaluate, goals
 
 SUITE = "following"
 
-TRIALS, EXPLORE = 400, 120
+TRIALS, EXPLORE = 300, 100
 """Trials of each search, and how many of them TPE makes; CMA-ES makes the others, half of them after its restart."""
 
 SPREADS = (0.1, 0.25)
 """Initial standard deviation of both starts of CMA-ES, in ranges."""
 
-SEEDS = 24
+SEEDS = 16
 """Tune seeds per scenario and trial."""
 
-CHECKED, MORE_SEEDS = 12, 240
+CHECKED, MORE_SEEDS = 10, 200
 """How many of the best are checked in the end, and on how many tune seeds per scenario."""
 
 CAP = 2.0
