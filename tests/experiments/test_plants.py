@@ -38,9 +38,9 @@ def test_the_machines_of_a_suite_are_named_by_what_differs():
 
 def test_the_corners_are_the_ends_of_all_that_is_drawn():
     """Among a thousand machines that the scenario draws none lies beyond, in any number of the axis."""
-    scenario = Scenario(
-        name="x", axis={"friction": {"uniform": [200, 900]}, "backlash": {"log_uniform": [0.001, 0.02]}, "zeta": 0.7}
-    )
+    fixed = {"zeta": 0.7, "latency": 0.0, "bristle": 0.0, "stiction": 1.0, "stribeck": 2.0}
+    drawn_ = {"friction": {"uniform": [200, 900]}, "backlash": {"log_uniform": [0.001, 0.02]}}
+    scenario = Scenario(name="x", axis=fixed | drawn_)
     machine = of(scenario)
     assert machine.size == 2**5
     corners = written(machine, scenario)
