@@ -32,8 +32,10 @@ MACHINE = ("axis", "head")
 QUIET = ("noise", "jitter", "impulse", "burst", "table", "signal", "nominal")
 """First words of what is disturbance or recording in a head; the nominal head has none of it."""
 
-LIMITS = ("axis.speed", "axis.acceleration", "axis.jerk")
-"""Numbers that a small signal does not reach."""
+LIMITS = (
+    "axis.speed", "axis.acceleration", "axis.jerk", "axis.friction", "axis.bristle", "axis.stiction", "axis.stribeck",
+)  # fmt: skip
+"""Numbers that a small signal does not reach, or, of friction, hardly tells."""
 
 FULL = 6
 """Numbers that are drawn of which all combinations are tried."""

@@ -76,16 +76,21 @@ class Fleet(Columns):
     # -------------------------------------------------------------------------------- lists beside the sheet
 
     def put_plate(self, machines: Any, radius: float) -> None:
-        """Radius of the footprint of the sensor's plate, mm; before waves and random sheets."""
+        """Radius of the footprint of the sensor's plate, mm; before waves and random sheets, which are made for it."""
         self.set("sheet.plate", machines, radius)
         if radius != sheet.FOOTPRINT:
             self.use(machine.F_PLATES)
 
     def put_wave(
-        self, machines: Any, i: int, amplitude: Any, kx: Any, ky: Any, phase: Any, plate: float = sheet.FOOTPRINT
+        self, machines: Any, i: int, amplitude: Any, kx: Any, ky: Any, phase: Any, plate: float | None = None
     ) -> None:
-        """Wave ``i`` of the sheet: true amplitude (mm), wave vector (rad/mm); the footprints are allowed for here."""
+        """Wave ``i`` of the sheet: true amplitude (mm), wave vector (rad/mm); the footprints are allowed for here.
+
+        ``plate``: radius of the plate's, mm; None: the machines' own, as it has been written.
+        """
         k = np.hypot(kx, ky)
+        if plate is None:
+            plate = self.column("sheet.plate")[machines]
         tip = np.asarray(amplitude) * sheet.attenuation(k)
         felt = np.asarray(amplitude) * sheet.attenuation(k, plate)
         self._put_list(machine.WAVES, 5, machines, i, (tip, kx, ky, phase, felt - tip))

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .lanes import U1, clip, exponential, part, sine
+from .lanes import U1, U, as_number, clip, part, sine
 
 WAVES, VIBRATIONS, FEATURES = 8, 3, 16
 """Most waves, vibrations and features that one sheet can have."""
@@ -39,6 +39,9 @@ widens it, the bore does, too; both are left out [A]."""
 
 LATEST = 14.0
 """mm behind its far end at which a feature is done with; features therefore lie at least ``SPACING`` apart."""
+
+HIGHEST_BAND = 200.0
+"""Hz, highest band of vibration; beyond it half a control period is too long a step. At 200 Hz it lies 2 % too high."""
 
 SPACING = 27.0
 """mm, least distance between the end of a feature that holds a void and the start of the next."""
@@ -89,6 +92,7 @@ class Params(NamedTuple):
     bulge_y: float = 0.0  # mm
     bulge_width: float = 40.0  # mm, full width at half height [A] 20–60
     bulge_growth: float = 0.0  # share of the remaining growth per control period, 1 − exp(−T/τ), τ 1–10 s [A]
+    length: float = 3000.0  # mm along x, after which the slope goes the other way [A]
     plate: float = FOOTPRINT  # mm, radius of the footprint of the sensor's plate
 
 
@@ -143,6 +147,23 @@ def attenuation(k, radius=FOOTPRINT):
 def wave(w, x, y):
     """One wave at (x, y), as a share of its amplitude."""
     return sine(w.kx * x + w.ky * y + w.phase)
+
+
+BEND = 300.0
+"""mm before and after a turn of the slope in which it turns."""
+
+
+@part
+def sloped(p, x):
+    """Way by which the slope along x has risen at ``x``, mm: to and fro over the sheet's length, so that a journey of
+    minutes stays within the travel; the slope turns smoothly."""
+    n = np.floor(x / p.length)
+    w = x - n * p.length
+    falls = n - 2.0 * np.floor(0.5 * n) > 0.5
+    rises = w if not falls else p.length - w
+    top, bottom = p.length - rises, rises
+    bent = p.length - (BEND * BEND + top * top) / (2.0 * BEND) if top < BEND else rises
+    return (BEND * BEND + bottom * bottom) / (2.0 * BEND) if bottom < BEND and x > BEND else bent
 
 
 @part
@@ -239,7 +260,8 @@ def turned(p, mask, t):
 
 @part
 def _is_on(mask, turn):
-    shifted = np.floor(mask * exponential(-0.6931471805599453 * turn) + 1e-9)
+    """The bit ``turn`` of a mask of up to 32 bits, as a number: 0 or 1."""
+    shifted = np.floor(mask * as_number(U(np.int64(1023.0 - turn)) << U(52)))  # mask/2^turn, exactly
     return shifted - 2.0 * np.floor(0.5 * shifted)
 
 

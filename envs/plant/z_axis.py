@@ -36,6 +36,9 @@ GRAVITY = 9810.0
 QUEUE = 7
 """Commands that the dead time can hold back; the longest dead time is ``QUEUE − 1`` control periods."""
 
+SHORTEST_BRISTLE = 1e-4
+"""mm; what bends less under 1 g of friction is stiffer than substeps of 50 µs can follow."""
+
 
 class Params(NamedTuple):
     """One Z axis."""
@@ -164,11 +167,26 @@ def pace(p, d):
 
 
 @part
-def step(p, g, r, s, share, dt):
+def bend(p, g, s, dt):
+    """Deflection of the bristles a substep later, mm (LuGre): they bend with the motion and slide at g(v).
+
+    Implicit in their own deflection, so stable at any speed; with the speed in the middle of the substep, so that
+    bristles that do not slide neither feed nor damp an oscillation. Of g(v) and 1 the multiple w is taken, which
+    leaves one division.
+    """
+    v = fma(0.5 * dt, s.acceleration, s.velocity)
+    w = fma(g.slow * v, g.slow * v, 1.0)
+    sliding = fma(p.friction, w, g.extra)
+    return fma(dt, v, s.bent) * (sliding / fma(abs(v) * dt * g.spring, w, sliding + 1e-300))
+
+
+@part
+def step(p, g, r, s, share, dt, bristles=True):
     """One substep of ``dt`` seconds that ends at ``share`` of the control period.
 
     Args:
         p, g, r, s: :class:`Params`, :class:`Gains`, :class:`Pace`, :class:`State`.
+        bristles: whether the axis may have some; without, they cost nothing.
 
     Returns:
         ``(state, head)``: head is the position of the nozzle, mm.
@@ -176,13 +194,9 @@ def step(p, g, r, s, share, dt):
     command = r.before if share <= r.change else r.after
     u = clip(command, fma(-g.near_end, s.position, g.near_low), fma(-g.near_end, s.position, g.near_high))
 
-    # LuGre: bristles bend with the motion and slide at g(v); implicit in their own deflection, so stable at any speed.
-    # Of g(v) and 1 the multiple w is taken, which leaves one division.
-    w = fma(g.slow * s.velocity, g.slow * s.velocity, 1.0)
-    sliding = fma(p.friction, w, g.extra)
-    bent = fma(dt, s.velocity, s.bent) * (sliding / fma(abs(s.velocity) * dt * g.spring, w, sliding + 1e-300))
+    bent = bend(p, g, s, dt) if bristles else s.bent
     viscous = clip(g.drag * s.velocity, -p.friction, p.friction)
-    resist = g.spring * bent if g.spring > 0.0 else viscous
+    resist = g.spring * bent if bristles and g.spring > 0.0 else viscous
     wanted = fma(g.stiff, u - s.velocity, fma(-g.damp, s.acceleration, s.resist - resist))
     most = min(p.acceleration, fma(-g.soft, s.velocity, g.soft_speed))
     least = max(-p.acceleration, fma(-g.soft, s.velocity, -g.soft_speed))

@@ -65,7 +65,7 @@ def _move(deck_address):
     for b in range(_blocks(deck)):
         for _ in range(_AGAIN):
             for k in range(0, machine.SUBSTEPS, 5):
-                machine.move_all(block, b * machine.STRIDE, _lanes(deck, b), k)
+                machine.move_all(block, b * machine.STRIDE, _lanes(deck, b), k, machine.has_bristles(deck))
 
 
 def _sense(deck_address):
@@ -113,14 +113,14 @@ def _law(deck_address):
 
 
 @part
-def _move_one(block, a):
+def _move_one(block, a, bristles):
     """All substeps of one machine with its state in local variables."""
     p, gains = load(machine.z_axis.Params, block, a + machine.P_Z), load(machine.z_axis.Gains, block, a + machine.GAINS)
     pace = load(machine.z_axis.Pace, block, a + machine.PACE)
     course = load(machine.Course, block, a + machine.COURSE)
     z, m = load(machine.z_axis.State, block, a + machine.S_Z), load(machine.Moment, block, a + machine.MOMENT)
     for k in range(machine.SUBSTEPS):
-        z, m = machine.substep(p, gains, pace, course, z, m, (np.float64(k) + 1.0) / machine.SUBSTEPS)
+        z, m = machine.substep(p, gains, pace, course, z, m, (np.float64(k) + 1.0) / machine.SUBSTEPS, bristles)
     store(block, a + machine.S_Z, z)
     store(block, a + machine.MOMENT, m)
 
@@ -138,7 +138,7 @@ def _registers(deck_address):
                 machine.supervise_all(block, a, U1, tick)
                 machine.travel_all(block, a, U1, tick, deck)
                 machine.prepare_all(block, a, U1, tick)
-                _move_one(block, a)
+                _move_one(block, a, machine.has_bristles(deck))
                 machine.sense_all(block, a, U1, tick, keys, i)
                 machine.filter_all(block, a, U1, tick, deck[_WINDOW], deck[_FLAGS] & machine.F_RANKS)
                 machine.look_up_all(block, a, U1, tick, deck)

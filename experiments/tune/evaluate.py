@@ -109,7 +109,7 @@ class Evaluator:
         """Simulated steps of a candidate that goes through all scenarios, without Ms; a job is as long as the base
         makes it on the first seed."""
         if not self.jobs:
-            return len(self.seeds) * sum(s.steps for s in self.scenarios)
+            return sum(len(s.some(self.seeds)) * s.steps for s in self.scenarios)
         team = stacks.team(self.base)
         return len(self.seeds) * sum(int(jobs.roll(s, team, self.seeds[:1])[0].tick) for s in self.scenarios)
 
@@ -125,7 +125,7 @@ class Evaluator:
             return self._part_of_jobs(self._groups[i][0], stacks.team(candidate), wanted)
         assert isinstance(candidate, Stack)
         if i not in self._rungs:
-            self._rungs[i] = _Rung(self._groups[i], self.follower, self.seeds, self.threads)
+            self._rungs[i] = _Rung(self._groups[i], self.follower, self._groups[i][0].some(self.seeds), self.threads)
         start = time.process_time()
         found = self._rungs[i].run(candidate, wanted)
         self.ledger.add(self._rungs[i].steps, time.process_time() - start)
@@ -152,10 +152,12 @@ class Evaluator:
 
 
 def _grouped(cases: list[Scenario], size: int) -> list[list[Scenario]]:
-    """The scenarios in groups of equal length."""
+    """The scenarios in groups of equal length, on as many seeds."""
     groups: list[list[Scenario]] = []
     for scenario in cases:
-        if groups and len(groups[-1]) < size and scenario.steps == groups[-1][0].steps:
+        last = groups[-1][0] if groups else scenario
+        alike = (scenario.steps, scenario.share) == (last.steps, last.share)
+        if groups and len(groups[-1]) < size and alike:
             groups[-1].append(scenario)
         else:
             groups.append([scenario])
