@@ -7,8 +7,7 @@ machine gains is there as well.
 
 Every number that is drawn stands at its least and at its greatest value, in all combinations. From the seventh on it
 takes them in a fractional design, in which any three numbers still meet in all combinations, so that there are never
-more than :data:`MOST` corners. Limits of the drive (:data:`LIMITS`) stay in the middle of their range: signals as small
-as those of :mod:`stability` and :mod:`margins` do not reach them.
+more than :data:`MOST` corners. Limits of the drive and friction (:data:`LIMITS`) stay in the middle of their ranges.
 """
 
 import functools
