@@ -25,16 +25,8 @@ from ..envs.plant.fleet import Fleet
 from ..envs.plant.quantity import InvalidInput
 from ..envs.scenarios import Scenario
 
-<<<<<<< HEAD
-NOT_MACHINE = (
-    "name", "summary", "version", "duration", "settle", "share", "feed", "corners", "turns", "set_height",
-    "start_above", "guard", "exempt", "path", "circle", "sheet", "job", "gantry", "optics",
-)  # fmt: skip
-"""What a scenario holds of sheet, journey and jobs; all else is the machine that follows the sheet."""
-=======
 MACHINE = ("axis", "head")
 """Tables of a scenario that are the machine; the others are what is cut and how it is travelled."""
->>>>>>> measures
 
 QUIET = ("noise", "jitter", "impulse", "burst", "table", "signal", "nominal")
 """First words of what is disturbance or recording in a head; the nominal head has none of it."""
