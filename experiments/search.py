@@ -5,8 +5,8 @@ Every stack is given the same:
 
 - *searched set*: all that its law declares and all that its filter's kind reads, within the declared ranges (windows up
   to 15, trims up to 3, bridges up to 10 samples);
-- *trials*: :data:`TRIALS`, the first of which is the stack as it stands. TPE explores, then CMA-ES is started twice, each
-  time from the best so far, first with a narrow, then with a wide spread (TPE alone misses optima, PHYSICS §6);
+- *trials*: :data:`TRIALS`, the first of which is the stack as it stands. TPE explores, then CMA-ES is started twice
+  from the best so far, first with a narrow, then with a wide spread (TPE alone misses optima, PHYSICS §6);
 - *seeds*: :data:`SEEDS` tune seeds for each scenario and trial; a scenario of minutes takes a tenth of them;
 - *final check*: the best :data:`CHECKED` on :data:`MORE_SEEDS` tune seeds, and Ms at the suite's frequencies. Few seeds
   flatter a candidate that fails one time in a hundred.
@@ -34,16 +34,16 @@ from .tune import evaluate, goals
 
 SUITE = "following"
 
-TRIALS, EXPLORE = 400, 120
+TRIALS, EXPLORE = 300, 100
 """Trials of each search, and how many of them TPE makes; CMA-ES makes the others, half of them after its restart."""
 
 SPREADS = (0.1, 0.25)
 """Initial standard deviation of both starts of CMA-ES, in ranges."""
 
-SEEDS = 24
+SEEDS = 16
 """Tune seeds per scenario and trial."""
 
-CHECKED, MORE_SEEDS = 12, 240
+CHECKED, MORE_SEEDS = 10, 200
 """How many of the best are checked in the end, and on how many tune seeds per scenario."""
 
 CAP = 2.0
@@ -142,7 +142,7 @@ def search(name: str, trials: int = TRIALS, cap: float = CAP, seed: int = 0) -> 
         return seen["score"] if fits else math.inf
 
     explore, done = min(EXPLORE, trials), []
-    sampler = optuna.samplers.TPESampler(seed=seed, multivariate=True, n_startup_trials=30)
+    sampler: Any = optuna.samplers.TPESampler(seed=seed, multivariate=True, n_startup_trials=30)
     study = optuna.create_study(sampler=sampler)
     # The stack as it stands is the first point, so a search never ends worse than it began.
     study.enqueue_trial({key: base.parameters()[key].value for key in searched})
