@@ -47,9 +47,9 @@ class Params(NamedTuple):
     Default variances and weights are rounded from a first search of 160 trials on tune seeds.
     """
 
-    bandwidth: Bandwidth = 86.0
-    zeta: Zeta = 0.82
-    dead_time: DeadTime = 1.76
+    bandwidth: Bandwidth = 84.2
+    zeta: Zeta = 0.78
+    dead_time: DeadTime = 2.2
     encoder: Encoder = 3e-4
     drift: Drift = 400.0
     reading: Reading = 2e-3
