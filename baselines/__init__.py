@@ -45,7 +45,7 @@ _CATALOGUE: dict[str, tuple[str, str, dict, str]] = {
     ),
     "mpc": (
         "mpc", "model-predictive: the tuned LQG under bounds on command and acceleration, planned anew each period",
-        {"filter.kind": "anti-impulse", "filter.hold": 4, "guard.rise": 0.05}, "lqg",
+        {"filter.kind": "anti-impulse", "filter.hold": 4, "guard.rise": 0.05}, "mpc",
     ),
     "self-tuning": (
         "self_tuning", "self-tuning predictor: learns how the sheet goes on by recursive least squares, tuned",

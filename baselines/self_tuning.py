@@ -58,8 +58,11 @@ MEMORY = NEARER + 3 * TERMS
 FADE = 0.98
 """Of the largest speed seen, per period."""
 
-RECALL, DOUBT = 0.97, 6.0
-"""Memory of what was predicted, per period; how soon predictions that miss most of the motion are not trusted."""
+DOUBT = 6.0
+"""How soon predictions that miss most of the motion are not trusted."""
+
+SLIGHT = 0.015
+"""mm in FAR periods; where the sheet moves less, predictions may miss so much."""
 
 SWING, STRAY = 1.2, 0.05
 """An error that exceeds this multiple of what the sheet has moved by, and so many mm, is the loop's own."""
@@ -100,6 +103,7 @@ class Params(NamedTuple):
         float, Quantity("1", 3.0, 20.0, "a reading off its prediction, over the usual, that is bridged", log=True)
     ] = 5.0
     hold: Annotated[int, Quantity("ms", 0, 20, "longest bridge; what outlasts it is real")] = 4
+    recall: Annotated[float, Quantity("ms", 20.0, 300.0, "over which predictions prove themselves", log=True)] = 100.0
     reach: Annotated[float, Quantity("1", 1.0, 2.0, "largest speed fed forward, over the largest seen of late")] = 1.5
     smith: Annotated[float, Quantity("1", 0.0, 1.0, "share of the commands on their way that counts as done")] = 0.35
     lag: Annotated[float, Quantity("ms", 3.0, 7.0, "of the drive, before it is known")] = 5.4
@@ -315,7 +319,8 @@ def control(params, state, signals, tables, memory):
     if known > 0.0 and abs(x.head_position - measured - x.set_height) > SWING * swing + STRAY:
         _forget(p, m)
         known, calm = 1.0, 0.0
-    usual, wrong, plain = state.usual, RECALL * state.wrong, RECALL * state.plain
+    recall = 1.0 - 1.0 / p.recall
+    usual, wrong, plain = state.usual, recall * state.wrong, recall * state.plain
     if known > FAR + 2.0:
         base = _slot(tick, FAR)
         rose = measured - m[READINGS + base]
@@ -349,7 +354,7 @@ def control(params, state, signals, tables, memory):
     fastest = max(FADE * state.fastest, abs(m[row + RECENT - 1]) / RECENT)
     most = p.reach * fastest
     # What has not come true lately, such as how the first step goes on, is fed forward in part or not at all.
-    trusted = clip(DOUBT * (1.0 - wrong / max(plain, QUIET * QUIET)), 0.0, 1.0)
+    trusted = clip(DOUBT * (1.0 - wrong / max(plain, SLIGHT * SLIGHT * p.recall)), 0.0, 1.0)
     coming = trusted * clip(speed + p.sharpen * bend, -most, most) / PERIOD if ready else 0.0
     off = behind - MIDDLE
     rise = middle + slope * off + 0.5 * bend * off * off if ready else 0.0

@@ -278,6 +278,9 @@ class Sheet(_Section):
 
     tilt: Annotated[Number, _q("mm/mm", -0.3, 0.3, "slope along x")] = 0.0
     tilt_y: Annotated[Number, _q("mm/mm", -0.3, 0.3, "slope along y")] = 0.0
+    length: Annotated[float, _q("mm", 1000, 1e6, "along x, after which the slope goes the other way, and so on")] = (
+        3000.0
+    )
     waves: tuple[Wave, ...] = ()
     vibrations: tuple[Vibration, ...] = ()
     random: Random | None = None
@@ -373,6 +376,7 @@ class Scenario(_Section):
     version: int = 2  # of the suite that it belongs to
     duration: Annotated[float, _q("s", 0.05, 600, "of an episode")] = 3.0
     settle: Annotated[float, _q("s", 0, 60, "at the start, not scored")] = 0.3
+    share: Annotated[float, _q("1", 0.01, 1, "of a run's seeds that it is run on, because an episode is long")] = 1.0
     feed: Annotated[Number, _q("mm/s", 0, 2000, "along the path")] = 200.0
     set_height: Annotated[Number, _q("mm", 0.05, 9, "")] = Choice(choice=(0.5, 0.8, 1.0))
     start_above: Annotated[Number, _q("mm", 0, 30, "head above the set height at the start")] = 0.0
@@ -380,7 +384,6 @@ class Scenario(_Section):
     exempt: bool = False  # built to defeat followers: collisions are expected and not counted
     path: str | None = None  # a drawing (DXF, SVG, G-code) along whose contours the nozzle travels
     circle: Circle | None = None
-    back: Annotated[float, _q("mm", 100, 1e6, "after which a straight path turns back")] = 3000.0
     corners: Corners | None = None
     turns: Turns | None = None
     axis: Axis = Axis()
@@ -417,6 +420,10 @@ class Scenario(_Section):
     def settle_steps(self) -> int:
         """Control periods at the start that are not scored."""
         return round(self.settle / PERIOD)
+
+    def some(self, seeds: Any) -> Any:
+        """The first ``share`` of the seeds (a sequence or array), at least one."""
+        return seeds[: max(1, round(self.share * len(seeds)))]
 
     def along(self, drawing: str | Path) -> "Scenario":
         """The scenario along the contours of a DXF, SVG or G-code file, once through at the (slowest) feed.
@@ -696,7 +703,6 @@ def prepare(fleet: Fleet, scenario: Scenario, machines: Any, seeds: Any, again: 
         fleet.set("path.lap", m, scenario.circle.length if scenario.circle else 0.0)
         set_height = value(scenario, "set_height", "")
         fleet.set("path.feed", m, value(scenario, "feed", ""))
-        fleet.set("path.back", m, scenario.back)
         _prepare_corners(fleet, scenario.corners, m, draws)
         _prepare_turns(fleet, scenario.turns, m)
         fleet.set("job.set_height", m, set_height)
@@ -765,6 +771,7 @@ def _prepare_sheet(fleet: Fleet, scenario: Scenario, m: np.ndarray, draws: Draws
     plate = scenario.head.plate
     fleet.put_plate(m, plate)
     fleet.set("sheet.tilt_x", m, draw(shape.tilt, draws, "sheet.tilt"))
+    fleet.set("sheet.length", m, shape.length)
     fleet.set("sheet.tilt_y", m, draw(shape.tilt_y, draws, "sheet.tilt_y"))
     for i in range(sheet.WAVES):
         if i < len(shape.waves):

@@ -22,7 +22,7 @@ from .tune.outcome import TEST_SEEDS
 CAPS = (2.0, 3.3, math.inf)
 """The ranking's, that of the comparison with learned policies, and none."""
 
-FOLLOWERS = tuple(name for name in search.SPACES if name not in ("preview-5ms", "oracle"))
+FOLLOWERS = tuple(name for name in search.NAMES if name not in ("preview-5ms", "oracle"))
 """Stacks of the information class *sensor* that have a preset."""
 
 REFERENCE = "xi2023-tuned"
@@ -44,7 +44,7 @@ def row(name: str, cap: float) -> dict[str, Any]:
     """One search and what its result is worth."""
     found, record = search.search(name, cap=cap)
     spent = {key: record[key] for key in ("ms", "trials", "sampler", "tune_seeds", "simulated_steps", "cpu_seconds")}
-    values = {key: found.parameters()[key].value for key in search.SPACES[name]}
+    values = {key: found.parameters()[key].value for key in search.space(found)}
     return {"controller": name, "cap": cap, **tested(found), **spent, "git": record["git"], "parameters": str(values)}
 
 

@@ -24,6 +24,9 @@ from .plants import STANDARD, Machine
 from .plants import machines as machines_of
 
 SEEDS_PER_TASK = 100
+TRACE = 60_000
+"""Most periods of a run that are kept."""
+
 TRACED = 2
 """Seeds of each scenario of which every period is kept: the first ones."""
 
@@ -107,16 +110,16 @@ def _stability(case: Case, stack: Stack) -> tuple[dict[str, pd.DataFrame], int]:
 
 
 def _trace(case: Case, record: Any, seed: int) -> pd.DataFrame:
-    """Every period of one run, with its place in the drawing if there is one."""
+    """Every period of one run, of a long one the first :data:`TRACE`, with its place in the drawing if there is one."""
     assert case.scenario is not None
     index = case.seeds.index(seed)
-    frame = pd.DataFrame(record.data[:, :, index], columns=list(machine.CHANNELS))
+    frame = pd.DataFrame(record.data[:TRACE, :, index], columns=list(machine.CHANNELS))
     frame.insert(0, "controller", case.controller)
     frame.insert(1, "scenario", case.scenario.name)
     frame.insert(2, "seed", seed)
     frame.insert(3, "time", (np.arange(len(frame)) + 1) * PERIOD)
     frame["set_height"] = record.set_height[index]
-    frame["scored"] = record.scored[:, index].astype(np.float32)
+    frame["scored"] = record.scored[:TRACE, index].astype(np.float32)
     contour = scenarios.journey(case.scenario)
     if contour:
         along = np.arange(len(contour.x)) * SPACING
@@ -132,7 +135,7 @@ def cases(controllers: Iterable[str], chosen: Iterable[Scenario], seeds: Iterabl
     out = [Case(name, None, (), machine=m) for m in machines_of(chosen) for name in controllers] if with_ms else []
     for scenario in chosen:
         for name in controllers:
-            for some in rollout.chunks(every, SEEDS_PER_TASK):
+            for some in rollout.chunks(scenario.some(every), SEEDS_PER_TASK):
                 part = tuple(int(seed) for seed in some)
                 out.append(Case(name, scenario, part, tuple(seed for seed in part if seed in traced)))
     return out

@@ -282,8 +282,8 @@ def travel_all(block, at, n, tick, deck):
             load(sheet.State, block, a + S_SHEET),
             load(path.State, block, a + S_PATH),
         )
-        block[middle + lane] = p.tilt_x * where.middle_x + p.tilt_y * where.middle_y
-        block[end + lane] = p.tilt_x * where.x + p.tilt_y * where.y
+        block[middle + lane] = p.tilt_x * sheet.sloped(p, where.middle_x) + p.tilt_y * where.middle_y
+        block[end + lane] = p.tilt_x * sheet.sloped(p, where.x) + p.tilt_y * where.y
     if flags & F_BULGES:
         for lane in range(n):
             a = at + lane

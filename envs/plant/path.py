@@ -1,8 +1,7 @@
 """Path: where the nozzle is, along a straight line or along the contours of a drawing.
 
 The feed is constant, or it slows down for *corners*: each within its ``pitch`` of the path at a place of its own. There
-it is ``corner_feed``, elsewhere no more than what the acceleration lets it reach or leave it from. A straight path goes
-to and fro over a sheet of the length ``back``.
+it is ``corner_feed``, elsewhere no more than what the acceleration lets it reach or leave it from.
 
 Drawings are resampled at a uniform arc length when they are read, so that the machine finds its place by one
 multiplication. The axes that travel it are ideal here: they are where the path says.
@@ -29,7 +28,6 @@ class Params(NamedTuple):
     profile_samples: float = 0.0  # 0: a height map begins there
     profile_spacing: float = 1.0  # mm
     lap: float = 0.0  # mm, length of a lap of a path that is travelled again and again; 0: it is not
-    back: float = 3000.0  # mm after which a straight path turns back, a sheet's length [A]
     corner: float = 0.0  # mm, pitch of the corners; 0: none
     corner_feed: float = 20.0  # mm/s in a corner [A]
     corner_acceleration: float = 5000.0  # mm/s² of the axes [A]
@@ -70,13 +68,6 @@ def feed_at(p, distance):
 
 
 @part
-def to_and_fro(distance, back):
-    """Place on a straight path that turns back after ``back`` mm."""
-    whole = distance - 2.0 * back * np.floor(distance / (2.0 * back))
-    return whole if whole < back else 2.0 * back - whole
-
-
-@part
 def advance(p, s, dt, ahead):
     """Time and distance one control period of ``dt`` seconds later, on a straight line along x.
 
@@ -87,10 +78,7 @@ def advance(p, s, dt, ahead):
     # With corners the machine's own place needs a sum of its own, of the same terms, begun `ahead` later.
     behind = s.here + (feed_at(p, s.here) * dt if s.time + 1.5 * dt >= ahead else 0.0)
     here = behind if p.corner > 0.0 else distance - p.feed * ahead
-    x, middle = distance, s.distance + 0.5 * feed * dt
-    x = to_and_fro(x, p.back) if p.back > 0.0 and x > p.back else x
-    middle = to_and_fro(middle, p.back) if p.back > 0.0 and middle > p.back else middle
-    return State(s.time + dt, distance, x, 0.0, middle, 0.0, feed, here)
+    return State(s.time + dt, distance, distance, 0.0, s.distance + 0.5 * feed * dt, 0.0, feed, here)
 
 
 @part

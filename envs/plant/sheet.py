@@ -92,6 +92,7 @@ class Params(NamedTuple):
     bulge_y: float = 0.0  # mm
     bulge_width: float = 40.0  # mm, full width at half height [A] 20–60
     bulge_growth: float = 0.0  # share of the remaining growth per control period, 1 − exp(−T/τ), τ 1–10 s [A]
+    length: float = 3000.0  # mm along x, after which the slope goes the other way [A]
     plate: float = FOOTPRINT  # mm, radius of the footprint of the sensor's plate
 
 
@@ -146,6 +147,23 @@ def attenuation(k, radius=FOOTPRINT):
 def wave(w, x, y):
     """One wave at (x, y), as a share of its amplitude."""
     return sine(w.kx * x + w.ky * y + w.phase)
+
+
+BEND = 300.0
+"""mm before and after a turn of the slope in which it turns."""
+
+
+@part
+def sloped(p, x):
+    """Way by which the slope along x has risen at ``x``, mm: to and fro over the sheet's length, so that a journey of
+    minutes stays within the travel; the slope turns smoothly."""
+    n = np.floor(x / p.length)
+    w = x - n * p.length
+    falls = n - 2.0 * np.floor(0.5 * n) > 0.5
+    rises = w if not falls else p.length - w
+    top, bottom = p.length - rises, rises
+    bent = p.length - (BEND * BEND + top * top) / (2.0 * BEND) if top < BEND else rises
+    return (BEND * BEND + bottom * bottom) / (2.0 * BEND) if bottom < BEND and x > BEND else bent
 
 
 @part

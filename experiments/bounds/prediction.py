@@ -9,12 +9,14 @@ is (in geostatistics, universal kriging)::
 
 R is the covariance of random part and noise in the readings, r that of the readings with ``z_x(n)``, Λ the inverse of
 the sizes' variances, and F̃ the shapes as whitened readings see them (by the prediction-error filter of R). Readings
-before the episode are taken as known, where a random part is present; they can only lower V.
+before the episode are taken as known, where a random part is present, without end; they can only lower V.
 """
+
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import solve_toeplitz
-from scipy.signal import lfilter
+from scipy.signal import oaconvolve
 from scipy.special import ndtr
 
 from .shapes import Shapes
@@ -24,36 +26,66 @@ FARTHEST = 12
 """Control periods of horizon for which a random part's covariances are kept beside its memory."""
 
 
-def _solved(random: Random, noise: float, right: np.ndarray) -> np.ndarray:
-    """R⁻¹·right by Levinson's recursion; R is Toeplitz because everything is stationary."""
-    column = random.yy[: len(right)].copy()
-    column[0] += noise**2
-    found: np.ndarray = solve_toeplitz(column, right, check_finite=False)
-    return found
-
-
 def wiener(random: Random, noise: float, horizon: int) -> tuple[float, np.ndarray]:
-    """Error variance of the best prediction of a random part, and its weights on the readings, newest first.
+    """Error variance of the best prediction with finite memory, and its weights on the readings, newest first.
+
+    R⁻¹r by Levinson's recursion; R is Toeplitz because everything is stationary.
 
     Args:
-        random: µm².
+        random: µm²; its number of lags but :data:`FARTHEST` is the memory.
         noise: sigma of each reading, µm, above 0.
         horizon: control periods from the newest reading to what is predicted, 0 to :data:`FARTHEST`.
     """
     memory = len(random.yy) - FARTHEST
-    r = random.xy[horizon : horizon + memory]
-    weights = _solved(random, noise, r)
+    column, r = random.yy[:memory].copy(), random.xy[horizon : horizon + memory]
+    column[0] += noise**2
+    weights: np.ndarray = solve_toeplitz(column, r, check_finite=False)
     return max(random.xx - float(r @ weights), 0.0), weights
 
 
-def whitener(random: Random, noise: float) -> np.ndarray:
-    """Prediction-error filter of the readings, divided by the sigma of its error, 1/µm; newest reading first."""
-    memory = len(random.yy) - FARTHEST
-    unit = np.zeros(memory)
-    unit[0] = 1.0
-    # R·a = σ²·e₀ makes a[0] = 1 (Yule–Walker).
-    column = _solved(random, noise, unit)
-    return column / np.sqrt(column[0])
+class Endless:
+    """The same with all readings there have ever been: Wiener's filter by spectral factorisation.
+
+    The density of the readings is |H|², with H causal and its inverse too (the cepstrum's causal half); then the
+    readings are white noise of variance 1 behind H. With γ_j the covariance of ``z_x(n)`` with that noise j periods
+    before, ``V_h = r_xx − Σ_{j≥h} γ_j²``.
+
+    Args:
+        random: µm²; its covariances must have faded at its last lag.
+        noise: sigma of each reading, µm, above 0.
+    """
+
+    def __init__(self, random: Random, noise: float) -> None:
+        self._size = 2 * (len(random.yy) - 1)
+        density = np.maximum(np.fft.rfft(np.concatenate([random.yy, random.yy[-2:0:-1]])).real, 0.0) + noise**2
+        cepstrum = np.fft.irfft(np.log(density), self._size)
+        cepstrum[0] *= 0.5
+        cepstrum[self._size // 2] *= 0.5
+        cepstrum[self._size // 2 + 1 :] = 0.0
+        self._whole = np.exp(np.fft.rfft(cepstrum))
+        # The score's sheet and the sensor's view are alike to either side, so their covariance is even.
+        cross = np.fft.rfft(np.concatenate([random.xy, random.xy[-2:0:-1]])).real
+        self._gamma = np.fft.irfft(cross / np.conj(self._whole), self._size)[: self._size // 2]
+        self._variance = random.xx
+
+    def variance(self, horizon: int) -> float:
+        """V of a horizon, µm²."""
+        return float(max(self._variance - np.sum(self._gamma[horizon:] ** 2), 0.0))
+
+    def weights(self, horizon: int) -> np.ndarray:
+        """On the readings, newest first."""
+        late = self._gamma[horizon:]
+        return np.asarray(np.fft.irfft(np.fft.rfft(late, self._size) / self._whole, self._size)[: self._size // 2])
+
+    @cached_property
+    def whitener(self) -> np.ndarray:
+        """Weights on the readings, newest first, that make white noise of variance 1 of them, 1/µm."""
+        return np.asarray(np.fft.irfft(1.0 / self._whole, self._size)[: self._size // 2])
+
+
+def _through(weights: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Columns over the control periods behind a filter."""
+    return np.asarray(oaconvolve(columns, weights[: len(columns), None], axes=0)[: len(columns)])
 
 
 def errors(
@@ -72,17 +104,17 @@ def errors(
     if still:
         white = shapes.sensor / noise
     else:
-        white = lfilter(whitener(random, noise), [1.0], shapes.sensor, axis=0)
+        endless = Endless(random, noise)
+        white = _through(endless.whitener, shapes.sensor) if len(shapes.variance) else shapes.sensor
     out = np.empty((len(horizons), len(at)))
     for i, horizon in enumerate(horizons):
         newest = np.asarray(at) - int(horizon)
-        base, weights = (0.0, np.zeros(1)) if still else wiener(random, noise, int(horizon))
-        out[i] = base
+        out[i] = 0.0 if still else endless.variance(int(horizon))
         if not len(shapes.variance):
             continue
         left = shapes.score[at]
         if not still:
-            left = left - lfilter(weights, [1.0], shapes.sensor, axis=0)[newest]
+            left = left - _through(endless.weights(int(horizon)), shapes.sensor)[newest]
         knowledge = _information(white, newest) + np.diag(1.0 / shapes.variance)
         # Scaled, because sizes have units of their own.
         scale = 1.0 / np.sqrt(np.einsum("nii->ni", knowledge))

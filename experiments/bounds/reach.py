@@ -11,15 +11,15 @@ which carries the share c of the load path. With c = 0 this is J·τ³/6. The li
 the few ms that matter the jerk is the tighter one.
 """
 
-import functools
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from scipy.special import ndtr
 
-from ...envs.plant import machine, sheet, z_axis
+from ...envs.plant import machine, z_axis
 from ...envs.plant.controller import PERIOD
+from .ramps import share
 
 FINE = 40
 """Points of time in a control period at which g is integrated."""
@@ -173,28 +173,17 @@ class Reach:
         seen = np.floor((starts - sensor) / pace).astype(int) + 1  # end of the first period with the step in it
         begins = np.floor((starts - score) / pace).astype(int)
         told = seen + np.arange(PATIENCE)[:, None]
-        sure = 1.0 - 2.0 * ndtr(-np.abs(heights) * _share((told * pace - starts) / sensor) / noise)
+        sure = 1.0 - 2.0 * ndtr(-np.abs(heights) * share((told * pace - starts) / sensor) / noise)
         sure[-1] = 1.0
         chance = sure * np.concatenate([np.ones((1, len(starts))), np.cumprod(1.0 - sure[:-1], axis=0)])
         acts = told + self.horizon - 1  # the newest period that the news cannot change
         ends = np.arange(1, WINDOW + 1)[:, None, None] + acts
         counts = ((ends >= scored.start) & (ends < scored.stop)).astype(float)
-        met = heights * _share((ends * pace - starts) / score)
+        met = heights * share((ends * pace - starts) / score)
         worth = (acts >= begins - EARLY) & (chance > RARE)  # who knows so early has all the time there is
         costs = np.zeros(acts.shape)
         costs[worth] = self.cost(met[:, worth], counts[:, worth])
         unaware = np.arange(WINDOW)[:, None, None] + begins
         due = (unaware <= acts) & (unaware >= scored.start) & (unaware < scored.stop)
-        paid = (due * (heights * _share((unaware * pace - starts) / score)) ** 2).sum(axis=0)
+        paid = (due * (heights * share((unaware * pace - starts) / score)) ** 2).sum(axis=0)
         return np.asarray((chance * (paid + costs)).sum(axis=0))
-
-
-@functools.cache
-def _ramp() -> tuple[np.ndarray, np.ndarray]:
-    u = np.linspace(-1.0, 1.0, 2001)
-    return u, np.array([sheet.share(each) for each in u.tolist()])
-
-
-def _share(u: np.ndarray) -> np.ndarray:
-    """:func:`sheet.share` of arrays."""
-    return np.asarray(np.interp(u, *_ramp()))

@@ -1,8 +1,8 @@
 """The recorded bounds, which docs and report read: ``recorded.json``, made by ``python -m kerfgym.experiments.bounds``.
 
 A figure belongs to a scenario's physics: it is found by a hash of the scenario's TOML, so a scenario that was changed
-has none. A second hash, of the sources that bounds are made from, tells whether the record must be made anew; a test
-fails when it must.
+has none, and scenarios of one name in several suites have their own. A second hash, of the sources that bounds are made
+from, tells whether the record must be made anew; a test fails when it must.
 """
 
 import functools
@@ -14,6 +14,7 @@ from pathlib import Path
 from ...envs import scenarios
 from ...envs.scenarios import Scenario
 from ..runs import atomic
+from . import known
 
 HERE = Path(__file__).parent
 FILE = HERE / "recorded.json"
@@ -60,17 +61,17 @@ def sources() -> str:
 
 
 def wanted() -> dict[str, Scenario]:
-    """The scenarios of which bounds are recorded: the core of every suite of height followers on a straight line."""
+    """The scenarios of which bounds are recorded, by ``suite/scenario``: all cores of height followers, where known."""
     found = {}
     for name in scenarios.suites():
         if scenarios.rules(name).get("slot") == "z" and name != "drawing":  # whose journey is the user's
-            core = {each: scenarios.suite(name)[each] for each in scenarios.core(name)}
-            found.update({each: s for each, s in core.items() if not (s.circle or s.path or s.job)})
+            core = {f"{name}/{each}": scenarios.suite(name)[each] for each in scenarios.core(name)}
+            found.update({each: s for each, s in core.items() if not known.unknown(s)})
     return found
 
 
 def write(bounds: dict[str, Bound], seeds: range, file: Path = FILE) -> None:
-    """Writes the record of ``bounds``, by the name of their scenario."""
+    """Writes the record of ``bounds``, by ``suite/scenario``."""
     entries = {
         name: {"physics": physics(scenarios.load(name)), **asdict(bound)} for name, bound in sorted(bounds.items())
     }
@@ -87,10 +88,11 @@ def _record(file: Path = FILE) -> dict:
 
 def recorded(scenario: Scenario) -> Bound | None:
     """The bounds of a scenario from the record; None if it has none, or if its physics are not those recorded."""
-    entry = dict(_record()["scenarios"].get(scenario.name, {}))
-    if not entry or entry.pop("physics") != physics(scenario):
-        return None
-    return Bound(**entry)
+    this = physics(scenario)
+    for entry in _record()["scenarios"].values():
+        if entry["physics"] == this:
+            return Bound(**{key: value for key, value in entry.items() if key != "physics"})
+    return None
 
 
 def stale() -> list[str]:

@@ -1,27 +1,26 @@
-"""Random parts of what the nozzle meets: stationary, Gaussian, given by a spectrum.
+"""Random parts of what the nozzle meets: stationary, Gaussian, given by their covariances.
 
-A spectrum is a one-sided density over frequency, µm²/Hz. A sheet's is one over wavenumber, which the feed v turns into
-one over frequency: ``S(f) = S(k)·2π/v`` with ``k = 2πf/v``. Sensor and score see it through responses of their own,
-their footprints and the sensor's gate, so a part is three covariances: of what the sensor sees (``yy``), of the score's
-sheet with what the sensor saw before (``xy``), and of the score's sheet (``xx``). Independent parts add up.
+Sensor and score see a sheet through footprints of their own, so a part is three covariances: of what the sensor sees
+(``yy``), of the score's sheet with what the sensor saw before (``xy``), and of the score's sheet (``xx``). Independent
+parts add up. A sheet's covariances are functions of the distance along the path (:class:`Surface`); the feed makes
+functions of time of them. A vibration's are functions of time, and the same for both (:func:`bands`).
 """
 
+import functools
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from ...envs.plant import sheet
 from ...envs.plant.controller import PERIOD
 
 MEMORY = 512
-"""Control periods of the past of which covariances are known."""
+"""Control periods of the past that a controller of finite memory knows."""
 
-SPAN = 2**15
-"""Control periods after which a spectrum's covariances repeat, because it is summed at discrete frequencies."""
-
-FINER = 8
-"""How many times finer than the control period time is resolved: content above half the control rate folds."""
+ENDLESS = 16385
+"""Control periods after which a random part is forgotten, whatever it is."""
 
 
 @dataclass(frozen=True)
@@ -46,37 +45,6 @@ NOTHING = Random(np.zeros(MEMORY), np.zeros(MEMORY), 0.0)
 """A sheet that does not move."""
 
 
-def frequencies() -> np.ndarray:
-    """Hz at which a density is summed: up to half of :data:`FINER` times the control rate."""
-    return np.fft.rfftfreq(SPAN * FINER, PERIOD / FINER)
-
-
-def seen(density: np.ndarray, sensor: Any = 1.0, score: Any = 1.0, lags: int = MEMORY) -> Random:
-    """A part from its density.
-
-    Args:
-        density: one-sided, µm²/Hz, at :func:`frequencies`.
-        sensor, score: responses through which the two see it, complex, at the same frequencies.
-        lags: control periods of which covariances are made.
-
-    Returns:
-        ``yy(τ) = ∫ S·|H_s|²·cos 2πfτ df``, ``xy(τ) = Re ∫ S·H_x·H_s*·exp(2πifτ) df``, ``xx = ∫ S·|H_x|² df``.
-    """
-    sensor, score = np.broadcast_to(sensor, density.shape), np.broadcast_to(score, density.shape)
-
-    def covariance(part: np.ndarray) -> np.ndarray:
-        # irfft halves all frequencies but the ends, as a one-sided density wants them.
-        steps = SPAN * FINER
-        out = np.fft.irfft(part, steps) * steps / 2.0 * (1.0 / (SPAN * PERIOD))
-        return np.asarray(out[: lags * FINER : FINER])
-
-    return Random(
-        covariance(density * np.abs(sensor) ** 2),
-        covariance(density * score * np.conj(sensor)),
-        float(covariance(density * np.abs(score) ** 2)[0]),
-    )
-
-
 def tones(variance: np.ndarray, omega: np.ndarray, sensor: Any = 1.0, score: Any = 1.0, lags: int = MEMORY) -> Random:
     """The mean spectrum of an ensemble of sines: what a controller knows that does not look which ones were drawn.
 
@@ -93,47 +61,73 @@ def tones(variance: np.ndarray, omega: np.ndarray, sensor: Any = 1.0, score: Any
     )  # fmt: skip
 
 
-def along(density: Any, feed: float) -> np.ndarray:
-    """A sheet's density over frequency at a feed of ``feed`` mm/s; ``density(k)`` is in µm²·mm over rad/mm."""
-    per_feed = 2.0 * np.pi / feed
-    return np.asarray(density(per_feed * frequencies()) * per_feed)
+def bands(variance: np.ndarray, omega: np.ndarray, zeta: np.ndarray, lags: int = MEMORY) -> Random:
+    """Vibrations as bands, exactly as the machine makes them: two steps of :func:`sheet.shake` in a control period.
 
-
-def power_law(k: np.ndarray, rms: float, exponent: float, roll_off: float) -> np.ndarray:
-    """One-sided density of a sheet, µm²·mm, ∝ ``(k₀² + k²)^(−p/2)``: k⁻ᵖ above ``roll_off``, level below.
+    They obey ``x(n+1) = (2 − a − b)·x(n) − (1 − a)·x(n−1) + noise``, hence their covariances do, too (Yule–Walker).
 
     Args:
-        k: rad/mm.
-        rms: µm, over all k.
-        exponent: p, above 1.
-        roll_off: k₀, rad/mm.
+        variance: µm² of each, shape (n,).
+        omega, zeta: rad/s and damping ratio of each, shape (n,).
+        lags: control periods of which covariances are made.
     """
-    from scipy.special import gammaln
+    dt = 0.5 * PERIOD
+    a, b = 2.0 * zeta * omega * dt, (omega * dt) ** 2
+    r = np.empty((2 * lags, len(omega)))
+    r[0], r[1] = variance, variance * (2.0 - a - b) / (2.0 - a)
+    for n in range(2, 2 * lags):
+        r[n] = (2.0 - a - b) * r[n - 1] - (1.0 - a) * r[n - 2]
+    total = r[::2].sum(axis=1)
+    return Random(total, total, float(variance.sum()))
 
-    # ∫₀^∞ (k₀² + k²)^(−p/2) dk = k₀^(1−p)·√π·Γ((p−1)/2)/(2·Γ(p/2))
-    log = gammaln((exponent - 1) / 2) - gammaln(exponent / 2)
-    whole = roll_off ** (1 - exponent) * np.sqrt(np.pi) / 2 * np.exp(log)
-    return np.asarray(rms**2 * (roll_off**2 + np.asarray(k) ** 2) ** (-exponent / 2) / whole)
 
+@dataclass(frozen=True)
+class Surface:
+    """A sheet of continuous spectrum, of RMS 1 under the nozzle's tip: covariances over the distance in mm.
 
-def band(rms: float, frequency: float, zeta: float, lags: int = MEMORY) -> Random:
-    """A vibration that moves the whole sheet: white noise behind a second-order resonance.
-
-    ``r(τ) = rms²·exp(−ζω|τ|)·(cos ω_d τ + ζω/ω_d·sin ω_d |τ|)``, ω = 2π·``frequency``, ω_d = ω·√(1 − ζ²), ζ < 1. The
-    sensor sees it as the score does, but for its gate, which is shorter than anything that such a band can do.
+    Attributes:
+        plate: mm, radius of the plate's footprint.
+        yy: of what the plate feels.
+        xy: of what the tip has with what the plate feels.
+        xx: variance under the tip; a little more than 1, since a table has no mean, and an ensemble of sheets has one.
+        bare: of the sheet itself at multiples of :data:`sheet.RANDOM_SPACING`, without a footprint.
     """
-    omega = 2.0 * np.pi * frequency
-    damped, t = omega * np.sqrt(1.0 - zeta**2), np.arange(lags) * PERIOD
-    r = rms**2 * np.exp(-zeta * omega * t) * (np.cos(damped * t) + zeta * omega / damped * np.sin(damped * t))
-    return Random(r, r, float(rms**2))
+
+    plate: float
+    yy: CubicSpline
+    xy: CubicSpline
+    xx: float
+    bare: np.ndarray
+
+    def at(self, feed: float, variance: float, lags: int = MEMORY) -> Random:
+        """Under a constant ``feed`` (mm/s), of ``variance`` µm² under the tip."""
+        d = np.minimum(feed * PERIOD * np.arange(lags), self.yy.x[-1])
+        return Random(variance * self.yy(d), variance * self.xy(d), variance * self.xx)
 
 
-def footprint(k: np.ndarray, radius: float) -> np.ndarray:
-    """Factor by which a footprint of ``radius`` mm reduces a wave of ``k`` rad/mm, see :func:`sheet.attenuation`."""
-    return sheet.attenuation(np.asarray(k) * (radius / sheet.FOOTPRINT))
+@functools.cache
+def surface(exponent: float, rolloff: float, plate: float) -> Surface:
+    """The ensemble of which :func:`sheet.random_tables` draws one sheet.
 
+    Args:
+        exponent: of the wavenumber beyond the roll-off.
+        rolloff: mm, wavelength beyond which the density no longer rises.
+        plate: mm, radius of the plate's footprint.
+    """
+    n = sheet.RANDOM_ONE
+    k = 2.0 * np.pi * np.fft.rfftfreq(n, sheet.RANDOM_SPACING)
+    density = (k * k + (2.0 * np.pi / rolloff) ** 2) ** (-0.5 * exponent)
+    tip, felt = sheet.attenuation(k), sheet.attenuation(k, plate)
+    variance, mean = np.fft.irfft(density * tip * tip, n)[0], density[0] / n
+    whole = variance - mean
 
-def gate(frequency: np.ndarray, length: float, substep: float) -> np.ndarray:
-    """Response of the mean over the last ``length`` s of a period, sampled each ``substep`` s, to its end; complex."""
-    ages = np.arange(max(1, round(length / substep))) * substep
-    return np.asarray(np.exp(-2j * np.pi * np.asarray(frequency)[..., None] * ages).mean(axis=-1))
+    def covariance(part: np.ndarray) -> np.ndarray:
+        return np.asarray(np.fft.irfft(part, n)[: n // 2] / whole)
+
+    def smooth(part: np.ndarray) -> CubicSpline:
+        d = np.arange(n // 2) * sheet.RANDOM_SPACING
+        return CubicSpline(d, covariance(part), bc_type=((1, 0.0), (1, 0.0)))  # even, hence level at 0
+
+    return Surface(
+        plate, smooth(density * felt * felt), smooth(density * tip * felt), float(variance / whole), covariance(density)
+    )  # fmt: skip

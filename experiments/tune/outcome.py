@@ -137,7 +137,7 @@ def scored(work: RollOuts, controller: Stack | Team, threads: int) -> tuple[dict
     work.validation += evaluator.ledger
     out: dict[str, Any] = {name: goals.score(name, figures, evaluator.core) for name in task.metrics}
     out["collisions"] = int(sum(figures[s]["collision"].sum() for s in figures))
-    out["runs"] = len(seeds) * len(figures)
+    out["runs"] = sum(len(each["collision"]) for each in figures.values())
     if not task.jobs:
         out["descent_overshoot"] = goals.measured("overshoot", figures, evaluator.core, task.jobs)
         out["jitter"] = goals.score("jitter", figures, evaluator.core)

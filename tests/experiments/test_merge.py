@@ -78,6 +78,21 @@ def test_other_controllers_on_the_same_seeds_become_one_table(tmp_path):
     assert found.meta["runs"]["b"]["command"] == "kerfgym benchmark --name b"
 
 
+def test_runs_of_earlier_versions_had_the_standard_machine_and_sines(tmp_path):
+    old, new = store(tmp_path / "old", {"pid": 1}), store(tmp_path / "new", {"observer": 2})
+    grid = new.grids["following"]
+    noise = grid.sensitivity.assign(magnitude=1.5, signal="noise", peak_low=1.4, peak_high=1.6)
+    grid.sensitivity = pd.concat([grid.sensitivity.assign(signal="sine"), noise]).assign(machine="axis.bandwidth 25")
+    grid.meta["machines"] = {"axis.bandwidth 25": ["wavy", "step"]}
+    (results,) = merge([old, new], RECORD).grids.values()
+    found = results.stability.set_index("controller")
+    assert found["machine"].to_dict() == {"pid": "standard", "observer": "axis.bandwidth 25"}
+    assert found["ms"].to_dict() == {"pid": 1.0, "observer": 2.0}
+    assert np.isnan(found.at["pid", "ms_noise"])
+    assert found.loc["observer", ["ms_noise", "ms_noise_low", "ms_noise_high"]].tolist() == [1.5, 1.4, 1.6]
+    assert results.machines == {"axis.bandwidth 25": ["wavy", "step"]}
+
+
 def test_a_controller_that_is_the_same_in_both_is_shown_once(tmp_path):
     found = merge([store(tmp_path / "a", {"pid": 1}), store(tmp_path / "b", {"pid": 1, "mpc": 3})], RECORD)
     assert found.grids["following"].controllers == ["pid", "mpc"]
