@@ -382,7 +382,9 @@ def test_a_suite_or_a_list_of_scenarios_is_drawn_from_evenly():
 
 
 def test_the_machine_may_be_changed_from_outside():
-    env = made(machine={"axis": {"dead_time": 0.003}, "head": {"noise": 0.0}}, scenario=["flat", "wavy"])
+    env = made(
+        machine={"axis": {"dead_time": 0.003, "latency": 0.0}, "head": {"noise": 0.0}}, scenario=["flat", "wavy"]
+    )
     env.reset(seed=0)
     assert env.batch.fleet.get("z").dead_time == pytest.approx(3.0)
     assert env.batch.fleet.get("sensor").noise == 0.0

@@ -38,7 +38,7 @@ def test_an_ideal_servo_has_the_commanded_speed_after_two_substeps():
 
 
 def test_without_dead_time_a_command_moves_the_head_in_the_period_in_which_it_is_given():
-    slow = SLOPE.varied(axis={"dead_time": 0.002})
+    slow = SLOPE.varied(axis={"dead_time": 0.002, "latency": 0.0})
     late, prompt = (rolled(slow, "xi2023-tuned", *s, seeds=[0]) for s in ((), ("dead time",)))
     given = np.argmax(np.abs(late["command"][:, 0]) > 1.0)
     moves = [int(np.argmax(np.abs(r["velocity"][:, 0]) > 1e-3)) for r in (late, prompt)]

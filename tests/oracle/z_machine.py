@@ -324,20 +324,22 @@ class ZMachine:
         """Height of the sheet under the nozzle's tip or under the sensor's plate ``periods`` ms after the start, mm.
 
         z = tilt·x + Σ A sin(k·x + φ) + Σ A sin(ωt + φ) + bands + random + bulge + Σ rise·(share behind start − share
-        behind stop); the nozzle travels along x to and fro. Plate and tip have footprints of their own. The bulge is a
+        behind stop); the nozzle travels along x, and the slope goes to and fro over the sheet's length, turning along
+        parabolas of ±300 mm. Plate and tip have footprints of their own. The bulge is a
         raised cosine, half as high at half its width; it grows exponentially, and linearly within a period. What has
         turns changes at the start of a period.
         """
         p, t, way = self.sheet, periods * PERIOD, self.way(periods)
-        x = np.where(
-            self.path.back > 0.0, self.path.back - np.abs(self.path.back - np.mod(way, 2.0 * self.path.back)), way
-        )
+        x = way
+        rise = p.length - np.abs(p.length - np.mod(way, 2.0 * p.length))
+        down = np.where((rise < 300.0) & (way > 300.0), 150.0 + rise**2 / 600.0, rise)
+        climbed = np.where(p.length - rise < 300.0, p.length - 150.0 - (p.length - rise) ** 2 / 600.0, down)
         amplitude, kx, _, phase, felt = self.waves.swapaxes(0, 1)
         shake, omega, beat, zeta = self.vibrations.swapaxes(0, 1)
         begin, end, rise, _ = self.features.swapaxes(0, 1)
         radius = p.plate if plate else FOOTPRINT
         period = np.ceil(periods) - 1.0
-        z = p.tilt_x * x
+        z = p.tilt_x * climbed
         waves = ((amplitude + felt * plate) * np.sin(kx * x + phase)).sum(axis=0)
         z = z + self.on(self.turns.waves, period) * waves
         tones = np.where(zeta > 0.0, self._shake(round(2 * periods) + 2), shake * np.sin(omega * t + beat)).sum(axis=0)

@@ -115,17 +115,25 @@ def test_without_corners_the_feed_is_constant():
 
 
 @pytest.mark.parametrize("corner", [0.0, 40.0])
-def test_a_straight_path_goes_to_and_fro_over_its_sheet(corner):
-    fleet = fleet_on(feed=800.0, back=150.0, corner=corner)
+def test_a_slope_goes_to_and_fro_over_the_sheets_length_and_waves_go_on(corner):
+    """Away from the turns a triangle; within 300 mm of them a parabola that leaves and meets it at its slope."""
+    fleet = fleet_on(feed=1800.0, corner=corner)
+    fleet.set("sheet.length", 0, 1000.0)
     fleet.set("sheet.tilt_x", 0, 0.02)
     fleet.put_wave(0, 0, 0.1, 0.05, 0.0, 0.3)
-    here, z = lived(fleet, 2500, "journey.here", "signals.surface_0")
-    laps = here / 150.0
-    there = 150.0 * np.abs(laps - 2.0 * np.round(laps / 2.0))  # a triangle between 0 and 150 mm
-    felt = np.interp(there, x := np.linspace(0, 150, 30_001), 0.02 * x + 0.1 * wave_mean() * np.sin(0.05 * x + 0.3))
-    assert z == pytest.approx(felt, abs=1e-6)
-    assert here[-1] > 450.0
-    assert there.max() <= 150.0
+    here, z = lived(fleet, 3000 if corner == 0.0 else 25_000, "journey.here", "signals.surface_0")
+    slope = z - 0.1 * wave_mean() * np.sin(0.05 * here + 0.3)
+    laps = here / 1000.0
+    triangle = 1000.0 * np.abs(laps - 2.0 * np.round(laps / 2.0))
+    away = (np.abs(triangle - 500.0) < 200.0) | (here < 300.0)
+    assert slope[away] == pytest.approx(0.02 * triangle[away], abs=1e-6)
+    turns = (triangle < 1.0) & (here > 500.0), triangle > 999.0
+    assert slope[turns[0]] == pytest.approx(0.02 * 150.0, abs=1e-4)
+    assert slope[turns[1]] == pytest.approx(0.02 * 850.0, abs=1e-4)
+    assert here[-1] > 2200.0
+    steepest = np.abs(np.diff(slope) / np.diff(here))
+    assert steepest.max() <= 0.02 * (1 + 1e-6)
+    assert np.abs(np.diff(steepest)).max() < 0.02 * 10.0 / 300.0  # nowhere a kink
 
 
 def wave_mean() -> float:
