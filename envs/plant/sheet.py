@@ -163,7 +163,8 @@ def sloped(p, x):
     rises = w if not falls else p.length - w
     top, bottom = p.length - rises, rises
     bent = p.length - (BEND * BEND + top * top) / (2.0 * BEND) if top < BEND else rises
-    return (BEND * BEND + bottom * bottom) / (2.0 * BEND) if bottom < BEND and x > BEND else bent
+    bent = (BEND * BEND + bottom * bottom) / (2.0 * BEND) if bottom < BEND else bent
+    return bent if x > BEND else x
 
 
 @part

@@ -57,13 +57,13 @@ HEAD = {
     "bursts": 0.0, "burst": 0.1, "burst_length": 0.02, "plasma": 0.0, "oscillator": "eq3", "nominal": False,
 }  # fmt: skip
 SHEET = {
-    "tilt": 0.0, "tilt_y": 0.0, "waves": (), "vibrations": (), "random": None, "steps": None, "holes": None,
-    "bulge": None, "profile": None,
+    "tilt": 0.0, "tilt_y": 0.0, "length": 3000.0, "waves": (), "vibrations": (), "random": None, "steps": None,
+    "holes": None, "bulge": None, "profile": None,
 }  # fmt: skip
 FOLLOWING = {
     "version": 2, "duration": 3.0, "settle": 0.3, "feed": 200.0, "set_height": {"choice": (0.5, 0.8, 1.0)},
     "start_above": 0.0, "guard": False, "exempt": False, "path": None, "circle": None,
-    "back": 3000.0, "corners": None, "turns": None,
+    "share": 1.0, "corners": None, "turns": None,
     "axis": PLANT, "head": HEAD, "sheet": SHEET,
 }  # fmt: skip
 
@@ -117,7 +117,7 @@ SECOND = {
         "sheet": {**random(u(0.1, 0.3), 3.0, 400.0), "waves": (wave(u(0.1, 0.4), u(50, 120)),)},
     },
     "shift": {
-        "duration": 300.0,
+        "duration": 300.0, "share": 0.1,
         "turns": {
             "length": 30.0, "count": 10, "waves": (1, 5, 8, 9), "random": (2, 6, 8, 9), "vibrations": (3, 5, 7, 9),
             "impulses": (4, 6, 7, 9),
@@ -725,7 +725,7 @@ def test_a_file_that_cannot_be_read_as_a_scenario_says_why(tmp_path, old, new, m
         ({"turns": {"length": 1, "count": 3}}, r"turns: length = 1\.0 is out of range; allowed: 2 to 600 s"),
         ({"corners": {"pitch": 5}}, r"corners: pitch = 5\.0 is out of range; allowed: 10 to 10000 mm"),
         ({"corners": {"pitch": 50}, "circle": {"radius": 30}}, "corners are for straight paths; .* exclude them"),
-        ({"back": 10}, r"back = 10\.0 is out of range; allowed: 100 to 1e\+06 mm"),
+        ({"sheet": {"length": 10}}, r"sheet: length = 10\.0 is out of range; allowed: 1000 to 1e\+06 mm"),
         ({"axis": {"dead_time": 0.005}}, r"axis: dead_time = 0\.005 is out of range; allowed: 0 to 0\.004 s"),
     ],
 )
