@@ -163,8 +163,8 @@ def sloped(p, x):
     rises = w if not falls else p.length - w
     top, bottom = p.length - rises, rises
     bent = p.length - (BEND * BEND + top * top) / (2.0 * BEND) if top < BEND else rises
-    turned = (BEND * BEND + bottom * bottom) / (2.0 * BEND) if bottom < BEND and x > BEND else bent
-    return x if x < BEND else turned  # where it begins, and before, it does not turn
+    bent = (BEND * BEND + bottom * bottom) / (2.0 * BEND) if bottom < BEND else bent
+    return bent if x > BEND else x
 
 
 @part

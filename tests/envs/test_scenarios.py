@@ -58,14 +58,12 @@ HEAD = {
 }  # fmt: skip
 SHEET = {
     "tilt": 0.0, "tilt_y": 0.0, "length": 3000.0, "waves": (), "vibrations": (), "random": None, "steps": None,
-    "holes": None,
-    "bulge": None, "profile": None,
+    "holes": None, "bulge": None, "profile": None,
 }  # fmt: skip
 FOLLOWING = {
-    "version": 2, "duration": 3.0, "settle": 0.3, "share": 1.0, "feed": 200.0,
-    "set_height": {"choice": (0.5, 0.8, 1.0)},
+    "version": 2, "duration": 3.0, "settle": 0.3, "feed": 200.0, "set_height": {"choice": (0.5, 0.8, 1.0)},
     "start_above": 0.0, "guard": False, "exempt": False, "path": None, "circle": None,
-    "corners": None, "turns": None,
+    "share": 1.0, "corners": None, "turns": None,
     "axis": PLANT, "head": HEAD, "sheet": SHEET,
 }  # fmt: skip
 
@@ -727,7 +725,7 @@ def test_a_file_that_cannot_be_read_as_a_scenario_says_why(tmp_path, old, new, m
         ({"turns": {"length": 1, "count": 3}}, r"turns: length = 1\.0 is out of range; allowed: 2 to 600 s"),
         ({"corners": {"pitch": 5}}, r"corners: pitch = 5\.0 is out of range; allowed: 10 to 10000 mm"),
         ({"corners": {"pitch": 50}, "circle": {"radius": 30}}, "corners are for straight paths; .* exclude them"),
-        ({"sheet": {"length": 10}}, r"length = 10\.0 is out of range; allowed: 1000 to 1e\+06 mm"),
+        ({"sheet": {"length": 10}}, r"sheet: length = 10\.0 is out of range; allowed: 1000 to 1e\+06 mm"),
         ({"axis": {"dead_time": 0.005}}, r"axis: dead_time = 0\.005 is out of range; allowed: 0 to 0\.004 s"),
     ],
 )

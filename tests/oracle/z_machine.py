@@ -44,6 +44,7 @@ FOOTPRINT = 2.0  # mm, radius of the nozzle's footprint (PHYSICS §6)
 AHEAD = 5  # ms by which the sheet is known ahead: the period T draws from the words of the period T − 5
 BAND = 0x5EED5EED5EED5EED  # vibration i has the stream key + (i + 1)·BAND
 FADE = 1.0  # s, end of a turn in which the next one fades in
+BEND = 300.0  # mm before and after a turn of the slope in which it turns
 TABLE_SPACING = 0.25  # mm between the samples of the random sheets' tables
 WIDEST = 12.0  # mm, widest disc on which an edge is felt
 LEAST_OVER_VOID = 0.1  # mm; with nothing under the nozzle no gap is smaller, nor is there contact
@@ -324,30 +325,27 @@ class ZMachine:
         """Height of the sheet under the nozzle's tip or under the sensor's plate ``periods`` ms after the start, mm.
 
         z = tilt·x + Σ A sin(k·x + φ) + Σ A sin(ωt + φ) + bands + random + bulge + Σ rise·(share behind start − share
-        behind stop); the nozzle travels along x, and the slope goes to and fro over the sheet's length, turning along
-        parabolas of ±300 mm. Plate and tip have footprints of their own. The bulge is a
-        raised cosine, half as high at half its width; it grows exponentially, and linearly within a period. What has
-        turns changes at the start of a period.
+        behind stop); the nozzle travels along x. Plate and tip have footprints of their own. The bulge is a raised
+        cosine, half as high at half its width; it grows exponentially, and linearly within a period. The slope goes to
+        and fro over the sheet's length, on parabolas where it turns. What has turns changes at the start of a period.
         """
         p, t, way = self.sheet, periods * PERIOD, self.way(periods)
-        x = way
-        rise = p.length - np.abs(p.length - np.mod(way, 2.0 * p.length))
-        down = np.where((rise < 300.0) & (way > 300.0), 150.0 + rise**2 / 600.0, rise)
-        climbed = np.where(p.length - rise < 300.0, p.length - 150.0 - (p.length - rise) ** 2 / 600.0, down)
         amplitude, kx, _, phase, felt = self.waves.swapaxes(0, 1)
         shake, omega, beat, zeta = self.vibrations.swapaxes(0, 1)
         begin, end, rise, _ = self.features.swapaxes(0, 1)
         radius = p.plate if plate else FOOTPRINT
         period = np.ceil(periods) - 1.0
-        z = p.tilt_x * climbed
-        waves = ((amplitude + felt * plate) * np.sin(kx * x + phase)).sum(axis=0)
+        along = p.length - np.abs(p.length - np.mod(way, 2.0 * p.length))
+        late, early = (np.maximum(BEND - off, 0.0) ** 2 / (2.0 * BEND) for off in (p.length - along, along))
+        z = p.tilt_x * (along - late + np.where(way > BEND, early, 0.0))
+        waves = ((amplitude + felt * plate) * np.sin(kx * way + phase)).sum(axis=0)
         z = z + self.on(self.turns.waves, period) * waves
         tones = np.where(zeta > 0.0, self._shake(round(2 * periods) + 2), shake * np.sin(omega * t + beat)).sum(axis=0)
         z = z + self.on(self.turns.vibrations, period) * tones
         z = z + self.on(self.turns.random, period) * self._random(way, plate)
         z = z + (rise * (behind((way - begin) / radius) - behind((way - end) / radius))).sum(axis=0)
         to_grow = 0.5 * sum((1.0 - p.bulge_growth) ** n for n in (np.floor(periods), np.ceil(periods)))
-        u = np.minimum(np.hypot(x - p.bulge_x, p.bulge_y) / p.bulge_width, 1.0)
+        u = np.minimum(np.hypot(way - p.bulge_x, p.bulge_y) / p.bulge_width, 1.0)
         return z + p.bulge * (1.0 - to_grow) * 0.5 * (1.0 + np.cos(np.pi * u))
 
     def coverage(self, x: Array, gap: Array) -> Array:

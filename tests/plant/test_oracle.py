@@ -130,7 +130,7 @@ CASES = {
     "corners": Case({"corners": {"pitch": {"uniform": [15, 40]}, "feed": 10, "acceleration": 2000}}),
     "slow corners": Case({"corners": {"pitch": 10, "feed": 1, "acceleration": {"uniform": [100, 500]}}}),
     "random between corners": Case(sheet(random={"rms": 0.2}), beside="corners"),
-    "slope that turns": Case({"feed": 1500, "sheet": {"tilt": 0.004, "length": 1000}}, beside="tilt"),
+    "slope to and fro": Case({"feed": 2000}, columns={"sheet.length": 620.0}, beside="tilt"),
     # gate, filter and table
     "short gate": Case(stack={"gate.length": 0.1}),
     "gate of a period": Case(stack={"gate.length": 1.0}, beside="noise"),

@@ -204,6 +204,29 @@ def test_waves_in_the_machine_are_the_sum_of_their_sines():
     assert surface(fleet, steps) == pytest.approx(expected + 0.012 * x, abs=1e-6)
 
 
+@pytest.mark.parametrize("length", [700.0, 1000.0, 3000.0])
+def test_a_slope_turns_smoothly_at_the_ends_of_the_sheet(length):
+    p, x = Params(length=length), np.linspace(-50.0, 6.5 * length, 40_001)
+    # Up and down by turns; around each turn the slope changes linearly over 600 mm.
+    slope = np.ones(x.shape)
+    for turn in range(1, 9):
+        u = np.clip((x - turn * length) / 300.0, -1.0, 1.0)
+        slope = np.where(np.abs(x - turn * length) < 300.0, (-1.0) ** turn * u, slope)
+        slope = np.where(x >= turn * length + 300.0, (-1.0) ** turn, slope)
+    exact = x[0] + integrate.cumulative_simpson(slope, x=x, initial=0.0)
+    assert [sheet.sloped(p, float(each)) for each in x] == pytest.approx(exact, abs=0.02)
+    assert exact.max() < length
+
+
+def test_a_sloping_sheet_stays_within_the_heads_travel_for_minutes():
+    fleet = fleet_over(feed=1000.0, gap=40.0)
+    fleet.set("sheet.tilt_x", 0, 0.01)
+    z, x = surface(fleet, 9000), positions(1000.0, 9000)
+    assert z == pytest.approx([0.01 * sheet.sloped(Params(), float(each)) for each in x], abs=1e-9)
+    assert z.max() == pytest.approx(0.01 * (3000.0 - 150.0), abs=1e-3)
+    assert np.abs(np.diff(z, 2)).max() <= 1.05 * 0.01 / 300.0
+
+
 def test_vibrations_move_the_sheet_with_time():
     fleet = fleet_over(feed=0.0)
     fleet.put_vibration(0, 0, 0.05, 37.0, 0.4)
