@@ -10,7 +10,7 @@ from .learner import environment
 from .settings import Settings
 
 EPISODES = 56
-"""Episodes of an evaluation unless the settings say otherwise: eight of each of the core seven, more or less."""
+"""Episodes of an evaluation unless the settings say otherwise: some of each scenario of the core."""
 
 
 @dataclass(frozen=True)

@@ -48,8 +48,9 @@ def _entries(kind: str) -> list[tuple[str, str]]:
         from ..envs import scenarios
 
         return [
-            (name, f"{s.summary} [{group} {s.version}{', core' if name in scenarios.core(group) else ''}]")
+            (name, f"{s.summary} [{group} {rules['version']}{', core' if name in rules['core'] else ''}]")
             for group in scenarios.suites()
+            for rules in (scenarios.rules(group),)
             for name, s in scenarios.suite(group).items()
         ]
     if kind == "controllers":

@@ -20,7 +20,7 @@ import pandas as pd
 from scipy import stats
 
 from . import pooling
-from .inference import LEVEL, Interval, Sample, iqm, probability_of_improvement, share
+from .inference import LEVEL, Interval, Sample, iqm, share
 from .resampling import Replicates, log_pooled, mean_of_middle, replicate
 
 COLUMNS = ("score", "ratio", "typical", "wins")
@@ -44,8 +44,8 @@ def samples(
 ) -> dict[str, Sample]:
     """What each controller did in the scenarios that make the score: the suite's metric, ``inf`` where a run failed.
 
-    A controller that was not run in all of these scenarios is left out; so are its seeds that it was not run on in all
-    of them.
+    A controller that was not run in all of these scenarios is left out. A scenario on fewer seeds than the others has
+    NaN on those.
     """
     chosen = list(scenarios or results.scored)
     here = results.runs["scenario"].isin(chosen)
@@ -56,22 +56,22 @@ def samples(
     for name in results.controllers if names is None else names:
         if name not in tables.index.get_level_values("controller"):
             continue
-        table = tables.loc[name].reindex(columns=chosen).dropna()
-        if len(table):
-            out[name] = Sample.of(table.to_numpy(float), tuple(int(seed) for seed in table.index))
+        table = tables.loc[name].reindex(columns=chosen)
+        if table.notna().any().all():
+            out[name] = Sample(table.to_numpy(float)[None], tuple(int(seed) for seed in table.index))
     return out
 
 
 def unfailing(found: dict[str, Sample]) -> list[str]:
     """Names of those of whom no run failed."""
-    return [name for name, sample in found.items() if np.isfinite(sample.values).all()]
+    return [name for name, sample in found.items() if not np.isinf(sample.values).any()]
 
 
 def measured(found: dict[str, Sample]) -> list[str]:
     """Names of those who have a figure: in every scenario a run that did not fail, and none without any error."""
     return [
         name for name, sample in found.items()
-        if np.isfinite(sample.values).any(axis=1).all() and (sample.values > 0).all()
+        if np.isfinite(sample.values).any(axis=1).all() and not (sample.values <= 0).any()
     ]  # fmt: skip
 
 
@@ -86,10 +86,10 @@ def figures(results: Any, typical: bool = True) -> pd.DataFrame:
 
     ``score``: the metric over seeds and scenarios (:mod:`pooling`), in its unit, of the runs that did not fail (``inf``
     if all of a scenario's did); ``ratio``: that of the reference over it, of the runs in which neither failed;
-    ``typical``: the same, run by run on the same seeds, of which the interquartile mean, which a few very bad runs do
-    not move (NaN unless asked for, because it takes longest); ``wins``: how probably a run is better than the
-    reference's on the same seed (0.5 for the reference itself). ``lost`` and ``tried``: how many of the runs that make
-    the score failed, and their number.
+    ``typical``: the same, run by run on the same seeds (those of all scenarios), of which the interquartile mean, which
+    a few very bad runs do not move (NaN unless asked for, because it takes longest); ``wins``: how probably a run is
+    better than the reference's on the same seed (0.5 for the reference itself). ``lost`` and ``tried``: how many of the
+    runs that make the score failed, and their number.
     """
     found, reference = samples(results), results.reference
     power = pooling.power(results.metric)
@@ -107,9 +107,10 @@ def figures(results: Any, typical: bool = True) -> pd.DataFrame:
         for name, sample in found.items():
             mine, base = common(sample, found[reference])
             if len(mine):
-                rows[name]["wins"] = Interval(0.5) if name == reference else probability_of_improvement(mine, base)
-                if typical:
-                    rows[name]["typical"] = Interval(1.0, 1.0, 1.0) if name == reference else _typical(mine, base)
+                rows[name]["wins"] = Interval(0.5) if name == reference else share(_won(mine, base))
+            mine, base = common(sample, found[reference], whole=True)
+            if len(mine) and typical:
+                rows[name]["typical"] = Interval(1.0, 1.0, 1.0) if name == reference else _typical(mine, base)
     flat = {
         name: {
             f"{column}{ending}": getattr(row.get(column, Interval(math.nan)), part)
@@ -131,7 +132,7 @@ def _ratio(
     found: dict[str, Sample], name: str, reference: str, power: float, names: list[str], replicates: Replicates
 ) -> Interval:  # fmt: skip
     """The reference's figure over that of ``name``, over the runs in which neither failed."""
-    if all(np.isfinite(found[each].values).all() for each in (name, reference)):
+    if {name, reference} <= set(unfailing(found)):
         one = np.eye(len(names))
         return _exp(replicates.interval(one[names.index(reference)] - one[names.index(name)]))
     if name == reference:
@@ -140,7 +141,7 @@ def _ratio(
     both = np.isfinite(mine) & np.isfinite(base)
     if not len(mine) or not both.any(axis=0).all():
         return Interval(math.nan)
-    pair = [Sample.of(np.where(both, values, np.inf)) for values in (mine, base)]
+    pair = [Sample.of(np.where(both, values, np.inf)) for values in (mine, base)]  # no run where not both have one
     return _exp(replicate(pair, log_pooled(power)).interval([-1.0, 1.0]))
 
 
@@ -155,11 +156,19 @@ def _typical(mine: np.ndarray, base: np.ndarray) -> Interval:
     return _exp(middle)
 
 
-def common(one: Sample, other: Sample) -> tuple[np.ndarray, np.ndarray]:
-    """Values of two single controllers on the seeds that both have, (seeds, scenarios) each."""
+def _won(mine: np.ndarray, base: np.ndarray) -> np.ndarray:
+    """1 where the first is better than the second, ½ where they are alike, NaN where one of them was not run."""
+    won = (mine < base) + 0.5 * (mine == base)
+    return np.where(np.isnan(mine) | np.isnan(base), np.nan, won)
+
+
+def common(one: Sample, other: Sample, whole: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """Values of two single controllers on the seeds that both have, (seeds, scenarios) each; with ``whole`` on those
+    that both have in every scenario."""
     seeds = [seed for seed in one.seeds if seed in set(other.seeds)]
-    at = [[sample.seeds.index(seed) for seed in seeds] for sample in (one, other)]
-    return one.values[0, at[0]], other.values[0, at[1]]
+    mine, base = (sample.values[0, [sample.seeds.index(seed) for seed in seeds]] for sample in (one, other))
+    kept = ~(np.isnan(mine) | np.isnan(base)).any(axis=1) if whole else np.ones(len(seeds), bool)
+    return mine[kept], base[kept]
 
 
 def better(results: Any, names: Iterable[str]) -> pd.DataFrame:
@@ -205,7 +214,7 @@ def _run_by_run(found: dict[str, Sample], level: float) -> pd.DataFrame:
             if fewer + more and stats.binomtest(fewer, fewer + more).pvalue < risk:
                 table.loc[one, other], table.loc[other, one] = fewer > more, more > fewer
                 continue
-            won = share((mine < theirs) + 0.5 * (mine == theirs), 1.0 - risk)
+            won = share(_won(mine, theirs), 1.0 - risk)
             table.loc[one, other], table.loc[other, one] = won.low > 0.5, won.high < 0.5
     return table
 
@@ -274,7 +283,7 @@ def methods(results: Any) -> pd.DataFrame:
         if len(members) < 2 or not seeds:
             continue
         at = {name: [found[name].seeds.index(seed) for seed in seeds] for name in members}
-        whole = Sample.of(np.stack([found[name].values[0, at[name]] for name in members]), seeds)
+        whole = Sample(np.stack([found[name].values[0, at[name]] for name in members]), tuple(seeds))
         base = [found[results.reference]] if results.reference in measured(found) else []
         replicates = replicate([whole, *base], log_pooled(power))
         score = _exp(replicates.interval([1.0, 0.0][: 1 + len(base)]))

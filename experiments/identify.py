@@ -2,10 +2,10 @@
 
 A pseudo-random binary command moves the heads of a fleet; the model of :mod:`baselines.servo` (a velocity loop of
 second order behind a dead time) is fitted to the encoder's course by least squares, machine by machine. The dead time
-found counts from the middle of the gate, so it holds the 0.1 ms from there to the end of the period.
+found counts from the middle of the gate, so it holds the 0.1 ms from there to the end of the period, and the latency.
 
 The command has two levels. Both upward (*rolling*), friction is constant and the loop shows itself as it is; about
-zero, speeds below 1 mm/s meet friction that grows with speed, which damps::
+zero, friction holds the axis at each reversal, which delays and damps::
 
     python -m kerfgym.experiments.identify
 """
@@ -32,7 +32,10 @@ BREAKAWAY = 60
 LEVELS = {"rolling": (4.0, 7.0), "about rest": (-1.5, 1.5)}
 """mm/s, of the command; 3 mm/s apart, so that the drive's jerk limit is not met."""
 
-NOMINAL = Axis(bandwidth=80.0, zeta=0.8, dead_time=0.001, acceleration=14000.0, resonance=100.0)
+NOMINAL = Axis(
+    bandwidth=80.0, zeta=0.8, dead_time=0.001, latency=0.0005, acceleration=14000.0, resonance=100.0, friction=800.0,
+    bristle=0.005, stiction=1.4, stribeck=3.0,
+)  # fmt: skip
 """The machine in the middle of PHYSICS §2's ranges."""
 
 

@@ -101,17 +101,22 @@ def wilson(hits: int, count: int, level: float = LEVEL) -> Interval:
 def share(indicator: Any, level: float = LEVEL) -> Interval:
     """Mean of numbers between 0 and 1, (seeds, …), with Wilson's interval at the number of *independent* draws.
 
-    What one seed did in several scenarios is not independent. The effective number is that at which independent draws
-    would vary as much as the seeds' means do, at most that of all numbers; where all agree it is that of the seeds.
+    NaN is what was not drawn: a seed need not have been run in every scenario. What one seed did in several scenarios
+    is not independent. The effective number is that at which independent draws would vary as much as the seeds' means
+    do, at most that of all numbers; where all agree it is that of the seeds.
     """
     rows = np.asarray(indicator, float)
     rows = rows.reshape(len(rows), -1)
-    means, n = rows.mean(axis=1), len(rows)
-    p = float(means.mean())
+    there = ~np.isnan(rows)
+    rows, there = rows[there.any(axis=1)], there[there.any(axis=1)]
+    sums, counts, n = np.where(there, rows, 0.0).sum(axis=1), there.sum(axis=1), len(rows)
+    if not n:
+        return Interval(math.nan)
+    p = float(sums.sum() / counts.sum())
     if n < 2:
         return Interval(p)
-    variance = float(means.var(ddof=1)) / n
-    effective = min(p * (1 - p) / variance, rows.size) if variance > 0 else float(n)
+    variance = float(np.sum((sums - p * counts) ** 2)) / (n * (n - 1)) / float(counts.mean()) ** 2
+    effective = min(p * (1 - p) / variance, counts.sum()) if variance > 0 else float(n)
     z = float(stats.t.ppf(0.5 + level / 2, n - 1))
     centre = (p + z * z / (2 * effective)) / (1 + z * z / effective)
     half = z / (1 + z * z / effective) * math.sqrt(p * (1 - p) / effective + z * z / (4 * effective**2))

@@ -1,21 +1,20 @@
 """Corner plants: the machine that a scenario draws, at the ends of every number that it draws.
 
-A *machine* is a scenario without what it cuts: of :class:`envs.scenarios.Scenario` everything but :data:`NOT_MACHINE`,
-with a head that is nominal and undisturbed. Nothing here names a number of the axis or knows how a scenario reaches the
-plant: each corner is a scenario with fixed numbers, which :func:`envs.scenarios.prepare` writes as it writes any other.
-So a number that the machine gains is there as well.
+A *machine* is the part of a scenario that follows the sheet, :data:`MACHINE`, with a head that is nominal and
+undisturbed. Nothing here names a number of the axis or knows how a scenario reaches the plant: each corner is a
+scenario with fixed numbers, which :func:`envs.scenarios.prepare` writes as it writes any other. So a number that the
+machine gains is there as well.
 
 Every number that is drawn stands at its least and at its greatest value, in all combinations. From the seventh on it
 takes them in a fractional design, in which any three numbers still meet in all combinations, so that there are never
-more than :data:`MOST` corners. Limits of the drive (:data:`LIMITS`) stay in the middle of their range: signals as small
-as those of :mod:`stability` and :mod:`margins` do not reach them.
+more than :data:`MOST` corners. Limits of the drive and friction (:data:`LIMITS`) stay in the middle of their ranges.
 """
 
 import functools
 import itertools
 import json
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -26,11 +25,8 @@ from ..envs.plant.fleet import Fleet
 from ..envs.plant.quantity import InvalidInput
 from ..envs.scenarios import Scenario
 
-NOT_MACHINE = (
-    "name", "summary", "version", "duration", "settle", "share", "feed", "corners", "turns", "set_height", "start_above", "guard", "exempt", "path",
-    "circle", "sheet", "job", "gantry", "optics",
-)  # fmt: skip
-"""What a scenario holds of sheet, journey and jobs; all else is the machine that follows the sheet."""
+MACHINE = ("axis", "head")
+"""Tables of a scenario that are the machine; the others are what is cut and how it is travelled."""
 
 QUIET = ("noise", "jitter", "impulse", "burst", "table", "signal", "nominal")
 """First words of what is disturbance or recording in a head; the nominal head has none of it."""
@@ -118,11 +114,7 @@ class Machine:
 
 def of(scenario: Scenario) -> Machine:
     """The machine of a scenario."""
-    tables: dict[str, Any] = {}
-    for field in fields(scenario):
-        if field.name not in NOT_MACHINE:
-            value = getattr(scenario, field.name)
-            tables[field.name] = asdict(value) if hasattr(value, "__dataclass_fields__") else value
+    tables: dict[str, Any] = {name: asdict(getattr(scenario, name)) for name in MACHINE}
     own = {name: value for name, value in tables["head"].items() if not name.startswith(QUIET) and value is not None}
     tables["head"] = {**own, **_SILENT}
     return Machine(json.dumps(tables))

@@ -5,8 +5,8 @@ Every stack is given the same:
 
 - *searched set*: all that its law declares and all that its filter's kind reads, within the declared ranges (windows up
   to 15, trims up to 3, bridges up to 10 samples);
-- *trials*: :data:`TRIALS`, the first of which is the stack as it stands. TPE explores, then CMA-ES is started twice, each
-  time from the best so far, first with a narrow, then with a wide spread (TPE alone misses optima, PHYSICS §6);
+- *trials*: :data:`TRIALS`, the first of which is the stack as it stands. TPE explores, then CMA-ES is started twice
+  from the best so far, first with a narrow, then with a wide spread (TPE alone misses optima, PHYSICS §6);
 - *seeds*: :data:`SEEDS` tune seeds for each scenario and trial; a scenario of minutes takes a tenth of them;
 - *final check*: the best :data:`CHECKED` on :data:`MORE_SEEDS` tune seeds, and Ms at the suite's frequencies. Few seeds
   flatter a candidate that fails one time in a hundred.
@@ -34,20 +34,23 @@ from .tune import evaluate, goals
 
 SUITE = "following"
 
-TRIALS, EXPLORE = 400, 120
+TRIALS, EXPLORE = 200, 70
 """Trials of each search, and how many of them TPE makes; CMA-ES makes the others, half of them after its restart."""
 
 SPREADS = (0.1, 0.25)
 """Initial standard deviation of both starts of CMA-ES, in ranges."""
 
-SEEDS = 24
+SEEDS = 16
 """Tune seeds per scenario and trial."""
 
-CHECKED, MORE_SEEDS = 12, 240
+CHECKED, MORE_SEEDS = 10, 200
 """How many of the best are checked in the end, and on how many tune seeds per scenario."""
 
 CAP = 2.0
 """Largest Ms of the following suite's ranking."""
+
+CLOSE = 1.03
+"""Over the best score so far; Ms of what is closer is measured at all frequencies."""
 
 NAMES = (
     "xi2023-tuned", "pid", "observer", "lqg", "mpc", "self-tuning", "cn102528288a-tuned", "patent2022-free",
@@ -100,6 +103,10 @@ class Evaluator:
         """Ms on a coarser set of frequencies than the suite's, quick enough for a search."""
         return self._runs.peak(stack)
 
+    def exact_peak(self, stack: Stack) -> float:
+        """Ms as a benchmark measures it."""
+        return self._runs.exact_peak(stack)
+
 
 def search(name: str, trials: int = TRIALS, cap: float = CAP, seed: int = 0) -> tuple[Stack, dict]:
     """The best stack found and the record of the search.
@@ -120,12 +127,23 @@ def search(name: str, trials: int = TRIALS, cap: float = CAP, seed: int = 0) -> 
     evaluator = Evaluator(base)
     searched = space(base)
 
+    done: list[Any] = []
+
+    def rank(trial: Any) -> float:
+        seen = trial.user_attrs
+        fits = seen.get("peak", math.inf) <= 1.005 * cap and seen.get("collisions", 1) == 0
+        return seen["score"] if fits else math.inf
+
     def objective(trial: Any, exploring: bool) -> float:
         try:
             candidate = base.varied(_suggest(trial, base, searched))
         except InvalidInput:  # the trim eats the window
             return 20.0
         (score, collisions), peak = evaluator.score(candidate), evaluator.peak(candidate)
+        # Between the few frequencies |S| may be much higher, which is worth knowing of those that may come out best.
+        best = min((rank(each) for each in done + trial.study.trials), default=math.inf)
+        if peak <= cap and not collisions and score < CLOSE * best:
+            peak = max(peak, evaluator.exact_peak(candidate))
         trial.set_user_attr("score", score)
         trial.set_user_attr("peak", peak)
         trial.set_user_attr("collisions", collisions)
@@ -134,15 +152,10 @@ def search(name: str, trials: int = TRIALS, cap: float = CAP, seed: int = 0) -> 
         # Soft while exploring, so that good regions just beyond the cap are found; hard when it counts.
         weight = 2.0 if exploring else 12.0
         crashes = (0.1 + 0.01 * collisions) * bool(collisions)
-        return math.log(score) + weight * max(0.0, math.log(peak / (0.99 * cap))) + crashes
+        return math.log(score) + weight * max(0.0, math.log(peak / (0.98 * cap))) + crashes
 
-    def rank(trial: Any) -> float:
-        seen = trial.user_attrs
-        fits = seen.get("peak", math.inf) <= 1.005 * cap and seen.get("collisions", 1) == 0
-        return seen["score"] if fits else math.inf
-
-    explore, done = min(EXPLORE, trials), []
-    sampler = optuna.samplers.TPESampler(seed=seed, multivariate=True, n_startup_trials=30)
+    explore = min(EXPLORE, trials)
+    sampler: Any = optuna.samplers.TPESampler(seed=seed, multivariate=True, n_startup_trials=30)
     study = optuna.create_study(sampler=sampler)
     # The stack as it stands is the first point, so a search never ends worse than it began.
     study.enqueue_trial({key: base.parameters()[key].value for key in searched})
@@ -156,19 +169,24 @@ def search(name: str, trials: int = TRIALS, cap: float = CAP, seed: int = 0) -> 
         study.optimize(lambda trial: objective(trial, False), n_trials=left)
         done += study.trials
 
-    finalists = sorted((trial for trial in done if math.isfinite(rank(trial))), key=rank)[:CHECKED]
-    checker = Evaluator(base, seeds=MORE_SEEDS)
-    checks: list[tuple[float, int, Any]] = []
-    for at, trial in enumerate(finalists):
-        score, collisions = checker.score(base.varied({k: _number(v) for k, v in trial.params.items()}))
-        checks.append((math.inf if collisions else score, at, trial))
-    for score, _, trial in sorted(checks, key=lambda check: check[:2]):
+    finalists: list[tuple[Stack, float, Any]] = []
+    for trial in sorted((each for each in done if math.isfinite(rank(each))), key=rank):
         found = base.varied({k: _number(v) for k, v in trial.params.items()})
         peak = stability.sensitivity(found).peak
-        if peak <= cap and math.isfinite(score):
+        if peak <= cap:
+            finalists.append((found, peak, trial))
+        if len(finalists) == CHECKED:
             break
-    else:
-        raise RuntimeError(f"no trial of {name} has Ms ≤ {cap} without collisions on {MORE_SEEDS} seeds")
+    checker = Evaluator(base, seeds=MORE_SEEDS)
+    checks = [checker.score(found) for found, _, _ in finalists]
+    kept = [(score, at) for at, (score, collisions) in enumerate(checks) if not collisions and math.isfinite(score)]
+    if not kept:
+        raise RuntimeError(
+            f"no trial of {name} keeps Ms ≤ {cap} and has no collision on {MORE_SEEDS} seeds: of {len(done)} trials "
+            f"{len(finalists)} were checked, with {[collisions for _, collisions in checks]} collisions"
+        )
+    score, at = min(kept)
+    found, peak, trial = finalists[at]
     return found, {
         "suite": f"{SUITE}-{scenarios.rules(SUITE)['version']}",
         "score_tune_um": round(trial.user_attrs["score"], 4), "ms": round(peak, 4),
@@ -221,9 +239,13 @@ def write_preset(stack: Stack, record: dict) -> Path:
     return path
 
 
-def make(name: str) -> dict:
-    """Searches one preset, writes it, and says what came out and what it cost."""
-    stack, record = search(name)
+def make(name: str) -> dict[str, Any]:
+    """Searches one preset, writes it, and says what came out and what it cost; empty if nothing keeps the limits."""
+    try:
+        stack, record = search(name)
+    except RuntimeError as error:
+        print(f"{name}: {error}; its preset stays as it is", flush=True)
+        return {}
     path = write_preset(stack, record)
     print(
         f"{name}: {record['score_checked_um']} µm at Ms {record['ms']}, {record['searched']} numbers searched in "
@@ -247,8 +269,11 @@ def main() -> None:
         if name not in NAMES:
             parser.error(f"unknown preset '{name}'; {did_you_mean(name, NAMES)}")
     records = Parallel(n_jobs=asked.jobs)(delayed(make)(name) for name in asked.names or NAMES)
-    steps, seconds = (sum(record[key] for record in records) for key in ("simulated_steps", "cpu_seconds"))
-    print(f"{len(records)} presets: {steps:,} simulated steps, {seconds:,.0f} CPU-s")
+    made = [record for record in records if record]
+    steps, seconds = (sum(record[key] for record in made) for key in ("simulated_steps", "cpu_seconds"))
+    print(f"{len(made)} of {len(records)} presets: {steps:,} simulated steps, {seconds:,.0f} CPU-s")
+    if len(made) < len(records):
+        raise SystemExit(1)
 
 
 if __name__ == "__main__":

@@ -39,8 +39,9 @@ TREND = 0.3
 FASTEST = 0.5
 """mm per sample, steepest trend that the anti-impulse filter follows: the fastest drive, 500 mm/s (Xi2023)."""
 
-OPEN = 4.0
-"""Samples for which the anti-impulse filter passes everything after a jump that outlasted it [A]."""
+OPEN = 20.0
+"""Samples for which the anti-impulse filter passes everything after a jump that outlasted it: as long as faults of a
+sensor last, so that its return is not bridged as well [A]."""
 
 
 class Params(NamedTuple):

@@ -745,7 +745,7 @@ def _begin(deck_address, machine, key):
     tick = deck[D_TICK] - U1  # the period before the first
     # Counting on from the block's tick must give the stream that a machine alone would get from tick 0.
     keys[machine] = key - (tick + U1) * _WORDS * GOLD
-    start, feed = load(Start, block, at + START), load(path.Params, block, at + P_PATH).feed
+    start, feed = load(Start, block, at + START), path.feed_at(load(path.Params, block, at + P_PATH), 0.0)
     if deck[D_START] > U0:
         call(deck[D_START], deck[D_BLOCK], at, U1, deck[D_GANTRY], tick)
 

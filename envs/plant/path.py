@@ -56,12 +56,13 @@ def corner_at(p, n):
 
 @part
 def feed_at(p, distance):
-    """Feed at the distance along the path, mm/s: from a corner on v² = corner_feed² + 2·a·distance."""
-    n = np.floor(distance / max(p.corner, 1e-9))
-    off = min(
-        abs(distance - corner_at(p, n)),
-        min(abs(distance - corner_at(p, n - 1.0)), abs(distance - corner_at(p, n + 1.0))),
-    )
+    """Feed at the distance along the path, mm/s: from a corner on v² = corner_feed² + 2·a·distance.
+
+    Before the start it is that at the start, with which the path arrives there.
+    """
+    s = max(distance, 0.0)
+    n = np.floor(s / max(p.corner, 1e-9))
+    off = min(abs(s - corner_at(p, n)), min(abs(s - corner_at(p, n - 1.0)), abs(s - corner_at(p, n + 1.0))))
     slow = np.sqrt(p.corner_feed * p.corner_feed + 2.0 * p.corner_acceleration * off)
     return min(p.feed, slow) if p.corner > 0.0 else p.feed
 

@@ -179,6 +179,9 @@ def of(scenario: Scenario, seeds: Sequence[int]) -> Bound:
             known = prediction.held_back(variances, reach).mean()
             squares[name][i] = max(known, calm * known + steps)
             squares["sheet"][i] = known if width is None else squares["sheet"][i]
+            if not len(lines.omega):  # no frequency to be learned
+                squares["learned"][i] = squares["bound"][i]
+                break
         squares["steps"][i] = steps
         if mean.xx > 0.0:
             least = [prediction.wiener(mean, float(sigma[i]), axis.horizon + k)[0] for k in range(NEWEST + 1)]

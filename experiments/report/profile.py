@@ -23,7 +23,7 @@ def figure(suite: Suite, look: dict[str, Look], labels: dict[str, str]) -> Figur
     factors = np.geomspace(1 / FURTHEST, FURTHEST, POINTS)
     plot, shares, reached = go.Figure(), {}, 2.0
     for name in [n for n in suite.ranked if n in found and n != suite.reference]:
-        mine, base = common(found[name], found[suite.reference])
+        mine, base = common(found[name], found[suite.reference], whole=True)
         if not len(mine):
             continue
         with np.errstate(divide="ignore", invalid="ignore"):

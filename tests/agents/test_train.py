@@ -268,8 +268,9 @@ def test_a_spread_by_state_falls_where_trembling_costs():
 def test_the_presets_own_scenario_is_found_and_trains_what_the_suite_has_not():
     given = settings.preset("ppo", HEIGHT)
     names = [s.name for s in environment(given).batch.scenarios]
-    assert list(dict.fromkeys(names)) == [*scenarios.core("following"), "tone"]
-    assert [s.name for s in Evaluator(given).env.batch.scenarios] == list(scenarios.core("following"))
+    short = [name for name in scenarios.core("following") if name != "shift"]  # which lasts minutes
+    assert set(names) == {*short, "tone", "mixed"}
+    assert [s.name for s in Evaluator(given).env.batch.scenarios] == short
 
 
 def test_values_are_set_as_in_toml():

@@ -35,7 +35,8 @@ def test_the_score_is_the_geometric_mean_of_the_rms_over_test_seeds(monkeypatch)
     monkeypatch.setattr(caps, "TEST_SEEDS", 3)
     mine, logs = caps.tested(stack.get("pid")), []
     for name in scenarios.core("following"):
-        recording = rollout.roll(scenarios.load(name), stack.get("pid"), range(1000, 1003))
+        case = scenarios.load(name)
+        recording = rollout.roll(case, stack.get("pid"), case.some(range(1000, 1003)))
         logs.append(0.5 * np.log(np.mean(metrics.evaluate(recording)["rms_true"] ** 2)))
     assert mine["score_test_um"] == pytest.approx(np.exp(np.mean(logs)), rel=1e-6)
     assert mine["collisions_test"] == 0

@@ -152,6 +152,23 @@ def test_who_fails_in_all_runs_of_a_scenario_has_no_score_and_says_why():
     assert found["note"] == "no score: 40 of 120 runs failed, and of a scenario all"
 
 
+def test_a_scenario_on_fewer_seeds_leaves_the_others_theirs():
+    """An episode of minutes is run on a tenth of the seeds; the others count with all of theirs."""
+    frame = runs(seeds=range(1000, 1100))
+    few = frame[(frame["scenario"] != "step") | (frame["seed"] < 1010)]
+    found = standings(few)
+    for name, mine in few.groupby("controller"):
+        level = [np.sqrt(np.mean(part["rms_true"] ** 2)) for _, part in mine.groupby("scenario")]
+        assert found.at[name, "score"] == pytest.approx(stats.gmean(level))
+    assert set(found["tried"]) == {210}
+    mine, base = (few[few["controller"] == name]["rms_true"].to_numpy() for name in ("pid", "xi2023-tuned"))
+    assert found.at["pid", "wins"] == pytest.approx(np.mean(mine < base))
+    narrow = standings(frame[frame["seed"] < 1010]).loc["pid"]
+    wide = found.loc["pid"]
+    assert np.log(wide["score_high"] / wide["score_low"]) < 0.7 * np.log(narrow["score_high"] / narrow["score_low"])
+    assert found["rank"].to_dict() == standings(frame)["rank"].to_dict()
+
+
 def test_a_figure_that_is_not_a_number_is_a_failure_too():
     frame = runs()
     frame.loc[frame["controller"] == "pid", "rms_true"] = [

@@ -188,7 +188,7 @@ def dive(block_address, at, n, io_address, tick):
         since = block[a + machine.TALLY] - load(Fault, faults, mine + lane + inject._FAULT).start
         if since > 1.0 and since < 100.0:
             d = load(z_axis.Drive, block, a + machine.DRIVE)
-            store(block, a + machine.DRIVE, z_axis.Drive(-60.0, d.c1, d.c2, d.c3, d.c4))
+            store(block, a + machine.DRIVE, z_axis.Drive(-60.0, d.c1, d.c2, d.c3, d.c4, d.c5, d.c6))
     call(io[4], block_address, at, n, io_address, tick)
 
 

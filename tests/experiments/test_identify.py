@@ -10,7 +10,7 @@ from kerfgym.baselines import lqg, mpc, servo
 from kerfgym.experiments import identify
 
 # Without what the model leaves out.
-IDEAL = replace(identify.NOMINAL, friction=0.0, backlash=0.0, compliance=0.0, encoder=0.0, dac_bits=0.0)
+IDEAL = replace(identify.NOMINAL, latency=0.0, friction=0.0, backlash=0.0, compliance=0.0, encoder=0.0, dac_bits=0.0)
 GATE = 0.1
 """ms from the middle of the gate's substeps to the end of the period."""
 

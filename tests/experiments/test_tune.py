@@ -128,12 +128,13 @@ def test_the_score_is_that_of_plain_rollouts():
     figures = evaluator.whole(base, ("rms_true", "jitter", "collision"))
     logs = []
     for name in scenarios.core("following"):
-        record = rollout.roll(scenarios.load(name), base, seeds)
+        case = scenarios.load(name)
+        record = rollout.roll(case, base, case.some(seeds))
         logs.append(0.5 * np.log(np.mean(metrics.METRICS["rms_true"].function(record) ** 2)))
         assert figures[name]["jitter"] == pytest.approx(metrics.METRICS["jitter"].function(record), rel=1e-12)
     assert goals.score("rms_true", figures, evaluator.core) == pytest.approx(np.exp(np.mean(logs)), rel=1e-12)
     assert set(figures) - set(evaluator.core) == {"holes", "edge", "descent"}
-    assert evaluator.ledger.steps == sum(3 * s.steps for s in evaluator.scenarios)
+    assert evaluator.ledger.steps == sum(len(s.some(seeds)) * s.steps for s in evaluator.scenarios)
 
 
 def test_a_fleet_that_is_used_again_remembers_nothing():
@@ -325,7 +326,7 @@ def test_the_command_writes_a_controller_that_the_others_take(here, few, capsys,
 
     told_of = body["provenance"]
     record = rollout.roll(scenarios.load("wavy"), found, range(1000, 1004))
-    assert told_of["test"]["runs"] == 4 * 10
+    assert told_of["test"]["runs"] == 4 * 14 + 1  # of a scenario of minutes one
     assert told_of["ms"] <= 2.0
     assert told_of["tune_seeds"] == "0"
     assert not metrics.failed(record).any()
@@ -348,7 +349,7 @@ def test_the_command_writes_a_controller_that_the_others_take(here, few, capsys,
 
 def test_a_budget_makes_a_comparison_one_at_equal_steps(here, few, plain):
     words = ["tune", "law.kv", "--seeds", "1", "--ms", "inf", "--name", "x"]
-    whole = 30_000  # ten scenarios of 3 s
+    whole = 342_000  # fourteen scenarios of 3 s, and one of 300
     main([*words, "--budget", str(4 * whole)])
     record = json.loads(Path("runs/x/run.json").read_text(encoding="utf-8"))
     assert 4 * whole <= record["ledger"]["tuning"]["simulated_steps"] < 5 * whole
@@ -360,7 +361,7 @@ def test_a_budget_makes_a_comparison_one_at_equal_steps(here, few, plain):
 
 
 def test_an_unfinished_search_with_a_budget_goes_on_to_the_same_end(here, plain):
-    task = replace(TASK, budget=300_000, limits=Limits(), trials=1000)
+    task = replace(TASK, budget=3_420_000, limits=Limits(), trials=1000)
     tune(task, Path("runs/whole"), threads=1)
     study = replace(task, url=str(storage.url_of(None, Path("runs/cut"))), name="cut")
     Path("runs/cut").mkdir()
@@ -376,7 +377,7 @@ def test_an_unfinished_search_with_a_budget_goes_on_to_the_same_end(here, plain)
 
 def test_several_metrics_give_a_front(here, few):
     task = Task("xi2023-improved", ("law.kv",), metrics=("rms_true", "jitter"), limits=Limits(2.0), sampler="nsga2",
-                seeds=1, trials=16)  # fmt: skip
+                seeds=1, trials=40)  # fmt: skip
     result = tune(task, Path("runs/front"), threads=1)
     assert len(result.front) > 2
     points = np.array(sorted(f.values for f in result.front))
@@ -432,7 +433,7 @@ def test_no_candidate_that_keeps_the_limits_is_said_and_the_trials_are_kept(here
         (["law", "--limit", "time"], "it is written METRIC=NUMBER"),
         (["law", "--trials", "0"], "--trials 0 is out of range"),
         (["law", "--threads", "0"], "--threads 0 is out of range"),
-        (["law", "--budget", "1000"], "--budget of 1,000 steps is out of range; one candidate takes 960,000"),
+        (["law", "--budget", "1000"], "--budget of 1,000 steps is out of range; one candidate takes 2,244,000"),
         (["law", "--budget", "-5"], "--budget -5: nothing is left"),
         (["law", "--budget", "pidd"], "unknown controller 'pidd'; did you mean 'pid'?"),
         (["law", "--budget", "xi2023-improved"], "--budget xi2023-improved: its record says nothing of"),

@@ -8,7 +8,10 @@ where the kernel keeps a state. What it must share, because it is part of the co
   the period on a parabola;
 - the drive's loop goes from substep to substep by its exact solution under a held command, and the structural mode has
   the exact poles, both to second order in (natural frequency × substep); velocity and position are trapezoidal sums;
-- the words of the random stream (:func:`word`) and what each of them is for (:meth:`ZMachine._count`).
+- friction's bristles are implicit in their own deflection, with the motor's speed in the middle of the substep;
+- the feed is constant within a period; bands of vibration go on by half periods, speed first;
+- the words of the random streams (:func:`word`) and what each of them is for (:meth:`ZMachine._count`,
+  :meth:`ZMachine._shake`), and the samples of the random sheets' tables.
 
 It follows, approaches and holds over holes. Contact, the limits of the travel and other alarms end what it knows; such
 machines are marked in ``lost``.
@@ -20,8 +23,9 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from scipy import linalg
 
-from kerfgym.envs.plant import machine, supervisor
+from kerfgym.envs.plant import machine, sheet, supervisor
 from kerfgym.envs.plant.calibration import Pool
 from kerfgym.envs.plant.filters import IMPROVED, KINDS, MEAN, NONE
 from kerfgym.envs.plant.fleet import Fleet
@@ -37,6 +41,10 @@ EPSILON0 = 8.8541878128e-3  # pF/mm
 CLOCK = 300e6  # Hz (CN102528288A)
 LEAST_GAP = 0.005  # mm, least apparent gap under an impulse
 FOOTPRINT = 2.0  # mm, radius of the nozzle's footprint (PHYSICS §6)
+AHEAD = 5  # ms by which the sheet is known ahead: the period T draws from the words of the period T − 5
+BAND = 0x5EED5EED5EED5EED  # vibration i has the stream key + (i + 1)·BAND
+FADE = 1.0  # s, end of a turn in which the next one fades in
+TABLE_SPACING = 0.25  # mm between the samples of the random sheets' tables
 WIDEST = 12.0  # mm, widest disc on which an edge is felt
 LEAST_OVER_VOID = 0.1  # mm; with nothing under the nozzle no gap is smaller, nor is there contact
 WINDOW, MEMORY = 5, 15  # ms: the hole guard compares with the sheet then, a hold goes back to the head's place then
@@ -50,7 +58,7 @@ CHANNELS = (
 head, motor, mm; motor's velocity and acceleration, mm/s, mm/s²; head above its lower flank, mm; encoder, mm, mm/s;
 command, mm/s; the supervisor's flags; whether the period counts as cutting; smallest gap so far, mm."""
 
-PARTS = ("path", "sheet", "sensor", "gate", "filter", "table", "z", "guard", "job", "start")
+PARTS = ("path", "sheet", "random", "turns", "sensor", "gate", "filter", "table", "z", "guard", "job", "start")
 
 
 # ----------------------------------------------------------------------------------------------- random numbers
@@ -90,12 +98,15 @@ class ZMachine:
 
     Args:
         parts: numbers of each of :data:`PARTS`, by the names of the kernel's ``Params``.
-        waves: amplitude as the footprint feels it, kx, ky, phase of each; mm, rad/mm, rad; shape (waves, 4, N).
-        vibrations: amplitude, ω, phase of each; mm, rad/s, rad; shape (vibrations, 3, N).
+        waves: amplitude as the tip's footprint feels it, kx, ky, phase, what the plate's footprint feels more than the
+            tip's of each; mm, rad/mm, rad; shape (waves, 5, N).
+        vibrations: amplitude, ω, phase, damping of each; mm, rad/s, rad; shape (vibrations, 4, N).
         features: start, stop, rise, width of the void of each, mm along the path; shape (features, 4, N).
         law: ``"xi2023"`` or ``"pid"``; ``gains``: its parameters.
         tables: (machines, frequencies, heights) of each calibrated head: indices, Hz, mm.
         keys: random stream of each machine, uint64.
+        randoms: (machines, tables) of each random sheet: indices, and heights under tip and plate of its two periodic
+            profiles, mm, in the order tip 1, plate 1, tip 2, plate 2.
 
     Raises:
         NotImplementedError: a filter, law, path or job that this model does not know.
@@ -111,12 +122,14 @@ class ZMachine:
         gains: Any,
         tables: Sequence[tuple[Array, Array, Array]],
         keys: Array,
+        randoms: Sequence[tuple[Array, Sequence[Array]]] = (),
     ) -> None:
         self.path, self.sheet, self.sensor, self.gate = (parts[n] for n in ("path", "sheet", "sensor", "gate"))
         self.filter, self.table, self.z, self.guard = (parts[n] for n in ("filter", "table", "z", "guard"))
         self.job, self.start, self.gains = parts["job"], parts["start"], gains
         self.waves, self.vibrations, self.features = waves, vibrations, features
-        self.tables, self.keys = tables, keys
+        self.tables, self.keys, self.randoms = tables, keys, randoms
+        self.random, self.turns = parts["random"], parts["turns"]
         laws: dict[str, Callable[[], Array]] = {"xi2023": self._proportional, "pid": self._pid}
         unknown = [KINDS[int(k)] for k in np.unique(self.filter.kind) if k not in (NONE, MEAN, IMPROVED)]
         for missing, what in (
@@ -160,7 +173,7 @@ class ZMachine:
             rows = [fleet.slots(place, count * width, i).reshape(count, width) for i in range(fleet.size)]
             return np.stack(rows, axis=-1).copy()
 
-        waves, vibrations = listed(machine.WAVES, 8, 4), listed(machine.VIBRATIONS, 3, 3)
+        waves, vibrations = listed(machine.WAVES, 8, 5), listed(machine.VIBRATIONS, 3, 4)
         features = listed(machine.FEATURES, 16, 4)
         features = features[np.any(features[:, 2:] != 0.0, axis=(1, 2))]  # neither rise nor void: no feature
         names = fleet.law.Params._fields
@@ -168,7 +181,12 @@ class ZMachine:
         heads = parts["start"].head.astype(int)
         of_heads = [(np.flatnonzero(heads == h), tables[h].frequency, tables[h].height) for h in np.unique(heads)]
         law = fleet.law.name.rpartition(".")[2]
-        return cls(parts, waves, vibrations, features, law, gains, of_heads, np.asarray(keys, np.uint64))
+        sizes = np.cumsum([sheet.RANDOM_ONE + 1, sheet.RANDOM_ONE + 1, sheet.RANDOM_TWO + 1])
+        randoms = [
+            (np.flatnonzero(parts["random"].first == first), np.split(table, sizes))
+            for table, first in fleet._randoms.values()
+        ]
+        return cls(parts, waves, vibrations, features, law, gains, of_heads, np.asarray(keys, np.uint64), randoms)
 
     def _begin(self) -> None:
         """At rest over the sheet; one reading, which fills the filter; the law's first command."""
@@ -176,14 +194,19 @@ class ZMachine:
         self.tick = -1
         self.lost, self.holding, self.override, self.foreign, self.captured, self.fresh = no, no, no, no, no, ~no
         self.refuge = self.held = self.command = self.apart = zero
-        self.commands = deque([zero] * 6, 6)  # newest first
+        self.commands = deque([zero] * 8, 8)  # newest first
+        self.ways = [zero]  # mm along the path at each ms
+        amplitude, omega, phase, _ = self.vibrations.swapaxes(0, 1)
+        self.shaken = [(amplitude * np.sin(phase), amplitude * omega * np.cos(phase))]  # each half ms from −1 ms on
+        self.force = self._force()
         self.surface = self.surface_at(0.0)
         self.gap, self.head = self.start.gap + zero, self.surface + self.start.gap
         self.position = self.mode = self.head
         self.velocity = self.acceleration = self.friction = self.play = self.falling = self.mode_velocity = zero
+        self.bent = zero
         self.remaining = self.hit = self.burst = zero
         self.lowest, self.scored = self.gap, ~no
-        self._count(self.gap, np.ones_like(zero))
+        self._count(np.maximum(self.gap - self.surface_at(0.0, plate=True) + self.surface, 1e-6), np.ones_like(zero))
         self.samples = deque([self.frequency] * int(self.filter.window.max()), int(self.filter.window.max()))
         self._filter()
         self.encoder, self.encoder_velocity = self._encoded(self.position), zero
@@ -219,22 +242,108 @@ class ZMachine:
 
     # -------------------------------------------------------------------------------------------- path and sheet
 
-    def surface_at(self, periods: float) -> Array:
-        """Height of the sheet under the nozzle ``periods`` ms after the start, mm.
+    def way(self, periods: float) -> Array:
+        """Distance along the path ``periods`` ms after the start, mm; within a period the feed is constant.
 
-        z = tilt·x + Σ A sin(k·x + φ) + Σ A sin(ωt + φ) + bulge + Σ rise·(share behind start − share behind stop);
-        the nozzle travels along x at the feed. The bulge is a raised cosine, half as high at half its width; it grows
-        exponentially, and linearly within a period.
+        Beside a corner the feed is what the acceleration lets reach or leave it: v² = v_corner² + 2·a·|distance|.
+        Corner n lies at (n + 0.2 + 0.6·frac(phase + n·(√5 − 1)/2)) times the pitch.
         """
-        p, t = self.sheet, periods * PERIOD
-        x = self.path.feed * t
-        amplitude, kx, _, phase = self.waves.swapaxes(0, 1)
-        shake, omega, beat = self.vibrations.swapaxes(0, 1)
+        p = self.path
+        straight = p.corner <= 0.0
+        if straight.all():
+            return p.feed * (periods * PERIOD)
+        while len(self.ways) <= periods + 1:
+            s, pitch = self.ways[-1], np.where(straight, 1.0, p.corner)
+            n = np.floor(s / pitch) + np.arange(-2, 3)[:, None]
+            corners = pitch * (n + 0.2 + 0.6 * np.mod(p.corner_phase + n * (np.sqrt(5.0) - 1.0) / 2.0, 1.0))
+            off = np.abs(s - corners).min(axis=0)
+            slow = np.minimum(p.feed, np.sqrt(p.corner_feed**2 + 2.0 * p.corner_acceleration * off))
+            self.ways.append(s + np.where(straight, p.feed, slow) * PERIOD)
+        low = int(np.floor(periods))
+        between = self.ways[low] + (periods - low) * (self.ways[low + 1] - self.ways[low])
+        return np.where(straight, p.feed * (periods * PERIOD), between)
+
+    def on(self, mask: Array, periods: float) -> Array:
+        """How much of what has this ``mask`` is on: bit by bit, a turn each, with a smooth step in the last second."""
+        p, t = self.turns, max(periods, 0.0) * PERIOD
+        length = np.where(p.length > 0.0, p.length, 1.0)
+        turn = np.floor(t / length)
+        bits = [mask.astype(np.int64) >> np.mod(turn + i, p.many).astype(np.int64) & 1 for i in (0, 1)]
+        u = clip((t - turn * length - (length - FADE)) / FADE, 0.0, 1.0)
+        return np.where(p.length > 0.0, bits[0] + (bits[1] - bits[0]) * (3.0 * u**2 - 2.0 * u**3), 1.0)
+
+    def _force(self) -> Array:
+        """mm/s by which noise of variance 1 changes a band's speed in half a period, shape (vibrations, N).
+
+        Such that its height has the variance amplitude²/2 in the long run: by the discrete Lyapunov equation.
+        """
+        amplitude, omega, _, zeta = self.vibrations.swapaxes(0, 1)
+        out, dt = np.zeros(amplitude.shape), PERIOD / 2.0
+        for i in np.ndindex(out.shape):
+            if zeta[i] > 0.0:
+                speed = np.array([-(omega[i] ** 2) * dt, 1.0 - 2.0 * zeta[i] * omega[i] * dt])
+                along = np.array([1.0, 0.0]) + dt * speed
+                unit = np.outer([dt, 1.0], [dt, 1.0])
+                variance = linalg.solve_discrete_lyapunov(np.array([along, speed]), unit)[0, 0]
+                out[i] = amplitude[i] * np.sqrt(0.5 / variance)
+        return out
+
+    def _shake(self, halves: int) -> Array:
+        """Heights of the bands ``halves`` half periods after −1 ms, mm: v' = −2ζω·v − ω²·x + noise, then x' = v.
+
+        The period T takes the words 6·(T − 5) to 6·(T − 5) + 3 of the vibration's stream: two for the noise of its
+        first half (see :func:`normal`), two for that of its second.
+        """
+        _, omega, _, zeta = self.vibrations.swapaxes(0, 1)
+        dt = PERIOD / 2.0
+        while len(self.shaken) <= halves:
+            done = len(self.shaken) - 1
+            first = 6 * (done // 2 - 1 - AHEAD) + 2 * (done % 2)
+            x, v = self.shaken[-1]
+            noise = np.zeros(x.shape)
+            for i in range(len(noise)):
+                keys = self.keys + np.uint64((i + 1) * BAND % 2**64)
+                noise[i] = normal(word(keys, first), uniform(word(keys, first + 1)))
+            v = v - dt * (2.0 * zeta * omega * v + omega**2 * x) + self.force * noise
+            self.shaken.append((x + dt * v, v))
+        return self.shaken[halves][0]
+
+    def _random(self, s: Array, plate: bool) -> Array:
+        """Height of the random sheets, mm: two periodic tables, linear between their samples, each begun elsewhere."""
+        out, p = np.zeros(len(self.keys)), self.random
+        for machines, tables in self.randoms:
+            for weight, begin, table in (
+                (p.one, p.begin_one, tables[int(plate)]), (p.two, p.begin_two, tables[2 + int(plate)]),
+            ):  # fmt: skip
+                at = np.mod((s[machines] + begin[machines]) / TABLE_SPACING, len(table) - 1)
+                i = at.astype(int)
+                out[machines] += weight[machines] * (table[i] * (i + 1 - at) + table[i + 1] * (at - i))
+        return out
+
+    def surface_at(self, periods: float, plate: bool = False) -> Array:
+        """Height of the sheet under the nozzle's tip or under the sensor's plate ``periods`` ms after the start, mm.
+
+        z = tilt·x + Σ A sin(k·x + φ) + Σ A sin(ωt + φ) + bands + random + bulge + Σ rise·(share behind start − share
+        behind stop); the nozzle travels along x to and fro. Plate and tip have footprints of their own. The bulge is a
+        raised cosine, half as high at half its width; it grows exponentially, and linearly within a period. What has
+        turns changes at the start of a period.
+        """
+        p, t, way = self.sheet, periods * PERIOD, self.way(periods)
+        x = np.where(
+            self.path.back > 0.0, self.path.back - np.abs(self.path.back - np.mod(way, 2.0 * self.path.back)), way
+        )
+        amplitude, kx, _, phase, felt = self.waves.swapaxes(0, 1)
+        shake, omega, beat, zeta = self.vibrations.swapaxes(0, 1)
         begin, end, rise, _ = self.features.swapaxes(0, 1)
+        radius = p.plate if plate else FOOTPRINT
+        period = np.ceil(periods) - 1.0
         z = p.tilt_x * x
-        z = z + (amplitude * np.sin(kx * x + phase)).sum(axis=0)
-        z = z + (shake * np.sin(omega * t + beat)).sum(axis=0)
-        z = z + (rise * (behind((x - begin) / FOOTPRINT) - behind((x - end) / FOOTPRINT))).sum(axis=0)
+        waves = ((amplitude + felt * plate) * np.sin(kx * x + phase)).sum(axis=0)
+        z = z + self.on(self.turns.waves, period) * waves
+        tones = np.where(zeta > 0.0, self._shake(round(2 * periods) + 2), shake * np.sin(omega * t + beat)).sum(axis=0)
+        z = z + self.on(self.turns.vibrations, period) * tones
+        z = z + self.on(self.turns.random, period) * self._random(way, plate)
+        z = z + (rise * (behind((way - begin) / radius) - behind((way - end) / radius))).sum(axis=0)
         to_grow = 0.5 * sum((1.0 - p.bulge_growth) ** n for n in (np.floor(periods), np.ceil(periods)))
         u = np.minimum(np.hypot(x - p.bulge_x, p.bulge_y) / p.bulge_width, 1.0)
         return z + p.bulge * (1.0 - to_grow) * 0.5 * (1.0 + np.cos(np.pi * u))
@@ -302,8 +411,10 @@ class ZMachine:
     def _move(self) -> None:
         """Twenty substeps of the axis (PHYSICS §2), and what the gate sees of them.
 
-        Loop: a' = ω²(u − v) − 2ζω·a − F', F = Coulomb friction, proportional to v within ``creep`` of rest. Over a
-        substep, with x = ω·dt: a⁺ = a + ω·x·(1 − ζx)·(u − v) − (2ζx − (2ζ² − ½)x²)·a − ΔF.
+        Loop: a' = ω²(u − v) − 2ζω·a − F'. F is LuGre's friction, σ·b with b' = v − σ|v|·b/g(v), σ = Coulomb/bristle and
+        g(v) = Coulomb·(1 + (stiction − 1)/(1 + (v/stribeck)²)); without bristles it is Coulomb friction, proportional
+        to v within ``creep`` of rest. Over a substep, with x = ω·dt:
+        a⁺ = a + ω·x·(1 − ζx)·(u − v) − (2ζx − (2ζ² − ½)x²)·a − ΔF.
 
         Mode: m'' = ωr²(carried − m) − 2ζr·ωr·m'. Stepping m' first, then m with the new m', has exact poles if their
         product is exp(−2ζx) = 1 − 2ζx(1 − ζx) + … and their sum 2·exp(−ζx)·cos(x·sqrt(1 − ζ²)) = 1 + product −
@@ -317,7 +428,8 @@ class ZMachine:
         after, before = newest_first[self.whole, lane], newest_first[self.whole + 1, lane]
         late = z.dead_time - self.whole
         begin, middle, end = self.surface, self.surface_at(self.tick + 0.5), self.surface_at(self.tick + 1.0)
-        cover = self.coverage(self.path.feed * (self.tick + 1) * PERIOD, self.gap)
+        under = [self.surface_at(self.tick + q, plate=True) for q in (0.0, 0.5, 1.0)]  # the plate
+        cover = self.coverage(self.way(self.tick + 1.0), self.gap)
         gate_gap = gate_position = np.zeros(lane.shape)
         lowest = np.full(lane.shape, np.inf)
         for k in range(1, SUBSTEPS + 1):
@@ -326,6 +438,12 @@ class ZMachine:
             u = clip(u, (z.low - self.position) / self.braking, (z.high - self.position) / self.braking)
 
             friction = clip(self.velocity / z.creep, -1.0, 1.0) * z.friction
+            speed = self.velocity + self.acceleration * DT / 2.0
+            most = z.friction * (1.0 + (z.stiction - 1.0) / (1.0 + (speed / z.stribeck) ** 2))
+            stiffness = z.friction / np.where(z.bristle > 0.0, z.bristle, 1.0)
+            sliding = np.abs(speed) * DT * stiffness / np.where(most > 0.0, most, 1.0)
+            self.bent = (self.bent + speed * DT) / (1.0 + sliding)
+            friction = np.where(z.bristle > 0.0, stiffness * self.bent, friction)
             pushed = self.pull * (u - self.velocity) - self.brake * self.acceleration - (friction - self.friction)
             most = np.minimum(z.acceleration, self.easing * (z.speed - self.velocity))
             least = np.maximum(-z.acceleration, -self.easing * (z.speed + self.velocity))
@@ -353,7 +471,8 @@ class ZMachine:
             self.gap = self.head - self.surface
             lowest = np.minimum(lowest, self.gap)
             inside = k > SUBSTEPS - self.counted  # the gate closes with the period
-            gate_gap = gate_gap + np.where(inside, self.gap, 0.0)
+            felt = under[0] * (1 - q) * (1 - 2 * q) + under[1] * 4 * q * (1 - q) + under[2] * q * (2 * q - 1)
+            gate_gap = gate_gap + np.where(inside, self.head - felt, 0.0)
             gate_position = gate_position + np.where(inside, self.position, 0.0)
         self.gate_gap, self.gate_position = gate_gap / self.counted, gate_position / self.counted
         self.cover, self.lowest_now = cover, lowest
@@ -367,7 +486,7 @@ class ZMachine:
 
     def _sense(self) -> None:
         """Contact or a count at the mean gap within the gate, into the queue of samples."""
-        x = self.path.feed * (self.tick + 1) * PERIOD
+        x = self.way(self.tick + 1.0)
         void = self.over_void(x, FOOTPRINT)
         self.scored = ~self.over_void(x, 0.0)
         self.lost = self.lost | ((self.lowest_now <= 0.0) & ~void)
@@ -390,7 +509,9 @@ class ZMachine:
         w = [word(self.keys, 6 * self.tick + i) for i in range(6)]
         phase, fill = uniform(word(w[0], 1)), uniform(word(w[1], 1))
 
-        starts = (uniform(w[2]) < p.impulses) & (self.remaining <= 0.0)
+        starts = (uniform(w[2]) < p.impulses * self.on(self.turns.impulses, self.tick + AHEAD)) & (
+            self.remaining <= 0.0
+        )
         sign = np.where(uniform(word(w[3], 1)) < 0.5, 1.0, -1.0)
         self.hit = np.where(starts, sign * (1.0 - p.spread + 2.0 * p.spread * uniform(w[3])), self.hit)
         self.remaining = np.where(starts, 1.0 + np.floor(p.longest * uniform(w[4])), self.remaining)

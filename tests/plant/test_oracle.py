@@ -53,10 +53,10 @@ def level(**changes: Any) -> dict[str, Any]:
 BARE = load("flat").varied(
     duration=PERIODS * 1e-3, set_height=0.8,
     axis={
-        "bandwidth": 80, "zeta": 0.8, "dead_time": 0, "acceleration": 1e5, "jerk": 1e8, "speed": 2000, "compliance": 0,
-        "friction": 0, "backlash": 0, "encoder": 0, "dac_bits": 0,
+        "bandwidth": 80, "zeta": 0.8, "dead_time": 0, "latency": 0, "acceleration": 1e5, "jerk": 1e8, "speed": 2000,
+        "compliance": 0, "friction": 0, "bristle": 0, "backlash": 0, "encoder": 0, "dac_bits": 0,
     },
-    head={"noise": 0, "jitter": 0, "impulses": 0, "nominal": True},
+    head={"noise": 0, "jitter": 0, "impulses": 0, "nominal": True, "plate": 2},
     sheet={"waves": [{"amplitude": 0.3, "wavelength": 120}]},
 )  # fmt: skip
 """A wave under a head that does nothing but count, on an axis that is nothing but its loop."""
@@ -69,11 +69,21 @@ CASES = {
     "dead time 1.3": Case(axis(dead_time=0.0013)),
     "dead time 2": Case(axis(dead_time=0.002)),
     "dead time 3.5": Case(axis(dead_time=0.0035)),
+    "latency": Case(axis(latency={"uniform": [0.0001, 0.0009]})),
+    "latency beside a dead time": Case(axis(latency={"uniform": [0, 0.002]}), beside="dead time 2"),
+    "the longest dead time": Case(axis(dead_time=0.004, latency=0.002)),
     "D/A of 16 bits": Case(axis(dac_bits=16)),
     "D/A of 8 bits": Case(axis(dac_bits=8)),
     "encoder": Case(axis(encoder=1e-3)),
     "encoder of 20 µm": Case(axis(encoder=0.02)),
     "friction": Case(axis(friction=800)),
+    "bristles": Case(axis(bristle=0.005), beside="friction"),
+    "stiction": Case(axis(stiction=1.6, stribeck=2), beside="bristles"),
+    "stiction, drawn": Case(
+        axis(friction={"uniform": [200, 2000]}, bristle={"uniform": [1e-4, 0.02]}, stribeck={"uniform": [0.5, 20]}),
+        beside="stiction",
+    ),
+    "stick and slip": Case(sheet(waves=[{"amplitude": 0.02, "wavelength": 300}]), beside="stiction"),
     "resonance": Case(axis(compliance=0.1, resonance=100)),
     "resonance, all of the path": Case(axis(compliance=1, resonance=140, resonance_zeta=0.2)),
     "speed limit": Case(axis(speed=20), beside="steps"),
@@ -91,16 +101,36 @@ CASES = {
     "impulses of three samples": Case(head(impulses=60, impulse_samples=3)),
     "bursts": Case(head(bursts=20)),
     "plasma": Case(head(plasma=0.05)),
+    "plate": Case(head(plate=5.6)),
+    "plate, gate of a period": Case(stack={"gate.length": 1.0}, beside="plate"),
+    "plate, short gate": Case(stack={"gate.length": 0.1}, beside="plate"),
+    "plate over steps": Case(head(plate=5.6), beside="steps"),
+    "plate over raised parts": Case(head(plate=12), beside="raised parts"),
+    "plate over waves": Case(head(plate=4), beside="waves"),
     # sheet and path
     "tilt": Case(level(tilt=0.008)),
     "waves": Case(sheet(waves=[{"amplitude": 0.1, "wavelength": w, "direction": 2 * w} for w in (15, 40, 90)])),
     "vibration": Case(level(vibrations=[{"frequency": 45, "amplitude": 0.02}])),
+    "band": Case(level(vibrations=[{"frequency": 45, "amplitude": 0.02, "zeta": 0.1}])),
+    "bands and tones": Case(
+        level(vibrations=[{"frequency": f, "amplitude": 0.02, "zeta": {"choice": [0, z]}} for f, z in (
+            (20, 0.05), (60, 0.3), (200, 0.7)
+        )]),
+    ),
+    "random": Case(level(random={"rms": 0.2, "exponent": 2})),
+    "random, steep": Case(level(random={"rms": 0.2, "exponent": 3, "rolloff": 400})),
+    "plate over random": Case(head(plate=5.6), beside="random"),
+    "random, fast": Case({"feed": 2000}, beside="plate over random"),
     "steps": Case(level(steps={"count": 4, "height": {"uniform": [-0.6, 0.2]}, "spacing": {"uniform": [20, 30]}})),
     "pits": Case(level(steps={"count": 4, "height": -3, "spacing": 70}) | {"feed": 600}),
     "raised parts": Case(level(holes={"pitch": 45, "length": 10, "rise": 0.3})),
     "round holes": Case(level(holes={"pitch": 40, "jitter": {"uniform": [-5, 5]}, "length": 4, "round": True})),
     "bulge": Case(level(bulge={"height": 0.5, "width": 40, "growth": 0.2, "x": 60})),
     "twice the feed": Case({"feed": 400}),
+    "corners": Case({"corners": {"pitch": {"uniform": [15, 40]}, "feed": 10, "acceleration": 2000}}),
+    "slow corners": Case({"corners": {"pitch": 10, "feed": 1, "acceleration": {"uniform": [100, 500]}}}),
+    "random between corners": Case(sheet(random={"rms": 0.2}), beside="corners"),
+    "to and fro": Case({"feed": 600, "back": 100}, beside="tilt"),
     # gate, filter and table
     "short gate": Case(stack={"gate.length": 0.1}),
     "gate of a period": Case(stack={"gate.length": 1.0}, beside="noise"),
@@ -254,6 +284,30 @@ def test_the_cases_reach_what_they_are_about(law):
         assert not wanted["scored"][name].all()
     assert wanted["captured"]["hold over holes"][10:].all()
     assert not wanted["captured"]["hold that times out"][10:].all()
+
+
+def test_turns_come_and_go_as_their_equations_say():
+    turns = {"length": 2, "count": 3, "waves": [0], "random": [1], "vibrations": [1, 2], "impulses": [0, 2]}
+    parts = sheet(
+        random={"rms": 0.1}, waves=[{"amplitude": 0.2, "wavelength": 120}],
+        vibrations=[{"frequency": 20, "amplitude": 0.02, "zeta": 0.1}, {"frequency": 31, "amplitude": 0.01}],
+    )  # fmt: skip
+    scenario = BARE.varied(turns=turns, **head(plate=4), **parts)
+    stack, keys, every = resolve(LAWS["xi2023"]), scenarios.noise_keys(SEEDS[:2]), [0, 1]
+    fleet = Fleet(2, stack.law, heads.POOL)
+    scenarios.prepare(fleet, scenario, every, SEEDS[:2])
+    stack.install(fleet, every)
+    oracle = ZMachine.like(fleet, keys, heads.POOL)
+    fleet.begin(every, keys)
+    tip, felt = [], []
+    for _ in range(6500):
+        fleet.advance()
+        tip.append(fleet.column("signals.surface_0"))
+        felt.append(fleet.column("course.felt"))
+    wanted = np.array([[oracle.surface_at(n, plate) for n in range(1, 6501)] for plate in (False, True)])
+    assert np.abs(tip - wanted[0]).max() < 1e-9
+    # The difference of the footprints is a mean over the gate, the last quarter of the period.
+    assert np.abs(felt - (wanted[1] - wanted[0])).max() < 0.2 * np.abs(np.diff(wanted[1] - wanted[0], axis=0)).max()
 
 
 @pytest.mark.parametrize(

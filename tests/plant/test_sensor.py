@@ -26,7 +26,7 @@ def _counts(gate, frequencies, phases, out):
 def _samples(p, gate, gap, cover, key, out):
     s = State(0.0, 0.0, 0.0, 0.0)
     for i in range(out.size):
-        s, out[i] = sensor.step(p, s, gate, gap, cover, key, np.uint64(i))
+        s, out[i] = sensor.step(p, s, gate, gap, cover, 1.0, key, np.uint64(i))
 
 
 frequencies, counts, samples = (for_python(f) for f in (_frequencies, _counts, _samples))

@@ -1,13 +1,14 @@
-"""Sheet: the footprint's mean against numerical integration, and the surface under a travelling machine."""
+"""Sheet: footprints against numerical integration, continuous spectra and bands against Welch's estimate, and the
+surface under a travelling machine."""
 
 import numpy as np
 import pytest
-from scipy import integrate
+from scipy import integrate, linalg, signal
 
 from kerfgym.envs.plant import filters, heads, idle, machine, path, sensor, sheet
 from kerfgym.envs.plant.controller import make_law
 from kerfgym.envs.plant.fleet import Fleet
-from kerfgym.envs.plant.sheet import FAR, FOOTPRINT, Feature, Params, State
+from kerfgym.envs.plant.sheet import FAR, FOOTPRINT, PLATE, Feature, Params, Random, State, Turns
 
 IDLE = make_law(idle, "idle")
 
@@ -53,12 +54,23 @@ def weight(u):
     return 0.75 * (1.0 - u * u)
 
 
+@pytest.mark.parametrize("radius", [FOOTPRINT, PLATE, 12.0])
 @pytest.mark.parametrize("wavelength", [2.0, 3.0, 5.0, 10.0, 50.0, 300.0, 1000.0, 1e6])
-def test_the_footprint_weakens_a_wave_as_the_mean_over_its_weight(wavelength):
+def test_the_footprint_weakens_a_wave_as_the_mean_over_its_weight(wavelength, radius):
     k = 2.0 * np.pi / wavelength
-    mean, _ = integrate.quad(lambda u: weight(u) * np.cos(k * FOOTPRINT * u), -1.0, 1.0, epsabs=1e-13, limit=200)
-    assert sheet.attenuation(k) == pytest.approx(mean, abs=1e-9)
-    assert sheet.attenuation(-k) == sheet.attenuation(k)
+    mean, _ = integrate.quad(lambda u: weight(u) * np.cos(k * radius * u), -1.0, 1.0, epsabs=1e-13, limit=200)
+    assert sheet.attenuation(k, radius) == pytest.approx(mean, abs=1e-9)
+    assert sheet.attenuation(-k, radius) == sheet.attenuation(k, radius)
+    assert sheet.attenuation(k) == sheet.attenuation(k, FOOTPRINT)
+
+
+def test_a_plate_of_5_mm_is_replaced_by_the_hemisphere_of_its_second_moment():
+    def moment(weigh):
+        whole, second = (integrate.dblquad(lambda r, _, n=n: weigh(r) * r ** (n + 1), 0, 1, 0, 1)[0] for n in (0, 2))
+        return second / whole
+
+    disc, hemisphere = moment(lambda _: 1.0), moment(lambda r: np.sqrt(1.0 - r * r))
+    assert pytest.approx(5.0 * np.sqrt(disc / hemisphere), abs=0.02) == PLATE
 
 
 def test_a_level_sheet_is_not_weakened():
@@ -84,10 +96,10 @@ def test_the_weight_is_the_projection_of_a_hemisphere():
 def test_a_step_is_a_ramp_of_two_millimetres_on_either_side():
     s = State(level=0.25, current=Feature(100.0, FAR, 0.8, 0.0))
     along = np.linspace(95.0, 105.0, 201)
-    z = np.array([sheet.features(s, float(x)) for x in along])
+    z = np.array([sheet.features(s, float(x), FOOTPRINT) for x in along])
     assert np.all(z[along <= 98.0] == pytest.approx(0.25, abs=1e-12))
     assert np.all(z[along >= 102.0] == pytest.approx(1.05, abs=1e-12))
-    assert sheet.features(s, 100.0) == pytest.approx(0.65)
+    assert sheet.features(s, 100.0, FOOTPRINT) == pytest.approx(0.65)
     exact = [0.25 + 0.8 * integrate.quad(weight, -1.0, np.clip((x - 100.0) / 2.0, -1.0, 1.0))[0] for x in along]
     assert z == pytest.approx(exact, abs=1e-12)
 
@@ -252,6 +264,337 @@ def test_nothing_of_the_sheet_changes_what_lies_beside_it():
     assert np.all(z == 0.0)
     assert one.get("signals", 1).surface_0 == pytest.approx(0.3 * sheet.attenuation(0.1) * np.sin(2.0), abs=1e-6)
     assert one.get("signals", 2).surface_0 == pytest.approx(0.4)
+
+
+# ----------------------------------------------------------------------------------------------------------- the plate
+
+
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(400)
+WEIGHTS = WEIGHTS * weight(NODES)  # of a footprint's mean: exact for waves, to 1e-4 for edges
+
+
+def felt_at(height, x, radius):
+    """Mean of ``height`` (a function of the place, mm) over a footprint around each ``x``, by quadrature."""
+    x = np.asarray(x)
+    return (height(x[..., None] + radius * NODES) * WEIGHTS).sum(axis=-1)
+
+
+def gated(height, feed, steps, radius, substeps=5):
+    """Mean of that over the gate at the end of each period, taken at the substeps' ends."""
+    shares = 1.0 - np.arange(substeps) / 20.0
+    return felt_at(height, feed * 1e-3 * (np.arange(steps)[:, None] + shares), radius).mean(axis=1)
+
+
+@pytest.mark.parametrize("wavelength", [12.0, 20.0, 60.0])
+@pytest.mark.parametrize("plate", [FOOTPRINT, PLATE, 9.0])
+def test_the_sensor_reports_the_sheet_under_its_plate_while_the_gap_is_under_the_tip(wavelength, plate):
+    fleet, k = fleet_over(feed=100.0, gap=1.0), 2 * np.pi / wavelength
+    fleet.put_plate(0, plate)
+    fleet.put_wave(0, 0, 0.2, k, 0.0, 0.7)
+    gap, head, raw = travelled(fleet, 400, "signals.gap", "signals.head", "signals.raw_height")
+
+    def height(x):
+        return 0.2 * np.sin(k * x + 0.7)
+
+    assert gap == pytest.approx(head - felt_at(height, positions(100.0, 400), FOOTPRINT), abs=1e-6)
+    assert raw == pytest.approx(head - gated(height, 100.0, 400, plate), abs=2e-3)  # the calibration's error
+    if plate > FOOTPRINT and wavelength <= 20.0:
+        assert np.abs(raw - gap).max() > 0.03
+
+
+@pytest.mark.parametrize("plate", [FOOTPRINT, PLATE, 12.0])
+def test_the_sensor_reports_a_step_as_its_plates_ramp(plate):
+    fleet = fleet_over(feed=100.0, gap=0.8)
+    fleet.put_plate(0, plate)
+    fleet.put_feature(0, 0, 30.0, FAR, -0.3, 0.0)
+    fleet.put_feature(0, 1, 80.0, 110.0, 0.2, 0.0)  # a part that stands proud
+    head, raw = travelled(fleet, 1500, "signals.head", "signals.raw_height")
+
+    def height(x):
+        return np.where(x > 30.0, -0.3, 0.0) + np.where((x > 80.0) & (x < 110.0), 0.2, 0.0)
+
+    assert raw == pytest.approx(head - gated(height, 100.0, 1500, plate), abs=3e-3)
+    away = np.abs(positions(100.0, 1500) - 30.0) > plate + 0.1
+    assert np.abs(np.diff(raw[:700])[away[1:700]]).max() < 2e-3
+    inside = np.flatnonzero((raw[:700] > 0.81) & (raw[:700] < 1.09))
+    assert np.ptp(positions(100.0, 1500)[inside]) == pytest.approx(2 * 0.77 * plate, abs=0.3)
+
+
+@pytest.mark.parametrize("gate", [0.05, 0.25, 0.6, 1.0])
+def test_what_the_plate_feels_more_is_averaged_over_the_gate_like_the_gap(gate):
+    k, half = 2 * np.pi / 40.0, 0.25  # rad/mm; mm, half a period's way
+    fleet = fleet_over(feed=500.0, gap=2.0)
+    fleet.put_plate(0, PLATE)
+    fleet.put_wave(0, 0, 0.5, k, 0.0, 0.3)
+    fleet.put("gate", 0, sensor.Gate(gate, 0.0))
+    seen = travelled(fleet, 200, "course.felt")[0]
+    more = gated(lambda x: 0.5 * np.sin(k * x + 0.3), 500.0, 200, PLATE, round(gate * 20))
+    more -= gated(lambda x: 0.5 * np.sin(k * x + 0.3), 500.0, 200, FOOTPRINT, round(gate * 20))
+    remainder = np.abs(more).max() * k**3 * half**3 / (9.0 * np.sqrt(3.0))  # of a parabola through three points
+    assert np.abs(seen - more).max() <= remainder + 1e-9
+    assert np.abs(more).max() > 1e4 * remainder
+
+
+def test_the_first_reading_is_that_of_the_plate():
+    for plate in (FOOTPRINT, PLATE):
+        fleet = fleet_over(feed=0.0, gap=1.0)
+        fleet.put_plate(0, plate)
+        fleet.put_wave(0, 0, 0.3, 0.4, 0.0, 1.0)
+        fleet.begin(0, 1)
+        first = fleet.get("signals").raw_height
+        fleet.advance()
+        assert first == pytest.approx(fleet.get("signals").raw_height, abs=2e-3)
+        more = 0.3 * (sheet.attenuation(0.4, plate) - sheet.attenuation(0.4)) * np.sin(1.0)
+        assert first == pytest.approx(1.0 - more, abs=2e-3)
+
+
+def test_a_wave_is_made_for_the_plate_that_its_machine_has():
+    fleet = fleet_over(machines=3)
+    for i, plate in enumerate((FOOTPRINT, PLATE, 10.0)):
+        fleet.put_plate(i, plate)
+    fleet.put_wave(np.arange(3), 0, 0.4, 0.3, 0.0, 0.0)
+    tip = fleet.listed(sheet.Wave, 0).amplitude
+    assert tip == pytest.approx(0.4 * sheet.attenuation(0.3))
+    expected = [0.4 * sheet.attenuation(0.3, plate) for plate in (FOOTPRINT, PLATE, 10.0)]
+    assert tip + fleet.listed(sheet.Wave, 0).felt == pytest.approx(expected)
+
+
+# ------------------------------------------------------------------------------------------------------ random sheets
+
+
+def over_random(source=(2.0, 300.0, PLATE), machines=1, feed=200.0, rms=1.0, seed=5):
+    """Machines that stand high over random sheets, each begun elsewhere."""
+    fleet, rng, every = fleet_over(feed, machines, gap=9.0), np.random.default_rng(seed), np.arange(machines)
+    fleet.put_plate(every, source[2])
+    angle, begin = rng.uniform(0, 2 * np.pi, machines), rng.uniform(0, 1, (2, machines))
+    lengths = np.array([[sheet.RANDOM_ONE], [sheet.RANDOM_TWO]]) * sheet.RANDOM_SPACING
+    fleet.put_random(every, source, (rms * np.cos(angle), rms * np.sin(angle), *(begin * lengths)))
+    return fleet
+
+
+def surfaces(fleet: Fleet, steps: int) -> np.ndarray:
+    """Surface under every machine at the end of each period, mm, shape (steps, machines)."""
+    fleet.begin(np.arange(fleet.size), np.arange(1, fleet.size + 1))
+    out = np.empty((steps, fleet.size))
+    for i in range(steps):
+        fleet.advance()
+        out[i] = fleet.column("signals.surface_0")
+    return out
+
+
+@pytest.mark.parametrize(("exponent", "rolloff"), [(2.0, 300.0), (3.0, 400.0), (2.5, 800.0)])
+def test_a_random_sheets_power_falls_over_the_wavenumber_as_it_should(exponent, rolloff):
+    z = surfaces(over_random((exponent, rolloff, PLATE), machines=96, feed=500.0), 16_384)
+    per_mm, density = signal.welch(z, fs=2.0, nperseg=8192, axis=0)
+    k, seen = 2 * np.pi * per_mm, density.mean(axis=1) / (2 * np.pi)  # over rad/mm
+
+    def shape(x):
+        return (x * x + (2 * np.pi / rolloff) ** 2) ** (-exponent / 2) * float(sheet.attenuation(x)) ** 2
+
+    whole, _ = integrate.quad(shape, 0.0, 6.0, limit=500, epsabs=1e-3)
+    edges = np.geomspace(0.01, 1.5, 13)
+    for low, high in zip(edges[:-1], edges[1:], strict=True):
+        inside = (k > low) & (k <= high)
+        expected = np.mean([shape(x) for x in k[inside]]) / whole
+        lines = (high - low) / (
+            2 * np.pi / (sheet.RANDOM_ONE * sheet.RANDOM_SPACING)
+        )  # of a table, each of random power
+        assert seen[inside].mean() == pytest.approx(expected, rel=0.03 + 4.0 / np.sqrt(2 * lines)), (low, high)
+
+
+def test_a_random_sheet_has_the_rms_that_is_asked_for_under_the_tip():
+    ends = np.cumsum([sheet.RANDOM_ONE + 1, sheet.RANDOM_ONE + 1, sheet.RANDOM_TWO + 1])
+    for source in ((2.0, 300.0, PLATE), (3.0, 400.0, 12.0)):
+        tables = np.split(sheet.random_tables(*source), ends)
+        for tip, felt in (tables[:2], tables[2:]):
+            assert np.sqrt(np.mean(tip[:-1] ** 2)) == pytest.approx(1.0, abs=1e-12)
+            assert abs(np.mean(tip[:-1])) < 1e-12
+            assert 0.9 < np.sqrt(np.mean(felt[:-1] ** 2)) < 1.0
+    z = surfaces(over_random(machines=256, feed=2000.0, rms=0.3), 4000)
+    assert np.sqrt(np.mean(z**2)) == pytest.approx(0.3, rel=0.03)
+
+
+@pytest.mark.parametrize("plate", [PLATE, 12.0])
+def test_plate_and_tip_feel_the_same_random_sheet_each_through_its_footprint(plate):
+    tables, s = sheet.random_tables(2.0, 300.0, plate), 0.5 * np.arange(32_768)
+    r = Random(0.0, 0.6, 0.8, 1000.0, 20_000.0)
+    tip, felt = (np.array([sheet.random_height(tables, r, x, side) for x in s]) for side in (0.0, 1.0))
+    per_mm, coherence = signal.coherence(tip, felt, fs=2.0, nperseg=2048)
+    k, inside = 2 * np.pi * per_mm, (per_mm > 0.003) & (per_mm < 0.4 / plate)
+    assert coherence[inside].min() > 0.999
+    power, both = signal.welch(tip, fs=2.0, nperseg=2048)[1], signal.csd(tip, felt, fs=2.0, nperseg=2048)[1]
+    ratio = sheet.attenuation(k, plate) / sheet.attenuation(k)
+    assert np.abs(both / power - ratio)[inside].max() < 0.01
+    # What the plate misses is what its footprint lets through less.
+    missed = signal.welch(felt - tip, fs=2.0, nperseg=2048)[1]
+    assert missed[inside].sum() == pytest.approx((power * (1.0 - ratio) ** 2)[inside].sum(), rel=0.01)
+
+
+def test_a_random_sheet_goes_on_across_the_ends_of_its_tables_and_repeats_them():
+    tables = sheet.random_tables(2.0, 300.0, PLATE)
+    n1, n2 = sheet.RANDOM_ONE, sheet.RANDOM_TWO
+    parts = np.split(tables, np.cumsum([n1 + 1, n1 + 1, n2 + 1]))
+    for side in (0, 1):
+        for weights, n, table in (((1.0, 0.0), n1, parts[side]), ((0.0, 1.0), n2, parts[2 + side])):
+            r, lap = Random(0.0, *weights, 0.0, 0.0), n * sheet.RANDOM_SPACING
+            for turn in (-1, 0, 1, 2, 40):
+                for sample in (0, 1, n // 3, n - 1):
+                    at = turn * lap + sample * sheet.RANDOM_SPACING
+                    assert sheet.random_height(tables, r, at, side) == pytest.approx(table[sample], abs=1e-9)
+                    between = sheet.random_height(tables, r, at + 0.1, side)
+                    assert between == pytest.approx(0.6 * table[sample] + 0.4 * table[sample + 1], abs=1e-9)
+                before, after = (sheet.random_height(tables, r, turn * lap + e, side) for e in (-1e-7, 1e-7))
+                assert abs(after - before) < 1e-6
+
+
+# ------------------------------------------------------------------------------------------------- bands of vibration
+
+
+def shaken_by(frequency, zeta, amplitude=0.02, machines=256, more=()):
+    fleet, every = fleet_over(0.0, machines), np.arange(machines)
+    phase = np.random.default_rng(9).uniform(0, 2 * np.pi, machines)
+    fleet.put_vibration(every, 0, amplitude, frequency, phase, zeta)
+    for i, other in enumerate(more, start=1):
+        fleet.put_vibration(every, i, *other)
+    return fleet
+
+
+def recursion(frequency, zeta):
+    """Poles' matrix of a band's steps of half a period: x″ + 2ζω·x′ + ω²·x = noise, speed first."""
+    omega, dt = 2 * np.pi * frequency, 5e-4
+    speed = np.array([-(omega**2) * dt, 1.0 - 2 * zeta * omega * dt])
+    return np.array([np.array([1.0, 0.0]) + dt * speed, speed]), np.array([dt, 1.0])
+
+
+@pytest.mark.parametrize(("frequency", "zeta"), [(15.0, 0.03), (30.0, 0.1), (80.0, 0.05), (150.0, 0.3), (200.0, 0.7)])
+def test_a_band_has_its_variance_from_the_start_and_the_spectrum_of_its_mode(frequency, zeta):
+    z = surfaces(shaken_by(frequency, zeta), 8192)
+    assert np.mean(z**2) == pytest.approx(0.02**2 / 2, rel=0.05)
+    assert np.mean(z[:50] ** 2) == pytest.approx(0.02**2 / 2, rel=0.25)
+    hertz, seen = signal.welch(z, fs=1000.0, nperseg=4096, axis=0)
+    seen = seen.mean(axis=1)
+
+    # The steps' own spectrum, of variance amplitude²/2 by scipy's Lyapunov equation; sampled every other step.
+    step, push = recursion(frequency, zeta)
+    scale = 0.02**2 / 2 / linalg.solve_discrete_lyapunov(step, np.outer(push, push))[0, 0]
+
+    def density(f):
+        z = np.exp(2j * np.pi * f * 5e-4)
+        return 2 * 5e-4 * scale * np.array([np.abs(np.linalg.solve(np.eye(2) * x - step, push)[0]) ** 2 for x in z])
+
+    exact = density(hertz) + density(1000.0 - hertz)
+    near = (hertz > 0.6 * frequency) & (hertz < min(1.5 * frequency, 480.0))
+    smooth = np.convolve(exact, [0.25, 0.5, 0.25], "same")  # Welch's window is no wider than this
+    assert seen[near].sum() == pytest.approx(exact[near].sum(), rel=0.04)
+    if zeta * frequency > 5.0:  # wider than the window
+        assert np.abs(seen[near] / smooth[near] - 1.0).max() < 0.2
+
+    # The continuous oscillator's.
+    w, w0 = 2 * np.pi * hertz[near], 2 * np.pi * frequency
+    continuous = 4 * 0.02**2 / 2 * 2 * zeta * w0**3 / ((w0**2 - w**2) ** 2 + (2 * zeta * w0 * w) ** 2)
+    if frequency <= 80.0:
+        assert exact[near].sum() == pytest.approx(continuous.sum(), rel=0.05)
+        assert hertz[exact.argmax()] == pytest.approx(hertz[near][continuous.argmax()], abs=1.0)
+
+
+def test_bands_of_a_machine_and_of_its_neighbours_have_nothing_to_do_with_each_other():
+    z = surfaces(shaken_by(40.0, 0.2, machines=40), 8192)
+    across = np.corrcoef(z.T) - np.eye(40)
+    assert np.abs(across).max() < 0.15
+    both = surfaces(shaken_by(40.0, 0.2, machines=40, more=[(0.02, 40.0, 0.3, 0.2)]), 8192) - z
+    assert np.mean(both**2) == pytest.approx(0.02**2 / 2, rel=0.1)
+    own = [np.corrcoef(a, b)[0, 1] for a, b in zip(z.T, both.T, strict=True)]
+    assert np.abs(own).max() < 0.15
+
+
+def test_a_tone_beside_bands_is_the_tone_that_it_is_alone():
+    tone, band = (0.03, 37.0, 0.4), (0.02, 50.0, 1.0, 0.1)
+    alone, beside = fleet_over(0.0, 2), fleet_over(0.0, 2)
+    for fleet in (alone, beside):
+        fleet.put_vibration(np.arange(2), 0, *tone)
+    beside.put_vibration(1, 1, *band)
+    a, b = surfaces(alone, 300), surfaces(beside, 300)
+    assert np.array_equal(a[:, 0], b[:, 0])
+    assert np.abs(a[:, 1] - b[:, 1]).max() > 1e-3
+
+
+# --------------------------------------------------------------------------------------------------------------- turns
+
+
+def test_a_turns_mask_is_read_bit_by_bit_up_to_32():
+    rng = np.random.default_rng(4)
+    for many in (1, 2, 3, 10, 31, 32):
+        for mask in [0, 1, 2**many - 1, *rng.integers(0, 2**many, 20).tolist(), 2 ** (many - 1)]:
+            p = Turns(length=5.0, many=float(many))
+            on = [sheet.turned(p, float(mask), 5.0 * (turn + 3 * many) + 2.0) for turn in range(many)]
+            assert on == [float(mask >> turn & 1) for turn in range(many)]
+
+
+def test_in_the_last_second_of_a_turn_the_next_one_fades_in():
+    p = Turns(length=4.0, many=3.0)
+    t = np.linspace(0.0, 24.0, 4801)
+    on = np.array([sheet.turned(p, 0b011, x) for x in t])  # on, on, off
+    u = np.clip(np.mod(t, 12.0) - 7.0, 0.0, 1.0) - np.clip(np.mod(t, 12.0) - 11.0, 0.0, 1.0)
+    expected = 1.0 - np.where(u == 1.0, 1.0, 3 * u**2 - 2 * u**3)
+    assert on == pytest.approx(expected, abs=1e-9)
+    assert sheet.turned(p, 0b011, -1.0) == 1.0
+    assert sheet.turned(Turns(), 0.0, 3.0) == 1.0
+
+
+def test_what_takes_turns_is_on_in_its_own_and_the_rest_always():
+    steps = 6000
+
+    def over(**masks):
+        fleet = over_random(feed=100.0, rms=0.1)
+        fleet.set("start.gap", 0, 3.0)
+        if masks:
+            fleet.put("turns", 0, Turns(length=2.0, many=3.0, **{name: float(mask) for name, mask in masks.items()}))
+            fleet.use_turns()
+        return fleet
+
+    t = 1e-3 * np.arange(steps)  # at the start of each period, which is when turns change
+
+    def shown(turn):
+        turns = Turns(length=2.0, many=3.0)
+        return np.array([sheet.turned(turns, float(1 << turn), x) for x in t])
+
+    alone = {name: np.zeros(steps) for name in ("waves", "random", "vibrations")}
+    for name in alone:
+        fleet = over()
+        if name != "random":
+            fleet.put_random(0, None)
+        if name == "waves":
+            fleet.put_wave(0, 0, 0.2, 0.1, 0.0, 0.0)
+        if name == "vibrations":
+            fleet.put_vibration(0, 0, 0.02, 20.0, 0.0)
+            fleet.put_vibration(0, 1, 0.02, 30.0, 0.0, 0.1)
+        alone[name] = surfaces(fleet, steps)[:, 0]
+    fleet = over(waves=0b001, random=0b010, vibrations=0b100)
+    fleet.put_wave(0, 0, 0.2, 0.1, 0.0, 0.0)
+    fleet.put_vibration(0, 0, 0.02, 20.0, 0.0)
+    fleet.put_vibration(0, 1, 0.02, 30.0, 0.0, 0.1)
+    fleet.put_feature(0, 0, 50.0, FAR, 0.5, 0.0)
+    expected = sum(shown(i) * z for i, z in enumerate(alone.values())) + np.where(
+        positions(100.0, steps) > 50.0, 0.5, 0
+    )
+    away = np.abs(positions(100.0, steps) - 50.0) > 2.0
+    assert surfaces(fleet, steps)[away, 0] == pytest.approx(expected[away], abs=1e-9)
+
+
+def test_impulses_come_in_their_turns_only():
+    fleet = fleet_over(0.0, 64)
+    every = np.arange(64)
+    fleet.put("sensor", every, sensor.EQ3._replace(noise=0.0, jitter=0.0, impulses=0.05))
+    fleet.put("turns", every, Turns(length=2.0, many=2.0, impulses=2.0))
+    fleet.use_turns()
+    fleet.begin(every, np.arange(1, 65))
+    hit = np.empty((4000, 64), bool)
+    for i in range(4000):
+        fleet.advance()
+        hit[i] = np.abs(fleet.column("signals.raw_height") - 1.0) > 0.02
+    assert not hit[:990].any()
+    assert hit[2000:2990].mean() == pytest.approx(0.05, rel=0.1)
+    assert hit[1400:1600].mean() == pytest.approx(0.025, rel=0.2)  # in the middle of the fade
 
 
 # ------------------------------------------------------------------------------------------------------------- gap

@@ -19,7 +19,7 @@ POSITION, VELOCITY, ACCELERATION, PLAY, HEAD = range(5)
 
 
 def _driven(p, commands, start, trace):
-    s, d, i = z_axis.at_rest(start), Drive(0.0, 0.0, 0.0, 0.0, 0.0), 0
+    s, d, i = z_axis.at_rest(start), Drive(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0
     g = z_axis.gains(p, DT)
     for n in range(commands.size):
         d = z_axis.accept(p, d, commands[n])
@@ -33,7 +33,7 @@ def _driven(p, commands, start, trace):
 
 
 def _extremes(p, commands, start, most):
-    s, d, g = z_axis.at_rest(start), Drive(0.0, 0.0, 0.0, 0.0, 0.0), z_axis.gains(p, DT)
+    s, d, g = z_axis.at_rest(start), Drive(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), z_axis.gains(p, DT)
     for n in range(commands.size):
         d = z_axis.accept(p, d, commands[n])
         r = z_axis.pace(p, d)
@@ -82,6 +82,7 @@ AXES = {
     "dead time 2.3": linear(120.0, 0.8, dead_time=2.3),
     "dead time 0": linear(80.0, 0.8, dead_time=0.0),
     "dead time 4": linear(80.0, 0.8, dead_time=4.0),
+    "dead time 5.6": linear(80.0, 0.8, dead_time=5.6),
     "all of the compliance": linear(80.0, 0.8, 90.0, compliance=1.0)._replace(zeta_r=0.2),
 }
 
@@ -124,9 +125,9 @@ def test_in_the_long_run_the_head_lags_a_speed_by_the_loop_and_the_dead_time():
         assert lag == pytest.approx(20.0 * (1e-3 * p.dead_time + 2.0 * p.zeta / p.omega), rel=0.01, abs=1e-6)
 
 
-@pytest.mark.parametrize("dead_time", [0.0, 0.25, 0.5, 1.0, 1.3, 1.5, 2.0, 2.3, 2.7, 3.0, 3.6, 4.0])
+@pytest.mark.parametrize("dead_time", [0.0, 0.25, 0.5, 1.0, 1.3, 1.5, 2.0, 2.3, 2.7, 3.0, 3.6, 4.0, 4.4, 5.0, 5.9, 6.0])
 def test_a_command_takes_effect_after_the_dead_time_to_the_substep(dead_time):
-    velocity = response(LINEAR._replace(dead_time=dead_time), np.full(6, 1.0))[VELOCITY]
+    velocity = response(LINEAR._replace(dead_time=dead_time), np.full(8, 1.0))[VELOCITY]
     assert np.flatnonzero(velocity)[0] == round(dead_time * SUBSTEPS)
 
 
@@ -152,6 +153,7 @@ LIMITED = {
     "stiff loop": Params(omega=2 * np.pi * 200.0, zeta=0.6, acceleration=19620.0),
     "soft loop": Params(omega=2 * np.pi * 50.0, zeta=1.0, acceleration=18000.0, dead_time=2.0),
     "200 mm/s": Params(speed=200.0, dead_time=2.0),
+    "bristles": Params(bristle=0.002, stiction=1.6, stribeck=1.0),
 }
 
 
@@ -262,6 +264,152 @@ def test_friction_acts_as_a_disturbance_that_the_loop_works_against():
     assert np.abs(free - exact).max() > 0.1 * 20.0
 
 
+# --------------------------------------------------------------------------------------------------- LuGre's friction
+
+
+LUGRE = Params(friction=800.0, bristle=0.005, stiction=1.5, stribeck=3.0, dac=0.0, encoder=0.0, dead_time=0.0)
+
+
+def sliding(p: Params, v):
+    """Friction of steady sliding, mm/s²: from static friction at rest down to Coulomb's (Hess and Soom 1990)."""
+    return p.friction * (1.0 + (p.stiction - 1.0) / (1.0 + (v / p.stribeck) ** 2))
+
+
+def dragged(p: Params, v: float, substeps: int, dt: float = DT) -> np.ndarray:
+    """Friction while the motor is drawn along at the speed ``v``, mm/s², shape (substeps,)."""
+    g, s, out = z_axis.gains(p, DT), z_axis.at_rest(0.0)._replace(velocity=v), np.empty(substeps)
+    for i in range(substeps):
+        s = s._replace(bent=z_axis.bend(p, g, s, dt))
+        out[i] = g.spring * s.bent
+    return out
+
+
+def _rubbing(p, commands, start, trace):
+    s, d, i = z_axis.at_rest(start), Drive(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0
+    g = z_axis.gains(p, DT)
+    for n in range(commands.size):
+        d = z_axis.accept(p, d, commands[n])
+        r = z_axis.pace(p, d)
+        for k in range(SUBSTEPS):
+            s, _ = z_axis.step(p, g, r, s, (k + 1.0) / SUBSTEPS, DT)
+            trace[0, i], trace[1, i], trace[2, i] = s.position, s.velocity, s.resist
+            i += 1
+
+
+rubbing = for_python(_rubbing)
+
+
+def rubbed(p: Params, commands, start: float = 30.0) -> np.ndarray:
+    """Position, velocity and friction at the end of each substep, shape (3, substeps)."""
+    trace = np.empty((3, len(commands) * SUBSTEPS))
+    rubbing(p, np.asarray(commands, float), start, trace)
+    return trace
+
+
+@pytest.mark.parametrize("v", [0.05, 0.5, 1.0, 3.0, 10.0, 100.0, 500.0, -0.5, -3.0, -500.0])
+def test_in_steady_sliding_friction_falls_with_speed_from_static_to_coulomb(v):
+    for p in (LUGRE, LUGRE._replace(friction=1000.0, bristle=0.002, stiction=1.2, stribeck=1.0)):
+        way = 20 * p.bristle * p.stiction  # mm; a bristle's bend dies out over its own length
+        friction = dragged(p, v, round(max(way / abs(v) / DT, 50.0)))
+        assert friction[-1] == pytest.approx(np.sign(v) * sliding(p, v), rel=1e-6)
+
+
+@pytest.mark.parametrize("command", [5.0, 60.0, -200.0])
+def test_an_axis_that_slides_feels_that_friction(command):
+    _, velocity, friction = rubbed(LUGRE, np.full(400, command), 10.0 if command > 0 else 100.0)
+    assert velocity[-1] == pytest.approx(command, rel=1e-3)
+    assert friction[-1] == pytest.approx(np.sign(command) * sliding(LUGRE, command), rel=1e-4)
+
+
+def test_before_it_slides_friction_is_a_spring_that_gives_way_over_a_bristle():
+    # Drawn along slowly, dF/dx = σ·(1 − F/F_s) with σ = Coulomb/bristle: F = F_s·(1 − exp(−σ·x/F_s)).
+    p, v = LUGRE, 0.02
+    friction = dragged(p, v, 60_000)
+    x = v * DT * np.arange(1, 60_001)
+    static, stiffness = sliding(p, v), p.friction / p.bristle
+    assert np.abs(friction - static * (1.0 - np.exp(-stiffness * x / static))).max() < 1e-3 * static
+    assert friction[24] / x[24] == pytest.approx(stiffness, rel=0.01)
+
+
+def exactly_rubbed(p: Params, commands) -> np.ndarray:
+    """Velocity at the end of each period by scipy, mm/s: the loop under held commands, with LuGre's equations."""
+    stiffness = p.friction / p.bristle
+
+    def rates(_, y, u):
+        v, b, bent = y  # b: acceleration without friction
+        a = b - stiffness * bent
+        return [
+            a, p.omega**2 * (u - v) - 2.0 * p.zeta * p.omega * a, v - stiffness * abs(v) * bent / sliding(p, v),
+        ]  # fmt: skip
+
+    y, out = np.zeros(3), []
+    for u in commands:
+        y = integrate.solve_ivp(rates, (0.0, 1e-3), y, args=(u,), method="LSODA", rtol=1e-8, atol=1e-10).y[:, -1]
+        out.append(y[0])
+    return np.array(out)
+
+
+SLOW = 0.5 * np.sin(2.0 * np.pi * 3.0 * 1e-3 * np.arange(700))
+"""mm/s: two turns of a sine of 3 Hz, ±27 µm, in periods of 1 ms."""
+
+STICKY = LUGRE._replace(friction=1000.0, bristle=0.002, stiction=1.6, stribeck=1.0, omega=314.0, zeta=0.6)
+
+
+@pytest.mark.parametrize("p", [LUGRE, STICKY])
+def test_a_slow_axis_sticks_and_breaks_loose_as_scipy_says(p):
+    p = p._replace(jerk=1e9, acceleration=1e6)
+    exact = exactly_rubbed(p, SLOW)
+    velocity = rubbed(p, SLOW)[1, SUBSTEPS - 1 :: SUBSTEPS]
+    free = rubbed(p._replace(friction=0.0), SLOW)[1, SUBSTEPS - 1 :: SUBSTEPS]
+    assert np.abs(velocity - exact).max() < 0.02 * np.abs(exact).max()
+    assert np.sqrt(np.mean((velocity - exact) ** 2)) < 0.01 * 0.5
+    assert np.abs(free - exact).max() > 0.25 * 0.5
+
+
+def test_an_axis_sticks_where_it_turns_back():
+    turning = slice(280, 420)  # around the second reversal, at 333 ms
+    free, viscous, stuck = (
+        np.sum(np.abs(rubbed(p, SLOW)[1, SUBSTEPS - 1 :: SUBSTEPS][turning]) < 0.05)
+        for p in (STICKY._replace(friction=0.0), STICKY._replace(bristle=0.0), STICKY)
+    )
+    assert free < 15  # ms
+    assert viscous < 15
+    assert stuck > 40
+
+
+@pytest.mark.parametrize("dt", [1e-6, DT, 1e-4, 1e-3, 1e-1])
+@pytest.mark.parametrize("v", [1e-3, 1.0, 500.0, -500.0])
+def test_no_step_bends_bristles_beyond_what_static_friction_bears(dt, v):
+    for p in (LUGRE, LUGRE._replace(friction=1e4, bristle=z_axis.SHORTEST_BRISTLE, stiction=3.0, stribeck=0.1)):
+        friction = dragged(p, v, 200, dt)
+        assert np.abs(friction).max() <= sliding(p, 0.0) * (1 + 1e-9)
+        assert np.all(np.diff(np.abs(friction)) >= -1e-9 * p.friction)
+        assert abs(dragged(p, v, 200, 1e3)[-1]) == pytest.approx(sliding(p, v), rel=1e-6)
+
+
+def test_friction_stays_bounded_while_the_axis_is_driven_hard():
+    p = LUGRE._replace(bristle=0.002, stiction=1.6, stribeck=1.0)
+    _, velocity, friction = rubbed(p, random_commands(p, 20_000, 7))
+    assert np.abs(velocity).max() > 0.99 * p.speed
+    assert 1.1 * p.friction < np.abs(friction).max() <= sliding(p, 0.0) * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("friction", [100.0, 1000.0, 10_000.0])
+@pytest.mark.parametrize("hertz", [5.0, 50.0, 120.0, 500.0])
+@pytest.mark.parametrize("bristle", [z_axis.SHORTEST_BRISTLE, 5e-4, 0.01])
+def test_an_axis_that_is_told_to_stop_comes_to_rest(friction, hertz, bristle):
+    p = Params(omega=2 * np.pi * hertz, zeta=0.2, friction=friction, bristle=bristle, stiction=3.0, stribeck=0.1)
+    velocity = rubbed(p, np.concatenate([np.full(300, 200.0), np.zeros(3000)]))[1]
+    assert np.abs(velocity).max() > 100.0
+    assert np.abs(velocity[-2000:]).max() < 1e-3
+
+
+def test_an_axis_without_friction_has_nothing_to_bend():
+    commands = random_commands(LIMITED["default"], 500, 8)
+    free = Params(friction=0.0)
+    assert np.array_equal(rubbed(free._replace(bristle=0.005, stiction=2.0), commands), rubbed(free, commands))
+
+
 # ------------------------------------------------------------------------------------------------------ quantisation
 
 
@@ -269,13 +417,14 @@ def test_the_drive_gets_whole_steps_of_a_16_bit_converter():
     p = Params()
     step = 500.0 / 2**15
     for command in np.random.default_rng(5).uniform(-500.0, 500.0, 200):
-        sent = z_axis.accept(p, Drive(0.0, 0.0, 0.0, 0.0, 0.0), command).c0
+        sent = z_axis.accept(p, Drive(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), command).c0
         assert abs(sent - command) <= 0.5 * step + 1e-12
         assert sent / step == pytest.approx(round(sent / step), abs=1e-9)
-    assert z_axis.accept(p, Drive(1.0, 2.0, 3.0, 4.0, 5.0), 0.4 * step) == Drive(0.0, 1.0, 2.0, 3.0, 4.0)
-    assert z_axis.accept(p, Drive(0.0, 0.0, 0.0, 0.0, 0.0), 9e9).c0 == 500.0
-    assert z_axis.accept(p, Drive(0.0, 0.0, 0.0, 0.0, 0.0), -9e9).c0 == -500.0
-    assert z_axis.accept(p._replace(dac=0.0), Drive(0.0, 0.0, 0.0, 0.0, 0.0), 0.123456).c0 == 0.123456
+    queue = Drive(1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0)
+    assert z_axis.accept(p, queue, 0.4 * step) == Drive(0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
+    assert z_axis.accept(p, Drive(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 9e9).c0 == 500.0
+    assert z_axis.accept(p, Drive(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), -9e9).c0 == -500.0
+    assert z_axis.accept(p._replace(dac=0.0), Drive(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0.123456).c0 == 0.123456
 
 
 def test_the_encoder_reads_whole_micrometres():
