@@ -42,6 +42,12 @@ ALLOWED: dict[str, dict[str, str]] = {
         "up to 5 mm/s on top": "a tenth of the action's range, in the example",
         "95 % intervals over seeds": LEVEL,
     },
+    "docs/bounds.md": {
+        "they know the sheet 5 ms ahead": "the preview's definition, controller.AHEAD",
+        "an impulse of 70 µm": "an impulse at the set height, from the constants of the sensor's model",
+        "A gap that is 2 µm smaller has 0.4 % less of it": "an argument: noise grows with the square of the gap",
+        "Over 200 seeds the RMS": "the test seeds, a constant of the suites",
+    },
     "docs/blame.md": {"95 % intervals over seeds": LEVEL},
     "docs/results-following.md": {"95 % intervals over seeds": LEVEL},
     "docs/controllers.md": {

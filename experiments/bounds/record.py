@@ -25,7 +25,7 @@ LABEL = "bound (causal, sensor only)"
 _ENVS = HERE.parents[1] / "envs"
 SOURCES = (
     *sorted(HERE.glob("*.py")), _ENVS / "scenarios.py", _ENVS / "distributions.py",
-    *(_ENVS / "plant" / f"{name}.py" for name in ("heads", "machine", "path", "sensor", "sheet", "z_axis")),
+    *(_ENVS / "plant" / f"{name}.py" for name in ("fleet", "heads", "machine", "path", "sensor", "sheet", "z_axis")),
 )  # fmt: skip
 """What bounds are made from, beside the scenarios."""
 

@@ -179,10 +179,14 @@ def of(scenario: Scenario, seeds: Sequence[int]) -> Bound:
             known = prediction.held_back(variances, reach).mean()
             squares[name][i] = max(known, calm * known + steps)
             squares["sheet"][i] = known if width is None else squares["sheet"][i]
+            if not len(lines.omega):  # no frequency to be learned
+                squares["learned"][i] = squares["bound"][i]
+                break
         squares["steps"][i] = steps
         if mean.xx > 0.0:
-            least = prediction.wiener(mean, float(sigma[i]), axis.horizon)[0]
-            squares["linear"][i] = max(least, calm * least + steps)
+            least = [prediction.wiener(mean, float(sigma[i]), axis.horizon + k)[0] for k in range(NEWEST + 1)]
+            known = float(prediction.held_back(np.array(least), reach))
+            squares["linear"][i] = max(known, calm * known + steps)
 
     def rms(name: str) -> float:
         return float(np.sqrt(np.mean(squares[name])))
