@@ -315,6 +315,8 @@ def _kinds(kind: Any) -> str:
     if kind is bool:
         return "true, false"
     words = [str(value) for value in get_args(kind) if isinstance(value, str)]
+    if get_origin(kind) is tuple and int in get_args(kind):
+        return "whole numbers"
     return ", ".join(words) or ("whole number" if kind is int else "text")
 
 

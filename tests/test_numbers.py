@@ -48,6 +48,10 @@ ALLOWED: dict[str, dict[str, str]] = {
         "A gap that is 2 µm smaller has 0.4 % less of it": "an argument: noise grows with the square of the gap",
         "Over 200 seeds the RMS": "the test seeds, a constant of the suites",
     },
+    "docs/add-a-scenario.md": {
+        "viscous below 1 mm/s": "the default of z_axis.Params.creep",
+        "under the tip (2 mm)": "sheet.FOOTPRINT",
+    },
     "docs/blame.md": {"95 % intervals over seeds": LEVEL},
     "docs/results-following.md": {"95 % intervals over seeds": LEVEL},
     "docs/controllers.md": {

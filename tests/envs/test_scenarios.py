@@ -401,6 +401,38 @@ def test_a_stepped_sheet_has_twelve_steps_30_to_70_mm_apart():
     assert not void.any()
 
 
+def test_a_random_sheet_is_begun_anywhere_in_both_its_tables_and_has_the_rms_that_was_drawn():
+    fleet = fleet_of(load("random-k2"), SEEDS)
+    one, two, begun, begun_two = (fleet.column(f"random.{name}") for name in ("one", "two", "begin_one", "begin_two"))
+    rms = np.hypot(one, two)
+    assert stats.kstest(rms, stats.uniform(0.04, 0.08).cdf).pvalue > 1e-3
+    assert stats.kstest(np.arctan2(two, one), stats.uniform(-np.pi, 2 * np.pi).cdf).pvalue > 1e-3
+    for begin, samples in ((begun, sheet.RANDOM_ONE), (begun_two, sheet.RANDOM_TWO)):
+        assert stats.kstest(begin, stats.uniform(0, samples * sheet.RANDOM_SPACING).cdf).pvalue > 1e-3
+    assert abs(np.corrcoef(begun, begun_two)[0, 1]) < 4 / np.sqrt(2000)
+    assert (fleet.column("random.first") == 0.0).all()
+    assert (fleet_of(load("flat"), SEEDS[:9]).column("random.first") == -1.0).all()
+
+
+def test_corners_lie_anywhere_in_their_pitches():
+    fleet = fleet_of(load("corners"), SEEDS)
+    assert stats.kstest(fleet.column("path.corner_phase"), stats.uniform(0, 1).cdf).pvalue > 1e-3
+    for column, low, high in (("corner", 80, 200), ("corner_feed", 5, 40), ("corner_acceleration", 3000, 10_000)):
+        assert stats.kstest(fleet.column(f"path.{column}"), stats.uniform(low, high - low).cdf).pvalue > 1e-3
+    assert not fleet_of(load("flat"), SEEDS[:9]).column("path.corner").any()
+
+
+def test_a_turns_number_is_its_bit():
+    fleet = fleet_of(load("shift"), SEEDS[:3])
+    for name, turns in (
+        ("waves", "1100100010"), ("random", "1101000100"), ("vibrations", "1010101000"), ("impulses", "1011010000")
+    ):  # fmt: skip
+        assert (fleet.column(f"turns.{name}") == int(turns, 2)).all()  # turn 9 first, turn 0 last
+    assert (fleet.column("turns.length") == 30.0).all()
+    assert (fleet.column("turns.many") == 10.0).all()
+    assert not fleet_of(load("flat"), SEEDS[:3]).column("turns.length").any()
+
+
 def test_a_metre_of_the_holed_sheet_has_ten_round_holes():
     fleet = fleet_of(load("holes"), SEEDS[:500])
     start, stop, rise, across = np.moveaxis(listed(fleet, machine.FEATURES, 4, sheet.FEATURES), 2, 0)

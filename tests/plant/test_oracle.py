@@ -299,15 +299,24 @@ def test_turns_come_and_go_as_their_equations_say():
     stack.install(fleet, every)
     oracle = ZMachine.like(fleet, keys, heads.POOL)
     fleet.begin(every, keys)
-    tip, felt = [], []
+    seen: dict[str, list[np.ndarray]] = {name: [] for name in ("surface", "slope", "bend", "felt")}
     for _ in range(6500):
         fleet.advance()
-        tip.append(fleet.column("signals.surface_0"))
-        felt.append(fleet.column("course.felt"))
-    wanted = np.array([[oracle.surface_at(n, plate) for n in range(1, 6501)] for plate in (False, True)])
-    assert np.abs(tip - wanted[0]).max() < 1e-9
-    # The difference of the footprints is a mean over the gate, the last quarter of the period.
-    assert np.abs(felt - (wanted[1] - wanted[0])).max() < 0.2 * np.abs(np.diff(wanted[1] - wanted[0], axis=0)).max()
+        for name, values in seen.items():
+            values.append(fleet.column(f"course.{name}"))
+    halves = np.arange(13_001) / 2.0
+    tip, plate = (np.array([oracle.surface_at(h, side) for h in halves]) for side in (False, True))
+    start, middle, end = tip[:-1:2], tip[1::2], tip[2::2]
+    begun, slope, bend = (np.array(seen[name]) for name in ("surface", "slope", "bend"))
+    assert np.abs(begun - start).max() < 1e-9
+    assert np.abs(begun + slope / 2 + bend / 4 - middle).max() < 1e-9
+    assert np.abs(begun + slope + bend - end).max() < 1e-9
+    # The parabola through the differences of the footprints, at the gate's five substeps.
+    q, (start, middle, end) = 1.0 - np.arange(5)[:, None, None] / 20.0, ((plate - tip)[i::2] for i in (0, 1, 2))
+    start = start[:-1]
+    more = start * (1 - q) * (1 - 2 * q) + middle * 4 * q * (1 - q) + end * q * (2 * q - 1)
+    assert np.abs(seen["felt"] - more.mean(axis=0)).max() < 1e-9
+    assert np.ptp(more) > 0.01
 
 
 @pytest.mark.parametrize(
