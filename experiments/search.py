@@ -34,7 +34,7 @@ from .tune import evaluate, goals
 
 SUITE = "following"
 
-TRIALS, EXPLORE = 200, 70
+TRIALS, EXPLORE = 240, 80
 """Trials of each search, and how many of them TPE makes; CMA-ES makes the others, half of them after its restart."""
 
 SPREADS = (0.1, 0.25)
