@@ -41,6 +41,9 @@ SPLITS = {
 }
 """Seeds of each split."""
 
+PAIRS = 8
+"""Pairs of tables of random sheets that the seeds of a split share."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class _Section:
@@ -856,7 +859,16 @@ def _put_random(fleet: Fleet, random: Random | None, plate: float, m: np.ndarray
         n * sheet.RANDOM_SPACING * draws.fraction(f"sheet.random.begin.{i}")
         for i, n in enumerate((sheet.RANDOM_ONE, sheet.RANDOM_TWO))
     ]
-    fleet.put_random(m, (random.exponent, random.rolloff, plate), (rms * np.cos(angle), rms * np.sin(angle), *begin))
+    source, sizes = (random.exponent, random.rolloff, plate), (rms * np.cos(angle), rms * np.sin(angle))
+    fleet.put_random(m, source, pairs_of(draws.seeds), (*sizes, *begin))
+
+
+def pairs_of(seeds: np.ndarray) -> np.ndarray:
+    """Which pair of tables of random sheets each seed has: splits share none, a split's seeds take theirs in turn."""
+    split = np.full(len(seeds), len(SPLITS) - 1)
+    for i, known in enumerate(SPLITS.values()):
+        split[(seeds >= known.start) & (seeds < known.stop)] = i
+    return PAIRS * split + (seeds % np.uint64(PAIRS)).astype(int)
 
 
 def _prepare_corners(fleet: Fleet, corners: Corners | None, m: np.ndarray, draws: Draws) -> None:

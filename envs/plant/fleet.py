@@ -38,7 +38,7 @@ class Fleet(Columns):
         self._owned: dict[int, np.ndarray] = {}
         self._contours: dict[int, tuple[path.Contour, int]] = {}  # with the index of their first sample
         self._profiles: dict[int, tuple[np.ndarray, int]] = {}
-        self._randoms: dict[tuple[float, float, float], tuple[np.ndarray, int]] = {}
+        self._randoms: dict[tuple[float, float, float, int], tuple[np.ndarray, int]] = {}
         self._maps: dict[int, tuple[np.ndarray, np.ndarray]] = {}
         self._deck = np.zeros(machine.DECK, np.uint64)
         self._at = int(address(self._deck))
@@ -142,19 +142,31 @@ class Fleet(Columns):
         none = flat(sheet.Feature())
         self._put_rows(int(machine.FEATURES) // W, machines, none * sheet.FEATURES)
 
-    def put_random(self, machines: Any, source: tuple[float, float, float] | None, numbers: Any = ()) -> None:
-        """A sheet of continuous spectrum: arguments of :func:`sheet.random_tables`, and the numbers of
-        :class:`sheet.Random` after the first; None: none."""
+    def put_random(
+        self, machines: Any, source: tuple[float, float, float] | None, pairs: Any = 0, numbers: Any = ()
+    ) -> None:
+        """A sheet of continuous spectrum; ``source`` None: none.
+
+        Args:
+            machines: indices.
+            source: exponent, roll-off and plate, as :func:`sheet.random_tables` takes them.
+            pairs: of which tables, one for all machines or one each.
+            numbers: of :class:`sheet.Random` after the first.
+        """
         if source is None:
             self.set("random.first", machines, -1.0)
             return
-        if source not in self._randoms:
-            tables = sheet.random_tables(*source)
-            self._randoms[source] = (tables, sum(len(t) for t, _ in self._randoms.values()))
-            known = [t for t, _ in self._randoms.values()]
+        pairs = np.asarray(pairs, int)
+        missing = [pair for pair in np.unique(pairs).tolist() if (*source, pair) not in self._randoms]
+        for pair in missing:
+            begin = sum(len(tables) for tables, _ in self._randoms.values())
+            self._randoms[*source, pair] = (sheet.random_tables(*source, pair), begin)
+        if missing:
+            known = [tables for tables, _ in self._randoms.values()]
             self._point(machine.D_RANDOM, known[0] if len(known) == 1 else np.concatenate(known))
-            self._deck[machine.D_RANDOMS] = sum(len(t) for t in known)
-        for name, value in zip(sheet.Random._fields, (self._randoms[source][1], *numbers), strict=True):
+            self._deck[machine.D_RANDOMS] = sum(len(tables) for tables in known)
+        first = np.vectorize(lambda pair: self._randoms[*source, pair][1], otypes=[float])(pairs)
+        for name, value in zip(sheet.Random._fields, (first, *numbers), strict=True):
             self.set(f"random.{name}", machines, value)
         self.use(machine.F_RANDOM)
 

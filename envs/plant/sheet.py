@@ -217,24 +217,26 @@ def random_height(table, r, s, plate):
     return r.one * one + r.two * two
 
 
-@functools.lru_cache(maxsize=8)
-def random_tables(exponent, rolloff, plate):
+@functools.lru_cache(maxsize=32)
+def random_tables(exponent, rolloff, plate, pair=0):
     """Tables of a random sheet of RMS 1 under the tip, in the order of :func:`random_height`.
 
     The power spectral density over wavenumber is (k² + k0²)^(−exponent/2), k0 = 2π/rolloff, times the square of the
-    footprint's factor; phases are random, from a fixed seed.
+    footprint's factor; phases are random, fixed by ``pair``.
 
     Args:
         exponent: of the wavenumber beyond the roll-off, 2 or 3.
         rolloff: mm, wavelength beyond which it no longer rises.
         plate: mm, radius of the plate's footprint.
+        pair: which of the pairs of tables, 0 or more.
     """
-    out, rng = [], np.random.default_rng(20261122)
+    # NumPy keeps this generator's stream for ever, its newer ones' not.
+    out, rng = [], np.random.RandomState(20261122 + int(pair))
     for n in (RANDOM_ONE, RANDOM_TWO):
         k = 2.0 * np.pi * np.fft.rfftfreq(n, RANDOM_SPACING)
         density = (k * k + (2.0 * np.pi / rolloff) ** 2) ** (-0.5 * exponent)
         density[0] = 0.0
-        shape = np.sqrt(density) * (rng.normal(size=len(k)) + 1j * rng.normal(size=len(k)))
+        shape = np.sqrt(density) * (rng.standard_normal(len(k)) + 1j * rng.standard_normal(len(k)))
         tip = np.fft.irfft(shape * attenuation(k), n)
         scale = 1.0 / np.sqrt(np.mean(tip * tip))
         felt = np.fft.irfft(shape * attenuation(k, plate), n)

@@ -2,7 +2,7 @@
 
 The drive's velocity loop is of second order. Its motor obeys, with u the delayed and quantised command::
 
-    j = ω²·(u − v) − 2ζω·a − d(friction)/dt,   |j| ≤ jerk,  |a| ≤ acceleration,  |v| ≤ speed,  z inside the travel
+    da/dt = j − d(friction)/dt,   j = ω²·(u − v) − 2ζω·a,   |j| ≤ jerk,  |a| ≤ acceleration,  |v| ≤ speed,  z in travel
 
 Speed and travel are kept by barriers rather than by stops, so that none of the others is ever broken: near the top
 speed the acceleration is held below ``0.9·(speed − v)·jerk/acceleration``, near an end of travel the command below
@@ -196,12 +196,17 @@ def step(p, g, r, s, share, dt, bristles=True):
 
     bent = bend(p, g, s, dt) if bristles else s.bent
     viscous = clip(g.drag * s.velocity, -p.friction, p.friction)
-    resist = g.spring * bent if bristles and g.spring > 0.0 else viscous
-    wanted = fma(g.stiff, u - s.velocity, fma(-g.damp, s.acceleration, s.resist - resist))
+    lugre = bristles and g.spring > 0.0
+    resist = g.spring * bent if lugre else viscous
+    # Bristles pull at the axis past the drive's limits. The limits hold viscous friction as well, which is only there
+    # for scenarios that were frozen with it.
+    change = s.resist - resist
+    pulled = change if lugre else 0.0
+    wanted = fma(g.stiff, u - s.velocity, fma(-g.damp, s.acceleration, change - pulled))
     most = min(p.acceleration, fma(-g.soft, s.velocity, g.soft_speed))
     least = max(-p.acceleration, fma(-g.soft, s.velocity, -g.soft_speed))
     bounded = clip(s.acceleration + wanted, least, most)
-    acceleration = s.acceleration + clip(bounded - s.acceleration, -g.jolt, g.jolt)
+    acceleration = s.acceleration + clip(bounded - s.acceleration, -g.jolt, g.jolt) + pulled
     velocity = fma(0.5 * dt, s.acceleration + acceleration, s.velocity)
     position = fma(0.5 * dt, s.velocity + velocity, s.position)
 

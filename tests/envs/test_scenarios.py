@@ -24,6 +24,7 @@ from kerfgym.envs.scenarios import (
     Wave,
     core,
     load,
+    pairs_of,
     parse,
     prepare,
     read,
@@ -126,7 +127,7 @@ SECOND = {
         "head": {"impulses": 20.0, "impulse_samples": 2.0},
         "sheet": {
             "tilt": SLOPE_3, **random(u(0.04, 0.12), 2.0, 300.0), **ROUGH,
-            "steps": {"count": 16, "height": u(0.1, 0.4, "±"), "spacing": u(1000, 3000)},
+            "steps": {"count": 16, "height": u(0.1, 0.4, "±"), "spacing": u(2500, 4500)},
             "vibrations": FLUTTER["vibrations"] + CHATTER["vibrations"][:2],
         },
     },
@@ -410,8 +411,17 @@ def test_a_random_sheet_is_begun_anywhere_in_both_its_tables_and_has_the_rms_tha
     for begin, samples in ((begun, sheet.RANDOM_ONE), (begun_two, sheet.RANDOM_TWO)):
         assert stats.kstest(begin, stats.uniform(0, samples * sheet.RANDOM_SPACING).cdf).pvalue > 1e-3
     assert abs(np.corrcoef(begun, begun_two)[0, 1]) < 4 / np.sqrt(2000)
-    assert (fleet.column("random.first") == 0.0).all()
     assert (fleet_of(load("flat"), SEEDS[:9]).column("random.first") == -1.0).all()
+
+
+def test_no_two_splits_share_a_table_of_random_sheets_and_each_has_eight():
+    used = {name: set(pairs_of(np.arange(seeds.start, seeds.start + 200)).tolist()) for name, seeds in SPLITS.items()}
+    assert all(len(pairs) == 8 for pairs in used.values())
+    assert len(set.union(*used.values())) == 8 * len(used)
+    at = [seeds.start + k for seeds in SPLITS.values() for k in (0, 3, 8)]
+    first = fleet_of(load("random-k2"), at).column("random.first")
+    assert len(set(first)) == 2 * len(SPLITS)
+    assert (first[0::3] == first[2::3]).all()
 
 
 def test_corners_lie_anywhere_in_their_pitches():

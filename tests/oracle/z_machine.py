@@ -411,7 +411,7 @@ class ZMachine:
     def _move(self) -> None:
         """Twenty substeps of the axis (PHYSICS §2), and what the gate sees of them.
 
-        Loop: a' = ω²(u − v) − 2ζω·a − F'. F is LuGre's friction, σ·b with b' = v − σ|v|·b/g(v), σ = Coulomb/bristle and
+        Loop: a' = j − F' with j = ω²(u − v) − 2ζω·a within the drive's limits. F is LuGre's friction, σ·b with b' = v − σ|v|·b/g(v), σ = Coulomb/bristle and
         g(v) = Coulomb·(1 + (stiction − 1)/(1 + (v/stribeck)²)); without bristles it is Coulomb friction, proportional
         to v within ``creep`` of rest. Over a substep, with x = ω·dt:
         a⁺ = a + ω·x·(1 − ζx)·(u − v) − (2ζx − (2ζ² − ½)x²)·a − ΔF.
@@ -444,11 +444,14 @@ class ZMachine:
             sliding = np.abs(speed) * DT * stiffness / np.where(most > 0.0, most, 1.0)
             self.bent = (self.bent + speed * DT) / (1.0 + sliding)
             friction = np.where(z.bristle > 0.0, stiffness * self.bent, friction)
-            pushed = self.pull * (u - self.velocity) - self.brake * self.acceleration - (friction - self.friction)
+            # Bristles pull past the drive's limits; friction without bristles is inside them.
+            released = np.where(z.bristle > 0.0, self.friction - friction, 0.0)
+            pushed = self.pull * (u - self.velocity) - self.brake * self.acceleration
+            pushed = pushed + (self.friction - friction) - released
             most = np.minimum(z.acceleration, self.easing * (z.speed - self.velocity))
             least = np.maximum(-z.acceleration, -self.easing * (z.speed + self.velocity))
             change = clip(self.acceleration + pushed, least, most) - self.acceleration
-            acceleration = self.acceleration + clip(change, -z.jerk * DT, z.jerk * DT)
+            acceleration = self.acceleration + clip(change, -z.jerk * DT, z.jerk * DT) + released
             velocity = self.velocity + (self.acceleration + acceleration) * DT / 2.0
             position = self.position + (self.velocity + velocity) * DT / 2.0
 

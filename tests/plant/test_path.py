@@ -87,7 +87,7 @@ def test_with_corners_too_the_sheet_ahead_is_what_the_machine_meets(name):
     fleet = fleet_on(**JOURNEYS[name])
     fleet.put_plate(0, 5.6)
     fleet.put_wave(0, 0, 0.4, 0.2, 0.0, 0.3)
-    fleet.put_random(0, (2.0, 300.0, 5.6), (0.1, 0.2, 17.0, 900.0))
+    fleet.put_random(0, (2.0, 300.0, 5.6), 0, (0.1, 0.2, 17.0, 900.0))
     fleet.put_vibration(0, 0, 0.02, 30.0, 0.3, 0.1)
     seen = lived(fleet, 600, *(f"signals.surface_{ahead}" for ahead in range(AHEAD + 1)))
     assert np.ptp(seen[0]) > 0.2
