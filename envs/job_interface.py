@@ -217,7 +217,7 @@ def act(block_address, at, n, io_address, first):
                     0.5 * (u5 + 1.0) * p.piezo_range, u6 * p.piezo_range, u7 * r.most_standoff,
                 )  # fmt: skip
                 if q.bounded:
-                    # The same within the settings that the material's figures were calibrated on.
+                    # The same within the settings that were published of the material.
                     hertz = between_ends(q.frequency_low, min(q.frequency_high, p.highest), u2)
                     h = Process(
                         between_ends(q.feed_low / j.feed, min(q.feed_high / j.feed, r.most_override), u0),
