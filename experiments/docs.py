@@ -155,20 +155,14 @@ def machine() -> str:
     return _page(text)
 
 
+SETTABLE = ("Params", "Gate", "Axes", "Feed", "Hand", "Recipe", "Range", "Beam", "Wave", "Vibration")
+"""Classes of parts that hold what is set, not what the machine remembers."""
+
+
 def _settable(cls: Any) -> bool:
-    """Whether a class holds what is set, not what the machine remembers."""
-    return cls.__name__ in (
-        "Params",
-        "Gate",
-        "Axes",
-        "Feed",
-        "Hand",
-        "Recipe",
-        "Range",
-        "Beam",
-        "Wave",
-        "Vibration",
-    ) and all(isinstance(value, int | float) for value in cls._field_defaults.values())
+    """Whether a class holds what is set, and has a number for each of it."""
+    numbers = all(isinstance(value, int | float) for value in cls._field_defaults.values())
+    return cls.__name__ in SETTABLE and numbers
 
 
 def _titled(module: ModuleType) -> tuple[str, str]:
