@@ -51,7 +51,8 @@ class CuttingEnv(JobEnv):
     ## Rewards
 
     Per step: −`quality`·mm cut·((dross/a + Rz/R0)/2 − 1), −`through`·mm not cut through, −`time`·share of the step that
-    is lost against the plan, −`collision` once; a and R0 are the material's coefficients. The quality model is a proxy,
+    is lost against the plan, −`collision` once, −`outside`·mm cut outside the calibrated settings (weight 0 unless set:
+    who wants to be ranked must stay inside); a and R0 are the material's coefficients. The quality model is a proxy,
     see `plant/cut.py`.
 
     ## Starting State

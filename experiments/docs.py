@@ -76,9 +76,14 @@ def markdown(text: str) -> str:
 
 
 def _indented(lines: list[str], at: int) -> tuple[list[str], int]:
-    """The block that is indented from a line on, without its indentation, and the line behind it."""
+    """The block that is indented from a line on, without its indentation, and the line behind it.
+
+    It ends where the indentation becomes less than that of its first line: in an item of a list the text goes on there.
+    """
     block: list[str] = []
-    while at < len(lines) and (not lines[at].strip() or lines[at].startswith(" ")):
+    first = next((line for line in lines[at:] if line.strip()), "")
+    margin = max(1, len(first) - len(first.lstrip()))
+    while at < len(lines) and (not lines[at].strip() or lines[at].startswith(" " * margin)):
         block.append(lines[at])
         at += 1
     return inspect.cleandoc("\n" + "\n".join(block)).split("\n"), at

@@ -190,6 +190,23 @@ def test_a_process_that_keeps_the_frequency_of_the_calibrated_cuts_is_within_the
             break
 
 
+def test_a_reward_may_charge_what_lies_outside_the_calibrated_settings_and_by_default_does_not():
+    """Per mm cut: an action at the ends asks for the highest frequency, and the machine obeys."""
+    for weights, charge in ((None, 0.0), ({"outside": 2.0}, 2.0)):
+        env = gym.make("kerfgym/Cutting-v0", scenario="cut-square", machine=SMALL, base="huang2024-dynamic",
+                       reward=weights).unwrapped  # fmt: skip
+        env.reset(seed=0)
+        charged = 0.0
+        for _ in range(400):
+            *_, over, late, info = env.step(np.array([0, 0, 1, 0, 0, 0, 0, 0], np.float32))
+            assert info["weighted_outside"] == pytest.approx(-charge * info["reward_outside"])
+            charged += info["reward_outside"]
+            if over or late:
+                break
+        assert charged == pytest.approx(float(env.batch.fleet.gantries.column("sums.outside")[0]), rel=1e-9)
+        assert charged > 10.0  # mm
+
+
 def test_direct_actions_reach_every_end_of_the_published_range():
     env = gym.make("kerfgym/Cutting-v0", scenario="cut-square", machine=SMALL, control="direct",
                    base="huang2024-dynamic").unwrapped  # fmt: skip
