@@ -6,10 +6,14 @@ Every stack is given the same:
 - *searched set*: all that its law declares and all that its filter's kind reads, within the declared ranges (windows up
   to 15, trims up to 3, bridges up to 10 samples);
 - *trials*: :data:`TRIALS`, the first of which is the stack as it stands. TPE explores, then CMA-ES is started twice
-  from the best so far, first with a narrow, then with a wide spread (TPE alone misses optima, PHYSICS §6);
+  from the best so far, first with a narrow, then with a wide spread (TPE alone misses optima, PHYSICS §6). A search
+  that starts from a preset found on the same suite goes on from it, and its record counts both (``start``);
 - *seeds*: :data:`SEEDS` tune seeds for each scenario and trial; a scenario of minutes takes a tenth of them;
 - *final check*: the best :data:`CHECKED` on :data:`MORE_SEEDS` tune seeds, and Ms at the suite's frequencies. Few seeds
   flatter a candidate that fails one time in a hundred.
+
+Ms at all frequencies is measured besides, of candidates that may come out best. How many those are is luck, so the
+record has these steps apart from those that are compared as budgets.
 
 What is not shipped is tuned with ``kerfgym tune``, which has the same roll-outs and more to choose from.
 """
@@ -29,13 +33,12 @@ from ..envs import stack as stacks
 from ..envs.plant import filters
 from ..envs.plant.quantity import InvalidInput, did_you_mean
 from ..envs.stack import Stack
-from . import stability
 from .tune import evaluate, goals
 
 SUITE = "following"
 
-TRIALS, EXPLORE = 240, 80
-"""Trials of each search, and how many of them TPE makes; CMA-ES makes the others, half of them after its restart."""
+TRIALS, EXPLORE = 240, 1 / 3
+"""Trials of each search, and the share that TPE makes. CMA-ES makes the others, half of them after its restart."""
 
 SPREADS = (0.1, 0.25)
 """Initial standard deviation of both starts of CMA-ES, in ranges."""
@@ -47,7 +50,7 @@ CHECKED, MORE_SEEDS = 10, 200
 """How many of the best are checked in the end, and on how many tune seeds per scenario."""
 
 CAP = 2.0
-"""Largest Ms of the following suite's ranking."""
+"""Largest Ms of what is searched, the usual limit of a design."""
 
 CLOSE = 1.03
 """Over the best score so far; Ms of what is closer is measured at all frequencies."""
@@ -64,6 +67,9 @@ READS = {
     filters.KALMAN: ("trust",),
 }  # fmt: skip
 """Settings that each kind of filter reads."""
+
+COUNTED = ("trials", "simulated_steps", "ms_steps", "cpu_seconds", "git", "start")
+"""Of an earlier search's record, what one that goes on from it keeps."""
 
 UNFILTERED = ("self-tuning",)
 """Stacks whose law reads the raw height; their filter serves the supervisor alone."""
@@ -84,13 +90,13 @@ class Evaluator:
     """Scores stacks of one law on the tune seeds of a suite's core, on the fleets of :mod:`experiments.tune`."""
 
     def __init__(self, stack: Stack, suite: str = SUITE, seeds: int = SEEDS, threads: int = 1) -> None:
-        self.suite, self.seeds = suite, seeds
+        self.suite, self.seeds, self.ms_steps = suite, seeds, 0
         self._runs = evaluate.Evaluator(stack, suite, range(seeds), threads)
 
     @property
     def steps(self) -> int:
-        """Simulated so far."""
-        return self._runs.ledger.steps
+        """Simulated so far, but for those of :meth:`exact_peak`, which are ``ms_steps``."""
+        return self._runs.ledger.steps - self.ms_steps
 
     def score(self, stack: Stack) -> tuple[float, int]:
         """Geometric mean over the core scenarios of the RMS true error, µm (infinite if a run fails), collisions."""
@@ -105,7 +111,10 @@ class Evaluator:
 
     def exact_peak(self, stack: Stack) -> float:
         """Ms as a benchmark measures it."""
-        return self._runs.exact_peak(stack)
+        before = self._runs.ledger.steps
+        found = self._runs.exact_peak(stack)
+        self.ms_steps += self._runs.ledger.steps - before
+        return found
 
 
 def search(name: str, trials: int = TRIALS, cap: float = CAP, seed: int = 0) -> tuple[Stack, dict]:
@@ -154,7 +163,7 @@ def search(name: str, trials: int = TRIALS, cap: float = CAP, seed: int = 0) -> 
         crashes = (0.1 + 0.01 * collisions) * bool(collisions)
         return math.log(score) + weight * max(0.0, math.log(peak / (0.98 * cap))) + crashes
 
-    explore = min(EXPLORE, trials)
+    explore = round(EXPLORE * trials)
     sampler: Any = optuna.samplers.TPESampler(seed=seed, multivariate=True, n_startup_trials=30)
     study = optuna.create_study(sampler=sampler)
     # The stack as it stands is the first point, so a search never ends worse than it began.
@@ -172,7 +181,7 @@ def search(name: str, trials: int = TRIALS, cap: float = CAP, seed: int = 0) -> 
     finalists: list[tuple[Stack, float, Any]] = []
     for trial in sorted((each for each in done if math.isfinite(rank(each))), key=rank):
         found = base.varied({k: _number(v) for k, v in trial.params.items()})
-        peak = stability.sensitivity(found).peak
+        peak = evaluator.exact_peak(found)
         if peak <= cap:
             finalists.append((found, peak, trial))
         if len(finalists) == CHECKED:
@@ -188,16 +197,29 @@ def search(name: str, trials: int = TRIALS, cap: float = CAP, seed: int = 0) -> 
     score, at = min(kept)
     found, peak, trial = finalists[at]
     return found, {
-        "suite": f"{SUITE}-{scenarios.rules(SUITE)['version']}",
+        "suite": suite_name(),
         "score_tune_um": round(trial.user_attrs["score"], 4), "ms": round(peak, 4),
         "collisions_tune": trial.user_attrs["collisions"],
         "checked_on": f"0-{MORE_SEEDS - 1}", "score_checked_um": round(score, 4),
         "cap": cap, "trials": trials, "searched": len(searched),
         "sampler": f"TPE {explore}, then CMA-ES {rest[0]} and {rest[1]}", "sampler_seed": seed,
         "tune_seeds": f"0-{evaluator.seeds - 1}", "simulated_steps": evaluator.steps + checker.steps,
-        "cpu_seconds": round(time.process_time() - start, 1), "kerfgym": __version__, "git": _git(),
-        "python": platform.python_version(),
+        "ms_steps": evaluator.ms_steps, "cpu_seconds": round(time.process_time() - start, 1),
+        "kerfgym": __version__, "git": _git(), "python": platform.python_version(), **_began(base),
     }  # fmt: skip
+
+
+def _began(base: Stack) -> dict[str, Any]:
+    """What the preset that a search starts from had been searched with; nothing if that was on another suite."""
+    earlier = base.provenance
+    if earlier.get("suite") != suite_name():
+        return {}
+    return {"start": {key: earlier[key] for key in COUNTED if key in earlier}}
+
+
+def suite_name() -> str:
+    """The suite and its version, as records have it."""
+    return f"{SUITE}-{scenarios.rules(SUITE)['version']}"
 
 
 def _suggest(trial: Any, base: Stack, searched: tuple[str, ...]) -> dict[str, float]:
@@ -239,10 +261,10 @@ def write_preset(stack: Stack, record: dict) -> Path:
     return path
 
 
-def make(name: str) -> dict[str, Any]:
+def make(name: str, trials: int = TRIALS) -> dict[str, Any]:
     """Searches one preset, writes it, and says what came out and what it cost; empty if nothing keeps the limits."""
     try:
-        stack, record = search(name)
+        stack, record = search(name, trials)
     except RuntimeError as error:
         print(f"{name}: {error}; its preset stays as it is", flush=True)
         return {}
@@ -264,11 +286,14 @@ def main() -> None:
     )
     parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(NAMES))
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="searches at a time")
+    parser.add_argument("--trials", type=int, default=TRIALS, help=f"of each search ({TRIALS})")
     asked = parser.parse_args()
+    if asked.trials < 10:
+        parser.error(f"--trials {asked.trials} is out of range; at least 10")
     for name in asked.names:
         if name not in NAMES:
             parser.error(f"unknown preset '{name}'; {did_you_mean(name, NAMES)}")
-    records = Parallel(n_jobs=asked.jobs)(delayed(make)(name) for name in asked.names or NAMES)
+    records = Parallel(n_jobs=asked.jobs)(delayed(make)(name, asked.trials) for name in asked.names or NAMES)
     made = [record for record in records if record]
     steps, seconds = (sum(record[key] for record in made) for key in ("simulated_steps", "cpu_seconds"))
     print(f"{len(made)} of {len(records)} presets: {steps:,} simulated steps, {seconds:,.0f} CPU-s")

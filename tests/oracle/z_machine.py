@@ -411,9 +411,10 @@ class ZMachine:
     def _move(self) -> None:
         """Twenty substeps of the axis (PHYSICS §2), and what the gate sees of them.
 
-        Loop: a' = j − F' with j = ω²(u − v) − 2ζω·a within the drive's limits. F is LuGre's friction, σ·b with b' = v − σ|v|·b/g(v), σ = Coulomb/bristle and
-        g(v) = Coulomb·(1 + (stiction − 1)/(1 + (v/stribeck)²)); without bristles it is Coulomb friction, proportional
-        to v within ``creep`` of rest. Over a substep, with x = ω·dt:
+        Loop: a' = j − F' with j = ω²(u − v) − 2ζω·a within the drive's limits. F is LuGre's friction, σ·b with
+        b' = v − σ|v|·b/g(v), σ = Coulomb/bristle and g(v) = Coulomb·(1 + (stiction − 1)/(1 + (v/stribeck)²)); without
+        bristles it is Coulomb friction, proportional to v within ``creep`` of rest, and inside the limits. Over a
+        substep, with x = ω·dt:
         a⁺ = a + ω·x·(1 − ζx)·(u − v) − (2ζx − (2ζ² − ½)x²)·a − ΔF.
 
         Mode: m'' = ωr²(carried − m) − 2ζr·ωr·m'. Stepping m' first, then m with the new m', has exact poles if their
