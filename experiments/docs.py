@@ -229,11 +229,12 @@ def presets() -> str:
         rows.append((
             f"`{name}`", found["suite"], found.get("searched", "–"), found["trials"], found["tune_seeds"],
             f"{found.get('score_checked_um', found['score_tune_um']):.2f}", f"{found['ms']:.2f}",
-            f"{1e-6 * found['simulated_steps']:.0f} M", f"{found['cpu_seconds']:.0f}",
+            f"{1e-6 * found['simulated_steps']:.0f} M",
+            f"{1e-6 * found['ms_steps']:.0f} M" if "ms_steps" in found else "–", f"{found['cpu_seconds']:.0f}",
         ))  # fmt: skip
-    rows.append(("all", "", "", "", "", "", "", f"{1e-6 * steps:.0f} M", f"{seconds:.0f}"))
+    rows.append(("all", *[""] * 6, f"{1e-6 * steps:.0f} M", "", f"{seconds:.0f}"))
     titles = ("preset", "suite", "numbers searched", "trials", "tune seeds", "score on tune seeds, µm", "Ms",
-              "simulated steps", "CPU-seconds")  # fmt: skip
+              "simulated steps", "steps for Ms", "CPU-seconds")  # fmt: skip
     return table(titles, rows)
 
 
