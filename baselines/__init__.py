@@ -1,7 +1,8 @@
 """Classical controllers: those of the published documents, and what today's engineers would try.
 
-Importing this package registers every stack by name; presets (``presets/*.toml``) hold parameters that the search of
-``experiments/search.py`` found, with its record.
+Importing this package registers every stack by name. Presets (``presets/*.toml``) hold parameters that a search found,
+with its record: ``search.py`` of ``experiments`` found those of the followers, ``tune_axes.py`` and ``tune_process.py``
+those of the axes and of the process.
 """
 
 import functools
@@ -44,14 +45,14 @@ _CATALOGUE: dict[str, tuple[str, str, dict, str]] = {
         {"filter.kind": "anti-impulse", "filter.hold": 4, "guard.rise": 0.05}, "lqg",
     ),
     "mpc": (
-        "mpc", "model-predictive: the tuned LQG under bounds on command and acceleration, planned anew each period",
+        "mpc", "model-predictive: LQG under bounds on command and acceleration, planned anew each period, tuned",
         {"filter.kind": "anti-impulse", "filter.hold": 4, "guard.rise": 0.05}, "mpc",
     ),
     "self-tuning": (
         "self_tuning", "self-tuning predictor: learns how the sheet goes on by recursive least squares, tuned",
         {"filter.kind": "anti-impulse", "filter.hold": 4, "guard.rise": 0.05, "filter.jump": 0.031}, "self-tuning",
     ),
-    "preview-5ms": ("preview", "knows the sheet 5 ms ahead, tuned: score 1", {}, "preview-5ms"),
+    "preview-5ms": ("preview", "knows the sheet 5 ms ahead, tuned: 1 on a report's scale", {}, "preview-5ms"),
     "patent2022": (
         "patent2022", "Patent2022 as printed: lift, hold, lower with factors of 0.01, planned descent", {}, "",
     ),
@@ -117,7 +118,7 @@ _CATALOGUE: dict[str, tuple[str, str, dict, str]] = {
         {"plan.feed": 1000.0 / 60}, "huang2024-adjusting",
     ),
     "huang2024-tuned": (
-        "huang2024", "Huang2024's adjusting unit, tuned to be better in time, dross and roughness alike",
+        "huang2024", "Huang2024's adjusting unit, searched for what is better in time, dross and roughness at once",
         {"plan.feed": 1000.0 / 60}, "huang2024-tuned",
     ),
 }  # fmt: skip

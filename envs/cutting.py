@@ -30,12 +30,16 @@ class CuttingEnv(JobEnv):
     | 6 | offset of the focus, up positive | ±1 mm | ±0.1 mm | ±5 mm |
     | 7 | standoff, added to the nominal | ±0.3 mm | ±0.05 mm | ±1 mm |
 
-    What comes out is limited to the settings that the material's figures were calibrated on (`envs/evidence.py`; for
-    C45 those that Huang2024 published): the third column, with equal amplitudes in x and y, the smaller of the two, and
-    a feed of at most 8.33 mm/s without dither, 16.7 mm/s with ±0.3 mm of it. `extrapolate=True` leaves only what the
-    optics, the recipe and the axes allow; `info` then says by how much the settings lie outside, and figures are
-    *extrapolated*. Of materials whose coefficients are assumed nothing was published: they are not limited, and always
-    marked. The override holds in lead-ins and cuts; rapids and piercing take the time they take.
+    What comes out is limited to the settings that were published of the material (`envs/evidence.py`; for C45 by
+    Huang2024): the third column, with equal amplitudes in x and y, the smaller of the two, and a feed of at most 8.33
+    mm/s without dither, 16.7 mm/s with ±0.3 mm of it. `extrapolate=True` leaves only what the optics, the recipe and
+    the axes allow.
+
+    What was published is more than what the figures of the cut were calibrated on: no cut at another frequency than 2
+    kHz or with more than ±1 mm of focus dither has a published result. Outside the calibrated settings figures are
+    *extrapolated*: `info` says by how much, and a benchmark does not rank them. Of materials whose coefficients are
+    assumed nothing was published: they are not limited, and always marked. The override holds in lead-ins and cuts;
+    rapids and piercing take the time they take.
 
     ## Observation Space
 
@@ -47,7 +51,8 @@ class CuttingEnv(JobEnv):
     ## Rewards
 
     Per step: −`quality`·mm cut·((dross/a + Rz/R0)/2 − 1), −`through`·mm not cut through, −`time`·share of the step that
-    is lost against the plan, −`collision` once; a and R0 are the material's coefficients. The quality model is a proxy,
+    is lost against the plan, −`collision` once, −`outside`·mm cut outside the calibrated settings (weight 0 unless set:
+    who wants to be ranked must stay inside); a and R0 are the material's coefficients. The quality model is a proxy,
     see `plant/cut.py`.
 
     ## Starting State
@@ -78,7 +83,7 @@ class CuttingEnv(JobEnv):
     | `reward`      | `None`             | weights that differ from the default                                        |
     | `base`        | `"recipe"`         | does what the action leaves open: `"z=pid,xy=wu,process=recipe"`            |
     | `machine`     | `None`             | tables that change the scenario: `{"gantry": {"preset": "modern"}}`         |
-    | `extrapolate` | `False`            | actions and base may leave the calibrated settings                          |
+    | `extrapolate` | `False`            | actions and base may leave the published settings                           |
     | `max_steps`   | `None`             | shorter episodes, for training                                              |
     | `render_mode` | `None`             | `"rgb_array"`                                                               |
     | `colour`      | `"standoff"`       | of the kerf: `standoff`, `contour`, `dross`, `roughness`                    |

@@ -1,14 +1,16 @@
 """Evidence range: the settings that stand behind the figures of a cut, and how far a run lies outside of them.
 
-Dross, roughness and whether it cuts through come from a model that was fitted to a few published cuts. Within the
-settings of those cuts a figure is *calibrated*; outside it is *extrapolated*: shown and marked, but not ranked. Of
-materials whose coefficients are assumed nothing is calibrated.
+Two ranges, which are not the same:
 
-By default a machine obeys process commands only within the range, so that nothing is optimised outside of it;
-``extrapolate = true`` in a scenario's ``[job]`` lifts that.
+* *calibrated*: dross, roughness and whether it cuts through come from a model that was fitted to a few published cuts.
+  Within the settings of those cuts a figure is calibrated; outside it is *extrapolated*: shown and marked, but not
+  ranked. Of materials whose coefficients are assumed nothing is calibrated.
+* *published*: settings that a document prints, with a result or without one. By default a machine obeys process
+  commands only within these, so that nothing is optimised outside of them; ``extrapolate = true`` in a scenario's
+  ``[job]`` lifts that.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -21,12 +23,18 @@ QUALITY = ("dross", "roughness", "through", "kerf", "taper")
 
 @dataclass(frozen=True)
 class Setting:
-    """One setting: fields of :class:`plant.published.Range` with their values, what they mean, where they come from."""
+    """One setting: fields of :class:`plant.published.Range` with their values, what they mean, where they come from.
+
+    ``values`` are calibrated; ``printed`` holds those that were published further than that, without a result.
+    """
 
     name: str
     values: dict[str, float]
     words: str
     source: str
+    printed: dict[str, float] = field(default_factory=dict)
+    printed_words: str = ""
+    printed_source: str = ""
 
 
 C45 = (
@@ -34,16 +42,18 @@ C45 = (
             "3.33 to 8.33 mm/s without dither, up to 16.7 mm/s with ±0.3 mm of it", "Huang2024 Table 2"),
     Setting("power", {"power_low": 1.0, "power_high": 1.0}, "the nominal one",
             "not published; one effective power was fitted to all three cuts"),
-    Setting("frequency", {"frequency_low": 2000.0, "frequency_high": 4000.0}, "2 to 4 kHz", "Huang2024 Table 1"),
-    Setting("amplitude", {"amplitude": 0.3}, "up to ±0.3 mm, equal in x and y", "Huang2024 Table 1; the ellipse of "
-            "eq. 12 has no numbers"),
-    Setting("depth", {"deep_low": 1.0, "deep_high": 5.0}, "up to ±1 mm at 2 kHz, ±5 mm at 4 kHz", "Huang2024 Table 1"),
+    Setting("frequency", {"frequency_low": 2000.0, "frequency_high": 2000.0}, "2 kHz", "Huang2024 Table 2",
+            {"frequency_high": 4000.0}, "2 to 4 kHz", "Huang2024 Table 1, no result"),
+    Setting("amplitude", {"amplitude": 0.3}, "up to ±0.3 mm, equal in x and y", "Huang2024 Tables 1 and 2; the ellipse "
+            "of eq. 12 has no numbers"),
+    Setting("depth", {"deep_low": 1.0, "deep_high": 1.0}, "up to ±1 mm", "Huang2024 Table 2",
+            {"deep_high": 5.0}, "up to ±1 mm at 2 kHz, ±5 mm at 4 kHz", "Huang2024 Table 1, no result"),
     Setting("focus", {"focus": 0.1}, "the recipe's ±0.1 mm", "a third of the thickness: CN102528288A; tolerance [A]"),
     Setting("standoff", {"standoff": 0.05}, "the recipe's ±0.05 mm", "1 mm: CN102528288A; tolerance [A]"),
     Setting("gas pressure", {"pressure": 0.05}, "the nominal one ±5 %", "not published; tolerance [A]"),
     Setting("shape", {}, "circular", "Huang2024 eq. 12; no result is given for the hat"),
 )  # fmt: skip
-"""C45, 10 mm: the three cuts of Huang2024's Table 2."""
+"""C45, 10 mm: the three cuts of Huang2024's Table 2, and what its Table 1 prints beyond them."""
 
 RANGES = {"c45-10": C45}
 """Settings by material; of all others the coefficients are assumed."""
@@ -63,13 +73,19 @@ COLUMNS = tuple(f"beyond_{name}" for name in Excess._fields)
 """Columns of a run's largest excesses, in tables of runs."""
 
 
-def of(material: str, extrapolate: bool = False) -> Range:
-    """The range of a material; ``extrapolate``: commands beyond it are obeyed and marked."""
+def calibrated(material: str) -> Range:
+    """The settings of a material's calibrated cuts; what lies outside is extrapolated."""
     settings = RANGES.get(material)
     if settings is None:
         return Range()
-    values = {name: value for setting in settings for name, value in setting.values.items()}
-    return Range(known=True, bounded=not extrapolate, **values)
+    return Range(known=True, **{name: value for setting in settings for name, value in setting.values.items()})
+
+
+def published(material: str, extrapolate: bool = False) -> Range:
+    """The settings that were published of a material; with ``extrapolate`` commands beyond them are obeyed too."""
+    printed = {name: value for setting in RANGES.get(material, ()) for name, value in setting.printed.items()}
+    found = calibrated(material)
+    return found._replace(bounded=found.known and not extrapolate, **printed)
 
 
 def words(excess: Any) -> str:
@@ -101,6 +117,12 @@ def said(text: str) -> str:
     return f"extrapolated: {text}" if text else "within the calibrated settings"
 
 
-def table(material: str) -> list[tuple[str, str, str]]:
-    """Setting, range and source of a material, for people; empty if nothing is calibrated."""
-    return [(s.name, s.words, s.source) for s in RANGES.get(material, ())]
+def table(material: str) -> list[tuple[str, str, str, str, str]]:
+    """Setting, calibrated range and its source, published range and its source, for people.
+
+    Empty if nothing is calibrated.
+    """
+    return [
+        (s.name, s.words, s.source, s.printed_words or s.words, s.printed_source or s.source)
+        for s in RANGES.get(material, ())
+    ]

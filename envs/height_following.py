@@ -100,7 +100,7 @@ class HeightFollowingEnv(gym.Env):
     ## Episode End
 
     1. Termination: the nozzle touches the sheet.
-    2. Truncation: the scenario's duration is over (3 s, 3000 steps in the following suite).
+    2. Truncation: the scenario's duration is over (3 s or 3000 steps in most of the following suite, 300 s in `shift`).
 
     ## Arguments
 

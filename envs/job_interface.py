@@ -72,8 +72,9 @@ INFO = {
         "time", "x", "y", "phase", "progress", "contour_error", "lag", "speed", "override", "true_gap", "gap_error",
         "measured_height", "cost", "length", "step_contour_rms", "done", "margin", "dross", "roughness", "kerf",
         "taper", "power", "frequency", "step_dross", "step_roughness", "step_through", "reward_quality",
-        "reward_through", "reward_time", "reward_collision", "weighted_quality", "weighted_through", "weighted_time",
-        "weighted_collision", "extrapolated", *(f"beyond_{name}" for name in published.Excess._fields),
+        "reward_through", "reward_time", "reward_collision", "reward_outside", "weighted_quality", "weighted_through",
+        "weighted_time", "weighted_collision", "weighted_outside", "extrapolated",
+        *(f"beyond_{name}" for name in published.Excess._fields),
     ),
 }  # fmt: skip
 """What ``info`` holds, in order: mm, mm/s, s, W, Hz; ``step_…`` are means over the cut of the last 8 ms."""
@@ -101,6 +102,7 @@ class CuttingReward(NamedTuple):
     through: float = 5.0  # per mm that is not cut through
     time: float = 0.05  # per step that is lost against the plan
     collision: float = 100.0  # once
+    outside: float = 0.0  # per mm cut with settings outside those that the material's figures were calibrated on
 
 
 class Heading(NamedTuple):
@@ -217,7 +219,7 @@ def act(block_address, at, n, io_address, first):
                     0.5 * (u5 + 1.0) * p.piezo_range, u6 * p.piezo_range, u7 * r.most_standoff,
                 )  # fmt: skip
                 if q.bounded:
-                    # The same within the settings that the material's figures were calibrated on.
+                    # The same within the settings that were published of the material.
                     hertz = between_ends(q.frequency_low, min(q.frequency_high, p.highest), u2)
                     h = Process(
                         between_ends(q.feed_low / j.feed, min(q.feed_high / j.feed, r.most_override), u0),
@@ -407,11 +409,12 @@ def _cutting_reward(g, b, infos, o, m, weights):
     infos[o + U(27) * m] = length * (1.0 - through)
     infos[o + U(28) * m] = _lost(g, b)
     infos[o + U(29) * m] = infos[o + U(12) * m]
+    infos[o + U(30) * m] = s.outside - was.outside
     excess = load(published.Excess, g, b + gantry.EXCESS)
     infos[o + _EXTRAPOLATED * m] = 1.0 if published.outside(excess) else 0.0
     for k in range(_EXCESSES):
         infos[o + (_EXTRAPOLATED + U1 + k) * m] = g[b + gantry.EXCESS + k * UW]
-    return _weigh(infos, o, m, weights, U(26), U(4))
+    return _weigh(infos, o, m, weights, U(26), U(5))
 
 
 def observe(block_address, at, n, io_address, first):

@@ -338,7 +338,7 @@ class Job(_Section):
     power: Annotated[float, _q("1", 0, 2, "largest power, of the nominal one")] = 1.2
     pressure: Annotated[Number, _q("1", 0.1, 3, "of the gas, of the nominal one")] = 1.0
     standoff: Annotated[Number, _q("mm", -0.5, 0.5, "by which the machine is set off the recipe's standoff")] = 0.0
-    extrapolate: bool = False  # process commands may leave the settings that the material's figures were calibrated on
+    extrapolate: bool = False  # process commands may leave the settings that were published of the material
 
 
 @dataclass(frozen=True, kw_only=True)

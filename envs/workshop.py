@@ -100,7 +100,8 @@ def equip(fleet: Fleet, scenario: Scenario, team: Team, machines: Any) -> Job:
         most_power=wanted.power,
     ))  # fmt: skip
     g.put("cut", machines, steel.params)
-    g.put("published", machines, evidence.of(steel.name, wanted.extrapolate))
+    g.put("published", machines, evidence.published(steel.name, wanted.extrapolate))
+    g.put("calibrated", machines, evidence.calibrated(steel.name))
     return job
 
 

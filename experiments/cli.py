@@ -99,7 +99,7 @@ def benchmark(
             --suite on following, contour and cutting.
         path: drawing or programme (DXF, SVG, G-code). In the suites contour and cutting it is the part that is cut; in
             following the nozzle travels its contours, on a wavy, tilted sheet unless --scenario says otherwise.
-        extrapolate: process settings may leave those that the cut's figures were calibrated on; such figures are marked
+        extrapolate: process settings may leave those that were published; such figures are marked
             and not ranked.
         seeds: how many seeds of the split. Default: what each suite says, 200 for followers, 20 for jobs and drawings.
         split: test, tune or reserve.
@@ -340,7 +340,7 @@ def tune(
             may be given several times.
         storage: database in which the study is kept, for many machines; postgresql://user@host/database. Default: a
             journal in the run folder.
-        extrapolate: process settings may leave those that the cut's figures were calibrated on; the result says so.
+        extrapolate: process settings may leave those that were published; the result says so.
         name: of the run folder and of the study. Default: tune- and date and time.
         overwrite: replace an existing run folder.
         resume: finish what another command began; what the same command began goes on without.

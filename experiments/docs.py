@@ -26,11 +26,13 @@ from typing import Any, get_args, get_origin
 import gymnasium
 
 from .. import __file__ as _root
-from ..envs import job_metrics, metrics, scenarios
+from .. import baselines
+from ..envs import evidence, job_metrics, metrics, scenarios
 from ..envs import stack as stacks
 from ..envs.plant import controller
 from ..envs.plant.lanes import is_part
 from ..envs.plant.quantity import InvalidInput, Quantity, quantities
+from . import search
 from .bounds import record
 from .figures import marks, tables
 from .markdown import row, table
@@ -74,9 +76,14 @@ def markdown(text: str) -> str:
 
 
 def _indented(lines: list[str], at: int) -> tuple[list[str], int]:
-    """The block that is indented from a line on, without its indentation, and the line behind it."""
+    """The block that is indented from a line on, without its indentation, and the line behind it.
+
+    It ends where the indentation becomes less than that of its first line: in an item of a list the text goes on there.
+    """
     block: list[str] = []
-    while at < len(lines) and (not lines[at].strip() or lines[at].startswith(" ")):
+    first = next((line for line in lines[at:] if line.strip()), "")
+    margin = max(1, len(first) - len(first.lstrip()))
+    while at < len(lines) and (not lines[at].strip() or lines[at].startswith(" " * margin)):
         block.append(lines[at])
         at += 1
     return inspect.cleandoc("\n" + "\n".join(block)).split("\n"), at
@@ -155,20 +162,14 @@ def machine() -> str:
     return _page(text)
 
 
+SETTABLE = ("Params", "Gate", "Axes", "Feed", "Hand", "Recipe", "Range", "Beam", "Wave", "Vibration")
+"""Classes of parts that hold what is set, not what the machine remembers."""
+
+
 def _settable(cls: Any) -> bool:
-    """Whether a class holds what is set, not what the machine remembers."""
-    return cls.__name__ in (
-        "Params",
-        "Gate",
-        "Axes",
-        "Feed",
-        "Hand",
-        "Recipe",
-        "Range",
-        "Beam",
-        "Wave",
-        "Vibration",
-    ) and all(isinstance(value, int | float) for value in cls._field_defaults.values())
+    """Whether a class holds what is set, and has a number for each of it."""
+    numbers = all(isinstance(value, int | float) for value in cls._field_defaults.values())
+    return cls.__name__ in SETTABLE and numbers
 
 
 def _titled(module: ModuleType) -> tuple[str, str]:
@@ -217,6 +218,55 @@ def _tuned(record: dict[str, Any]) -> str:
         return "–"
     steps = record.get("simulated_steps")
     return f"{record['trials']} trials" + (f", {1e-6 * steps:.0f} M steps" if steps else "")
+
+
+def presets() -> str:
+    """What the search of each shipped follower came to and cost, from the records in the presets."""
+    rows, steps, seconds = [], 0.0, 0.0
+    for name in search.NAMES:
+        found = baselines.preset(name)["provenance"]
+        steps, seconds = steps + found["simulated_steps"], seconds + found["cpu_seconds"]
+        rows.append((
+            f"`{name}`", found["suite"], found.get("searched", "–"), found["trials"], found["tune_seeds"],
+            f"{found.get('score_checked_um', found['score_tune_um']):.2f}", f"{found['ms']:.2f}",
+            f"{1e-6 * found['simulated_steps']:.0f} M",
+            f"{1e-6 * found['ms_steps']:.0f} M" if "ms_steps" in found else "–", f"{found['cpu_seconds']:.0f}",
+        ))  # fmt: skip
+    rows.append(("all", *[""] * 6, f"{1e-6 * steps:.0f} M", "", f"{seconds:.0f}"))
+    titles = ("preset", "suite", "numbers searched", "trials", "tune seeds", "score on tune seeds, µm", "Ms",
+              "simulated steps", "steps for Ms", "CPU-seconds")  # fmt: skip
+    return table(titles, rows)
+
+
+_TRADED = {"cutting_time": "cutting time", "dross": "dross", "roughness": "Rz", "contour_rms": "contour RMS"}
+
+
+def other_presets() -> str:
+    """The same of the axes and of the process, whose searches have aims of their own."""
+    rows = []
+    for path in sorted(baselines.PRESETS.glob("*.toml")):
+        if path.stem in search.NAMES:
+            continue
+        found = baselines.preset(path.stem)["provenance"]
+        over = found.get("relative", {})
+        came_to = ", ".join(f"{words} {over[key]:.3f}" for key, words in _TRADED.items() if key in over)
+        if "score_tune_um" in found:
+            came_to = f"contour RMS {found['score_tune_um']:.1f} µm"
+        rows.append((
+            f"`{path.stem}`", found.get("suite", "–"), found.get("criterion", "least contour RMS"), found["trials"],
+            came_to or "–", f"{found['cpu_seconds']:.0f}" if "cpu_seconds" in found else "–",
+        ))  # fmt: skip
+    titles = ("preset", "suite", "what is sought", "trials", "came to, on tune seeds", "CPU-seconds")
+    return table(titles, rows)
+
+
+def evidence_ranges() -> str:
+    """Calibrated and published settings of C45."""
+    rows = (
+        (name, words, source, *((printed, where) if printed != words else ("the same", "")))
+        for name, words, source, printed, where in evidence.table("c45-10")
+    )
+    return table(("setting", "calibrated", "source", "published", "source"), rows)
 
 
 def signals() -> str:
@@ -348,6 +398,7 @@ WHOLE: dict[str, Callable[[], str]] = {"machine.md": machine, "environments.md":
 MADE: dict[str, Callable[[], str]] = {
     "controllers": controllers, "signals": signals, "metrics of followers": followers, "metrics of jobs": jobs,
     "scenario": scenario_tables, "bounds": record.table, "noise of a reading": record.noise_table,
+    "presets": presets, "other presets": other_presets, "evidence": evidence_ranges,
     "suites": suites, **{f"suite {name}": suite(name) for name in scenarios.suites()},
     **tables.MADE,
 }  # fmt: skip

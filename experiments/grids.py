@@ -89,7 +89,7 @@ def plan(
         seeds: how many of the split; without, what the suite says.
         split: of the seeds.
         everything: all shipped controllers and policies of each suite's slot, besides ``controllers``.
-        extrapolate: process settings may leave those that the cut's figures were calibrated on.
+        extrapolate: process settings may leave those that were published.
 
     Raises:
         InvalidInput: unknown names, a controller or scenario that fits no suite, or a suite that nothing fits.

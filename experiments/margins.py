@@ -198,10 +198,8 @@ def in_words(value: float, largest: float) -> str:
     """A margin for a table: ``> 64`` if none was found up to there, ``none`` if the loop does not settle as it is."""
     if math.isnan(value):
         return "–"
-    return (
-        f"> {largest:g}"
-        if math.isinf(value)
-        else (f"{value:.2f}" if value < 9.95 else f"{value:.1f}")
-        if value
-        else "none"
-    )
+    if math.isinf(value):
+        return f"> {largest:g}"
+    if not value:
+        return "none"
+    return f"{value:.2f}" if value < 9.95 else f"{value:.1f}"

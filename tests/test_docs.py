@@ -90,6 +90,21 @@ def test_docstrings_become_markdown():
     )
 
 
+def test_behind_a_block_of_code_in_an_item_of_a_list_the_item_s_text_goes_on():
+    text = """Laws:
+
+    * the first is::
+
+          a = b
+
+      where ``b`` is known.
+    * the second
+    """
+    assert docs.markdown(text) == (
+        "Laws:\n\n* the first is:\n\n```text\na = b\n```\n\n  where `b` is known.\n* the second\n"
+    )
+
+
 def test_every_number_of_the_machine_is_in_its_page():
     text = (docs.FOLDER / "machine.md").read_text(encoding="utf-8")
     for part in docs.PARTS:

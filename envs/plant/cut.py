@@ -75,29 +75,29 @@ _SLOWEST = 0.05  # mm/s; slower is a standstill
 
 
 class Params(NamedTuple):
-    """A material, its recipe and the model's coefficients. Defaults: C45, 10 mm, oxygen."""
+    """A material, its recipe and the model's coefficients. Defaults: those of materials/c45-10.toml, 10 mm, oxygen."""
 
     thickness: float = 10.0  # mm [S] Huang2024
     focus: float = 3.333  # mm below the surface, t/3 [S] CN102528288A
     w0: float = 0.075  # mm, beam radius in focus [A]
     zr: float = 2.5  # mm, Rayleigh length [A]
     melt: float = 9.504  # J/mm³, ρ(c·ΔT + L) [P] steel
-    burn: float = 9.7  # J/mm³, share of the oxidation's heat that helps [C]
+    burn: float = 11.28693  # J/mm³, share of the oxidation's heat that helps [C]
     conduct: float = 198.0  # W/mm, 4λΔT [P]
     diffusivity: float = 7.0  # mm²/s [P]
     refraction: float = 3.81  # refractive index [P]
     extinction: float = 4.44  # [P]
     film: float = 1.9e-6  # s, 2μ/τ at K = 1: μ 5e-9 N·s/mm² [P], τ = f·Δp/1.5, f 0.08 [P], Δp 0.1 N/mm² [A]
     slot: float = 0.107  # 2f/1.5, f 0.08: Wallis' interfacial friction over a film of a twentieth of the slot [P]
-    carry: float = 0.7  # how much more the upper half counts for the film [C]
-    rough: float = 0.170  # mm, R0 [C]
-    rough_power: float = 1.8  # k [C]
+    carry: float = 0.93039  # how much more the upper half counts for the film [C]
+    rough: float = 0.17576  # mm, R0 [C]
+    rough_power: float = 1.84547  # k [C]
     rough_gas: float = 0.25  # γ [A]
     follow: float = 0.10  # k_h [A]
     upturn: float = 0.02  # mm, R_u [A]
     upturn_from: float = 2.0  # m_u [A]
     floor: float = 0.016  # mm, 10 + 0.6·t µm [P] ISO 9013
-    dross: float = 1.03  # mm, a [C]
+    dross: float = 1.07201  # mm, a [C]
     pressure: float = 1.0  # of the nominal gas pressure
     gas_above: float = 1.0  # mm, hs [A]
     gas_below: float = 0.5  # mm, hs [A]

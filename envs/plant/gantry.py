@@ -141,7 +141,8 @@ PROCESS_SIGNALS, PROCESS_WISH = _layout.place(rows(ProcessPrivileged)), _layout.
 PROCESS_DUE, TURN, APPLIED = _layout.place(1), _layout.place(rows(Turn)), _layout.place(rows(Process))
 REALISED, BEAM = _layout.place(rows(spot.Realised)), _layout.place(rows(cut.Beam))
 S_CUT, FIGURES, SUMS = _layout.place(rows(cut.State)), _layout.place(rows(cut.Figures)), _layout.place(rows(Sums))
-P_PUBLISHED, EXCESS = _layout.place(rows(published.Range)), _layout.place(rows(published.Excess))
+P_PUBLISHED, P_CALIBRATED = _layout.place(rows(published.Range)), _layout.place(rows(published.Range))
+EXCESS = _layout.place(rows(published.Excess))
 WORST = _layout.place(rows(published.Excess))  # of the episode, while cutting
 BEFORE = _layout.place(rows(Sums))  # the sums when an environment last looked
 ROWS = _layout.rows
@@ -162,8 +163,8 @@ PLACES = {
     "optics": (P_OPTICS, spot.Params), "cut": (P_CUT, cut.Params), "wish": (PROCESS_WISH, Process),
     "process_signals": (PROCESS_SIGNALS, ProcessPrivileged), "applied": (APPLIED, Process),
     "realised": (REALISED, spot.Realised), "figures": (FIGURES, cut.Figures), "sums": (SUMS, Sums),
-    "published": (P_PUBLISHED, published.Range), "excess": (EXCESS, published.Excess),
-    "worst": (WORST, published.Excess),
+    "published": (P_PUBLISHED, published.Range), "calibrated": (P_CALIBRATED, published.Range),
+    "excess": (EXCESS, published.Excess), "worst": (WORST, published.Excess),
 }  # fmt: skip
 """Offset and class of each part that Python reads or writes."""
 
@@ -423,7 +424,7 @@ def cut_all(block, at, g, base, n, now):
         store(g, b + S_CUT, s)
         store(g, b + FIGURES, f)
         w = trail.speed * PERIOD if scored else 0.0
-        ranges, journey = load(published.Range, g, b + P_PUBLISHED), load(Journey, g, b + P_JOURNEY)
+        ranges, journey = load(published.Range, g, b + P_CALIBRATED), load(Journey, g, b + P_JOURNEY)
         excess = published.beyond(ranges, journey.feed, applied, optics.shape, recipe.offset, params.pressure)
         store(g, b + EXCESS, excess)
         if scored:

@@ -1,7 +1,8 @@
-"""Published settings: the process settings that the cut's figures were calibrated on, and how far a run leaves them.
+"""Published settings: how far a process command may go, and how far it leaves what the cut's figures stand on.
 
-``envs/evidence.py`` says where the numbers come from. A machine that is ``bounded`` obeys process commands only as far
-as they lie within these settings; of another it is noted by how much they do not.
+A machine has two ranges of settings; ``envs/evidence.py`` says where their numbers come from. The *published* one is
+what a document prints: a machine that is ``bounded`` obeys process commands only within it. The *calibrated* one holds
+the settings of the cuts that the model was fitted to: of every machine it is noted by how much it leaves them.
 
 Dither counts with its smaller amplitude a: up to a feed of ``feed_static`` without it, up to ``feed_high`` with all of
 it, in a straight line between. The focus may be dithered by ``deep_low`` at the lowest and ``deep_high`` at the highest
@@ -17,7 +18,7 @@ from .spot import HAT
 
 
 class Range(NamedTuple):
-    """Settings that stand behind the figures of a material."""
+    """A range of settings of a material."""
 
     known: bool = False  # the material's coefficients were calibrated
     bounded: bool = False  # commands beyond are not obeyed

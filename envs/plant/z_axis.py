@@ -22,6 +22,9 @@ Control 40, 1995): bristles bend by z before they slide, at g(v) between static 
 So an axis that turns back sticks until its velocity loop has wound up enough to break it loose. The drop of friction
 with speed is a Lorentzian (Hess and Soom 1990) instead of a Gaussian, which costs no exponential; the bristles' own
 damping is left out, since the velocity loop's is far larger [A].
+
+A command acts after the dead time, which holds the latency of computing and field bus as well. Both are drawn once for
+an episode. They do not change from period to period: the jitter of a real bus is not in the model.
 """
 
 from typing import NamedTuple

@@ -54,21 +54,10 @@ def _errors(suite: Suite, metric: str, labels: dict[str, str]) -> go.Figure:
         "tickvals": ends, "title": {"text": "×", "side": "top"},
         "ticktext": [f"{2.0 ** abs(e):g} {'better' if e < 0 else 'worse'}" if e else "same" for e in ends],
     }  # fmt: skip
-    return _map(
-        suite,
-        table,
-        np.clip(np.nan_to_num(doublings, nan=np.nan), -FURTHEST, FURTHEST),
-        text,
-        labels,
-        {
-            "colorscale": DIVERGING,
-            "zmin": -FURTHEST,
-            "zmax": FURTHEST,
-            "colorbar": bar,
-        },
-        suite.metrics[metric].unit,
-        suite.following.bounds if suite.following and metric == "rms_true" else {},
-    )
+    look = {"colorscale": DIVERGING, "zmin": -FURTHEST, "zmax": FURTHEST, "colorbar": bar}
+    colours = np.clip(np.nan_to_num(doublings, nan=np.nan), -FURTHEST, FURTHEST)
+    bounds = suite.following.bounds if suite.following and metric == "rms_true" else {}
+    return _map(suite, table, colours, text, labels, look, suite.metrics[metric].unit, bounds)
 
 
 def _cell(value: float, lost: int) -> str:

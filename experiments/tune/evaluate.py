@@ -46,7 +46,7 @@ class Evaluator:
         suite: whose core is run.
         seeds: of the split *tune*.
         threads: worker threads.
-        extrapolate: process settings may leave what the cut's figures were calibrated on.
+        extrapolate: process settings may leave what was published.
     """
 
     def __init__(self, base: Stack | Team, suite: str, seeds: Any, threads: int = 1, extrapolate: bool = False) -> None:

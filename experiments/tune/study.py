@@ -41,7 +41,7 @@ class Task:
     name: str = ""
     url: str = ""
     budget: int = 0  # simulated steps, after which no trial is begun; 0: any number
-    extrapolate: bool = False  # process settings may leave what the cut's figures were calibrated on
+    extrapolate: bool = False  # process settings may leave what was published
 
     @property
     def base(self) -> Stack | Team:

@@ -169,6 +169,12 @@ def test_table_2_is_met_within_4_percent_by_six_coefficients_for_seven_numbers()
     assert recorded == pytest.approx(table["Rz, error"].iloc[2], abs=2e-3)
 
 
+def test_the_defaults_are_the_material_s_file_and_the_fit_does_not_begin_there():
+    """A part that is built without a material is C45; whoever calibrates anew is told to write the defaults anew."""
+    assert cut.Params() == pytest.approx(C45.params)
+    assert set(calibrate.START) == set(calibrate.COEFFICIENTS)
+
+
 def test_the_fit_finds_what_the_file_holds():
     p, power = calibrate.fit(C45.params._replace(**calibrate.START))
     assert power == pytest.approx(C45.power, rel=1e-3)
