@@ -348,6 +348,7 @@ WHOLE: dict[str, Callable[[], str]] = {"machine.md": machine, "environments.md":
 MADE: dict[str, Callable[[], str]] = {
     "controllers": controllers, "signals": signals, "metrics of followers": followers, "metrics of jobs": jobs,
     "scenario": scenario_tables, "bounds": record.table, "noise of a reading": record.noise_table,
+    "bounds and estimates": record.comparison,
     "suites": suites, **{f"suite {name}": suite(name) for name in scenarios.suites()},
     **tables.MADE,
 }  # fmt: skip

@@ -46,4 +46,3 @@ class Sight:
     def pays(self, lasting: float, variance: float) -> bool:
         """Whether a deep dip could pay that saved all of an error ``variance`` (µm²) for ``lasting`` periods."""
         return lasting * variance > float(self.depth[-1]) ** 2
-

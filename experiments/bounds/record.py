@@ -22,7 +22,8 @@ HERE = Path(__file__).parent
 FILE = HERE / "recorded.json"
 
 LABEL = "bound (causal, sensor only)"
-"""What tables and figures call it."""
+LINEAR = "fixed linear, at the set height"
+"""What tables and figures call them."""
 
 SOURCES = (
     "experiments/bounds/*.py", "!experiments/bounds/record.py", "!experiments/bounds/estimates.py",
@@ -124,15 +125,40 @@ def table() -> str:
         rows = []
         for name in scenarios.core(suite):
             if bound := recorded(scenarios.suite(suite)[name]):
-                linear = "–" if bound.linear is None else f"{bound.linear:.2f}"
-                made = (bound.parts["prediction"], bound.parts["steps"], bound.parts["capacitance"])
-                rows.append([f"`{name}`", f"**{bound.bound:.2f}**", f"{bound.learned:.2f}", linear,
-                             *(f"{part:.2f}" if part else "–" for part in made)])  # fmt: skip
+                rows.append([f"`{name}`", f"**{_shown(bound.bound)}**", _shown(bound.learned), _shown(bound.linear),
+                             _shown(bound.parts["prediction"]), _shown(bound.parts["steps"]),
+                             _shown(bound.parts["capacitance"])])  # fmt: skip
         if rows:
-            titles = ("scenario", "bound", "frequencies learned too", "fixed linear", "of it: prediction",
-                      "of it: steps", "noise of a reading")  # fmt: skip
+            titles = ("scenario", "bound", "learned at the set height (estimate)", "fixed linear", "of the bound: prediction",
+                      "of the bound: steps", "noise of a reading")  # fmt: skip
             text += [f"Suite `{suite}`, µm RMS:\n", markdown(titles, rows)]
     return "\n".join(text)
+
+
+ESTIMATES = {
+    "tilt": (0.5, 0.5), "wavy": (1.2, 1.4), "rough": (2.2, 2.7), "step": (0.0, 20.0), "impulses": (0.5, 0.5),
+    "flutter": (1.8, 2.1), "chatter": (3.2, 3.9),
+}  # fmt: skip
+"""Independent estimates of what is possible in the core of ``following-v1``, µm RMS, from to."""
+
+
+def comparison() -> str:
+    """Independent estimates of suite ``following-v1`` beside its bounds, in Markdown."""
+    from ..docs import table as markdown
+
+    rows = []
+    for name, (low, high) in ESTIMATES.items():
+        if bound := recorded(scenarios.load(f"following-v1/{name}")):
+            given = f"≤ {high:g}" if low == 0.0 else (f"{low:g}" if low == high else f"{low:g}–{high:g}")
+            away = "–" if low == 0.0 or not bound.linear else f"{100.0 * (bound.linear / low - 1.0):+.0f} %"
+            rows.append([f"`{name}`", given, _shown(bound.linear), away, _shown(bound.learned), _shown(bound.bound)])
+    titles = ("`following-v1`, µm RMS", "independent estimate", "fixed linear", "to the estimate's lower end",
+              "learned at the set height (estimate)", "bound")  # fmt: skip
+    return markdown(titles, rows) if rows else ""
+
+
+def _shown(value: float | None) -> str:
+    return "–" if value is None else ("0" if value == 0.0 else f"{value:.2f}")
 
 
 def noise_table() -> str:

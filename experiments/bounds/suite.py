@@ -54,7 +54,7 @@ def of(scenario: Scenario, seeds: Sequence[int]) -> Bound:
     ])  # fmt: skip
     bound, learned, fixed, known, steps = np.sqrt(rows.mean(axis=0)).tolist()
     parts = {"prediction": known, "steps": steps, **noise.ingredients(fleet)}
-    return Bound(bound, max(learned, bound), None if linear.ensemble(scenario).empty else fixed, parts)
+    return Bound(bound, max(learned, bound), None if linear.ensemble(scenario).empty else max(fixed, bound), parts)
 
 
 def _straight(fleet: Fleet, scenario: Scenario, i: int, sight: Sight) -> tuple[float, ...]:
@@ -108,4 +108,3 @@ def _steps(fleet: Fleet, scenario: Scenario, i: int, axis: Reach) -> tuple[float
     feed = float(fleet.column("path.feed")[i])
     costs = axis.cost_of_steps(heights, starts, feed, scenario.head.plate, sheet.FOOTPRINT, scored)
     return float(costs.sum()) / len(scored), max(1.0 - len(heights) * AROUND / len(scored), 0.0)
-
