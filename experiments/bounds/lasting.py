@@ -17,7 +17,7 @@ STAIRS = (0, 2, 4, 6, 8, 10, 12, 16, 20, 24, 28, 32, 40, 48, 64, 80, 96, 128, 16
 
 
 def stairs(random: Random, sight: Sight, horizons: np.ndarray, reach: np.ndarray) -> np.ndarray:
-    """Error variances on each of :data:`STAIRS`, µm², shape (stairs, 2): what the drive leaves, and at the last horizon.
+    """Error variances on each of :data:`STAIRS`, µm², shape (stairs, 2): as the drive leaves them, at the last horizon.
 
     Args:
         random: of the sheet, µm².

@@ -1,8 +1,9 @@
 """The recorded bounds, which docs and report read: ``recorded.json``, made by ``python -m kerfgym.experiments.bounds``.
 
-A figure belongs to a scenario's physics: it is found by a hash of all that the scenario says of them (not of its name or
-summary), so a scenario that was changed has none, and scenarios of one name in several suites have their own. Hashes of
-the sources that bounds are made from tell whether the record must be made anew; a test fails when it must.
+A figure belongs to a scenario's physics: it is found by a hash of all that the scenario says of them (its name and
+summary are not among them), so a scenario that was changed has none, and scenarios of one name in several suites have
+their own. Hashes of the sources that bounds are made from tell whether the record must be made anew; a test fails when
+it must.
 """
 
 import functools
@@ -129,8 +130,8 @@ def table() -> str:
                              _shown(bound.parts["prediction"]), _shown(bound.parts["steps"]),
                              _shown(bound.parts["capacitance"])])  # fmt: skip
         if rows:
-            titles = ("scenario", "bound", "learned at the set height (estimate)", "fixed linear", "of the bound: prediction",
-                      "of the bound: steps", "noise of a reading")  # fmt: skip
+            titles = ("scenario", "bound", "learned at the set height (estimate)", "fixed linear",
+                      "of the bound: prediction", "of the bound: steps", "noise of a reading")  # fmt: skip
             text += [f"Suite `{suite}`, µm RMS:\n", markdown(titles, rows)]
     return "\n".join(text)
 
