@@ -169,6 +169,7 @@ def _results(
         "seeds": f"{min(grid.seeds)}-{max(grid.seeds)}", "seed_count": len(grid.seeds), "scenarios": names,
         "controllers": list(grid.controllers), "core": list(grid.core),
         "bounds": {s.name: each.bound for s in grid.scenarios if (each := recorded(s))},
+        "linear": {s.name: each.linear for s in grid.scenarios if (each := recorded(s)) and each.linear is not None},
         "ledger": {
             name: Ledger(int(row["steps"]), float(row["cpu_seconds"])).entry() for name, row in ledger.iterrows()
         },

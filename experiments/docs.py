@@ -399,6 +399,7 @@ MADE: dict[str, Callable[[], str]] = {
     "controllers": controllers, "signals": signals, "metrics of followers": followers, "metrics of jobs": jobs,
     "scenario": scenario_tables, "bounds": record.table, "noise of a reading": record.noise_table,
     "presets": presets, "other presets": other_presets, "evidence": evidence_ranges,
+    "bounds and estimates": record.comparison,
     "suites": suites, **{f"suite {name}": suite(name) for name in scenarios.suites()},
     **tables.MADE,
 }  # fmt: skip

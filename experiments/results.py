@@ -147,10 +147,23 @@ class Results(Comparison):
         return {name: bound for name, bound in (self.meta.get("bounds") or {}).items() if name in self.scenarios}
 
     @property
+    def linear(self) -> dict[str, float]:
+        """What no fixed linear controller tuned to a scenario can go below at the set height, likewise."""
+        return {name: bound for name, bound in (self.meta.get("linear") or {}).items() if name in self.scenarios}
+
+    @property
     def bound(self) -> float:
-        """The score of a controller at its bound in every scored scenario, µm; NaN if one of them has none."""
-        values = np.array([self.bounds.get(name, np.nan) for name in self.scored])
-        return float(np.exp(np.log(values).mean()))
+        """The score of a controller at its bound in every scored scenario, µm; NaN if one of them has none above 0."""
+        return self._score_at(self.bounds)
+
+    @property
+    def linear_bound(self) -> float:
+        """The same of :attr:`linear`."""
+        return self._score_at(self.linear)
+
+    def _score_at(self, values: dict[str, float]) -> float:
+        scored = np.array([values.get(name, np.nan) for name in self.scored])
+        return float(np.exp(np.log(scored).mean())) if (scored > 0).all() else np.nan
 
     @property
     def curves(self) -> pd.DataFrame:

@@ -14,7 +14,7 @@ from ..envs.job_metrics import METRICS
 from ..envs.material import material
 from ..envs.plant.controller import INFORMATION, PERIOD
 from ..envs.plant.machine import SUBSTEPS
-from .bounds.record import LABEL
+from .bounds.record import LABEL, LINEAR
 from .budgets import MARKS, in_words
 from .comparison import by_scenario, methods, relative
 from .fairness import order
@@ -202,9 +202,12 @@ def _following(results: Results) -> list[Sheet]:
     ])  # fmt: skip
     known = results.bounds if core else {}
     if known:
-        at = {"score, µm": results.bound, **known}
-        row = [_number(at[title]) if title in at else "–" for title in sheet.titles]
-        sheet.sections.append([[LABEL, *row[1:]]])
+        limits = []
+        for label, score, at in ((LABEL, results.bound, known), (LINEAR, results.linear_bound, results.linear)):
+            cells = {"score, µm": score, **at}
+            row = [_number(cells[title]) if title in cells else "–" for title in sheet.titles]
+            limits += [[label, *row[1:]]] * bool(at)
+        sheet.sections.append(limits)
     exempt = f" ({', '.join(results.exempt)} left out)" if results.exempt else ""
     explained = [
         *_ranking(summary, REFERENCE),
@@ -219,7 +222,7 @@ def _following(results: Results) -> list[Sheet]:
         f"budget: trials and simulated steps of tuning. {budget_note(summary)}",
     ]
     if known:
-        explained.append(f"{LABEL}: what no such controller can go below, docs/bounds.md.")
+        explained += _limits(results)
     more = _by_machine(results)
     if core:
         sheet.notes = explained
@@ -228,9 +231,20 @@ def _following(results: Results) -> list[Sheet]:
     rows = [[s, *(of_scenario(name, s) for name in names)] for s in scored]
     if results.bounds:
         rows = [[*row, _number(results.bounds.get(row[0], math.nan))] for row in rows]
-        explained.append(f"{LABEL}: what no such controller can go below, docs/bounds.md.")
+        explained += _limits(results)
     last = [LABEL] * bool(results.bounds)
+    if results.bounds and results.linear:
+        rows = [[*row, _number(results.linear.get(row[0], math.nan))] for row in rows]
+        last.append(LINEAR)
     return [sheet, Sheet("by scenario, µm", ["scenario", *names, *last], [rows], explained), *more]
+
+
+def _limits(results: Results) -> list[str]:
+    """What the bounds say."""
+    said = [f"{LABEL}: what no such controller can go below; 0: all can be learned, docs/bounds.md."]
+    if results.linear:
+        said.append(f"{LINEAR}: what no fixed linear controller tuned to the scenario can go below.")
+    return said
 
 
 def _machines(results: Results) -> list[str]:

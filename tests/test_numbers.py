@@ -45,7 +45,7 @@ ALLOWED: dict[str, dict[str, str]] = {
     "docs/bounds.md": {
         "they know the sheet 5 ms ahead": "the preview's definition, controller.AHEAD",
         "an impulse of 70 µm": "an impulse at the set height, from the constants of the sensor's model",
-        "A gap that is 2 µm smaller has 0.4 % less of it": "an argument: noise grows with the square of the gap",
+        "the sensor resolves, 5 µm": "a constant, sensor.LEAST_GAP",
         "Over 200 seeds the RMS": "the test seeds, a constant of the suites",
     },
     "docs/add-a-scenario.md": {

@@ -3,6 +3,7 @@
 import argparse
 import sys
 import time
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -17,21 +18,21 @@ CHUNK = 20
 """Machines that are rolled out at a time; episodes may be long."""
 
 
-def closest(suite_name: str, seeds: range) -> dict[str, tuple[str, float]]:
-    """Who of all shipped followers with only the sensor is closest in each core scenario, and its RMS, µm; by
+def closest(names: Iterable[str], seeds: range) -> dict[str, tuple[str, float]]:
+    """Who of all shipped followers with only the sensor is closest in each scenario, and its RMS, µm; by
     ``suite/scenario``."""
     found: dict[str, tuple[str, float]] = {}
-    for stack in map(stacks.resolve, shipped(suite_name)):
-        if stack.information != "sensor":
-            continue
-        for name in scenarios.core(suite_name):
-            squares, this = [], f"{suite_name}/{name}"
-            scenario = scenarios.load(this)
+    for name in names:
+        scenario = scenarios.load(name)
+        for stack in map(stacks.resolve, shipped(name.split("/")[0])):
+            if stack.information != "sensor":
+                continue
+            squares = []
             for some in rollout.chunks(scenario.some(seeds), CHUNK):
                 run = rollout.roll(scenario, stack, some)
                 squares.append(np.where(metrics.failed(run), np.inf, metrics.METRICS["rms_true"].function(run) ** 2))
             rms = float(np.sqrt(np.mean(np.concatenate(squares))))
-            found[this] = min(found.get(this, ("", np.inf)), (stack.name, rms), key=lambda each: each[1])
+            found[name] = min(found.get(name, ("", np.inf)), (stack.name, rms), key=lambda each: each[1])
     return found
 
 
@@ -40,7 +41,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         prog="python -m kerfgym.experiments.bounds", description=(__doc__ or "").split(":")[0]
     )
-    parser.add_argument("--check", action="store_true", help="roll out all shipped followers: none may be below")
+    parser.add_argument(
+        "--check", action="store_true", help="roll out all shipped followers in every scenario: none may be below"
+    )
     parser.add_argument(
         "--seeds", type=int, default=0, metavar="N", help="with --check: of N seeds, nothing is recorded"
     )
@@ -52,7 +55,7 @@ def main() -> int:
     if seeds == SPLITS["test"]:
         record.write(found, seeds)
     cost = time.process_time() - started
-    best = closest("following", seeds) if given.check else {}
+    best = closest(found, seeds) if given.check else {}
     wrong = []
     print(f"{'scenario':28} {'bound':>8} {'learned':>8} {'linear':>8}   µm RMS, {len(seeds)} seeds")
     for name, bound in found.items():

@@ -14,10 +14,12 @@ from ...envs.plant import path, sheet
 from ...envs.plant.controller import PERIOD
 from ...envs.scenarios import Scenario
 from . import changing, prediction
+from .lowering import Sight
 from .spectrum import Surface
 
-EVERY = 25
-"""Control periods between the moments at which an error is predicted; a corner takes about eighty."""
+EVERY = 50
+"""Control periods between the moments at which an error is predicted; a corner takes about eighty, corners come at any
+phase, and there are many."""
 
 STRETCH, FREE = 5000, 1000
 """Control periods of each turn that are looked at, and how many of them come first and do not count, since the sheet
@@ -41,7 +43,7 @@ class Along:
         journey: with its corners.
         surface: of its sheet; None: smooth.
         size: µm, RMS of the sheet.
-        noise: sigma of a reading, µm.
+        sight: what its readings are worth.
         horizons: control periods, rising.
         reach: µm by which 1, 2, … commands move the head.
     """
@@ -49,21 +51,21 @@ class Along:
     journey: path.Params
     surface: Surface | None
     size: float
-    noise: float
+    sight: Sight
     horizons: Sequence[int] | np.ndarray
     reach: np.ndarray
 
-    def errors(self, begin: float, periods: int, skipped: int, told: bool) -> np.ndarray:
+    def errors(self, begin: float, periods: int, skipped: int, scored: int) -> np.ndarray:
         """Error variances of a stretch of ``periods`` that begins at ``begin`` mm, µm², some moments after ``skipped``.
 
-        ``told``: whether the sheet before is known.
+        All of the sheet before it is given away, and readings before the period ``scored`` are of the least noise.
         """
         at = np.arange(skipped, periods, EVERY)
         if self.surface is None:
             return np.zeros(len(at))
         where = places(self.journey, begin, periods)
-        found = changing.errors(self.surface, self.size, self.noise, where, list(self.horizons), at, told)
-        return prediction.held_back(found, self.reach)
+        found, gain = changing.errors(self.surface, self.size, self.sight, where, list(self.horizons), at, scored)
+        return np.asarray(np.maximum(prediction.held_back(found, self.reach) - gain, 0.0))
 
 
 def over_turns(scenario: Scenario, along: Along, trembling: float) -> float:
@@ -85,6 +87,6 @@ def over_turns(scenario: Scenario, along: Along, trembling: float) -> float:
         if number in turns.random:
             periods = min(STRETCH, round((turns.length - sheet.FADE) / PERIOD))
             begin = along.journey.feed * turn * turns.length
-            found = np.maximum(found, along.errors(begin, periods, min(FREE, periods // 2), told=True))
+            found = np.maximum(found, along.errors(begin, periods, min(FREE, periods // 2), 0))
         total += float(found.mean()) * (turns.length - sheet.FADE)
     return total / (scenario.duration - scenario.settle)

@@ -15,10 +15,11 @@ before the episode are taken as known, where a random part is present, without e
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import solve_toeplitz
+from scipy.linalg import cholesky, solve_toeplitz, solve_triangular, toeplitz
 from scipy.signal import oaconvolve
 from scipy.special import ndtr
 
+from . import spectrum
 from .shapes import Shapes
 from .spectrum import Random
 
@@ -26,21 +27,39 @@ FARTHEST = 12
 """Control periods of horizon for which a random part's covariances are kept beside its memory."""
 
 
-def wiener(random: Random, noise: float, horizon: int) -> tuple[float, np.ndarray]:
-    """Error variance of the best prediction with finite memory, and its weights on the readings, newest first.
+def wiener(
+    random: Random, noise: float, horizon: int, shapes: Shapes | None = None, prior: np.ndarray | None = None
+) -> tuple[float, np.ndarray]:
+    """Error variance of the best fixed prediction with finite memory, and its weights on the readings, newest first.
 
-    R⁻¹r by Levinson's recursion; R is Toeplitz because everything is stationary.
+    R⁻¹r by Levinson's recursion; R is Toeplitz because the random part is stationary.
 
     Args:
         random: µm²; its number of lags but :data:`FARTHEST` is the memory.
         noise: sigma of each reading, µm, above 0.
         horizon: control periods from the newest reading to what is predicted, 0 to :data:`FARTHEST`.
+        shapes: over the horizon; their row k is for what lies k control periods before what is predicted.
+        prior: covariance of the shapes' sizes; without it they are independent, of their variances.
     """
     memory = len(random.yy) - FARTHEST
     column, r = random.yy[:memory].copy(), random.xy[horizon : horizon + memory]
     column[0] += noise**2
-    weights: np.ndarray = solve_toeplitz(column, r, check_finite=False)
-    return max(random.xx - float(r @ weights), 0.0), weights
+    weights: np.ndarray
+    if shapes is None or not len(shapes.variance):
+        weights = solve_toeplitz(column, r, check_finite=False)
+        return max(random.xx - float(r @ weights), 0.0), weights
+    felt, score = shapes.sensor[horizon : horizon + memory], shapes.score[0]
+    solved = solve_toeplitz(column, np.column_stack([r, felt]), check_finite=False)
+    weights, through = solved[:, 0], solved[:, 1:]
+    left = score - felt.T @ weights
+    prior = np.diag(shapes.variance) if prior is None else prior
+    # Sizes ``root·u`` with u of variance 1, so that a prior may be singular.
+    values, vectors = np.linalg.eigh(prior)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    knowledge = np.eye(len(prior)) + root.T @ (felt.T @ through) @ root
+    towards = np.linalg.solve(knowledge, root.T @ left)
+    variance = random.xx - float(r @ weights) + float(root.T @ left @ towards)
+    return max(variance, 0.0), weights + through @ root @ towards
 
 
 class Endless:
@@ -58,11 +77,7 @@ class Endless:
     def __init__(self, random: Random, noise: float) -> None:
         self._size = 2 * (len(random.yy) - 1)
         density = np.maximum(np.fft.rfft(np.concatenate([random.yy, random.yy[-2:0:-1]])).real, 0.0) + noise**2
-        cepstrum = np.fft.irfft(np.log(density), self._size)
-        cepstrum[0] *= 0.5
-        cepstrum[self._size // 2] *= 0.5
-        cepstrum[self._size // 2 + 1 :] = 0.0
-        self._whole = np.exp(np.fft.rfft(cepstrum))
+        self._whole = np.fft.rfft(spectrum.causal(density))
         # The score's sheet and the sensor's view are alike to either side, so their covariance is even.
         cross = np.fft.rfft(np.concatenate([random.xy, random.xy[-2:0:-1]])).real
         self._gamma = np.fft.irfft(cross / np.conj(self._whole), self._size)[: self._size // 2]
@@ -81,6 +96,47 @@ class Endless:
     def whitener(self) -> np.ndarray:
         """Weights on the readings, newest first, that make white noise of variance 1 of them, 1/µm."""
         return np.asarray(np.fft.irfft(1.0 / self._whole, self._size)[: self._size // 2])
+
+    @cached_property
+    def shaper(self) -> np.ndarray:
+        """H: weights on that white noise, newest first, that make the readings of it, µm."""
+        return np.asarray(np.fft.irfft(self._whole, self._size)[: self._size // 2])
+
+    def shared(self, first: int, many: int) -> np.ndarray:
+        """γ_first and those after it, µm."""
+        return self._gamma[first : first + many]
+
+
+class Told:
+    """The same if all readings until some moment, and endlessly before, have another, lower noise.
+
+    Behind H of that lower noise they are white noise w. What later readings have of w from before the moment is known;
+    their rest is ``B·w`` with B the lower triangular Toeplitz matrix of H's weights, and noise of the variance that is
+    missing. The longer ago the moment, the larger V, since everything is stationary.
+
+    Args:
+        random: µm²; its covariances must have faded at its last lag.
+        noise: sigma of each reading since, µm.
+        before: sigma of each reading until then, µm, above 0, at most ``noise``.
+        most: readings since then for which V may be asked.
+    """
+
+    def __init__(self, random: Random, noise: float, before: float, most: int) -> None:
+        self._past = Endless(random, before)
+        self._most = most
+        self._news = np.tril(toeplitz(self._past.shaper[:most]))
+        read = self._news @ self._news.T
+        read[np.diag_indices(most)] += max(noise**2 - before**2, 0.0)
+        self._root = cholesky(read, lower=True, overwrite_a=True, check_finite=False)
+
+    def variance(self, horizon: int, since: int) -> float:
+        """V of a horizon when the newest reading is the last of ``since``, 0 to ``most``, after the moment, µm²."""
+        told = self._past.variance(horizon + since)
+        if since == 0:
+            return told
+        cross = self._news[:since, :since] @ self._past.shared(horizon, since)[::-1]
+        learnt = solve_triangular(self._root[:since, :since], cross, lower=True, check_finite=False)
+        return float(max(told - learnt @ learnt, 0.0))
 
 
 def _through(weights: np.ndarray, columns: np.ndarray) -> np.ndarray:

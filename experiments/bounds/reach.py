@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.special import ndtr
 
 from ...envs.plant import machine, z_axis
 from ...envs.plant.controller import PERIOD
@@ -27,17 +26,11 @@ FINE = 40
 WINDOW = 24
 """Control periods of a step that are counted, from its first moment on; what comes later is left out."""
 
-PATIENCE = 8
-"""Readings after which a step is told, whatever they were."""
-
 EARLY = 10
 """Control periods before the score's footprint touches a step: commands that act so early can follow it freely."""
 
 PENALTY, ITERATIONS = 3000.0, 400
 """Of the search for the best jerks; a poor one can only lower a bound."""
-
-RARE = 0.01
-"""Chance below which a late insight counts as free."""
 
 
 @dataclass(frozen=True)
@@ -147,22 +140,18 @@ class Reach:
         return bounded
 
     def cost_of_steps(
-        self, heights: np.ndarray, starts: np.ndarray, feed: float, noise: float, sensor: float, score: float,
-        scored: range,
-    ) -> np.ndarray:  # fmt: skip
+        self, heights: np.ndarray, starts: np.ndarray, feed: float, sensor: float, score: float, scored: range
+    ) -> np.ndarray:
         """Lower bounds on what steps of the sheet cost, as sums of squared errors, µm².
 
-        Place and height are given away as soon as the sensor's footprint touches the step; whether it goes up or down
-        must be read off. A reading with the step's share φ·d in noise σ tells the sign as a binary symmetric channel
-        would; it is made from, hence worth no more than, one that tells the sign for certain with the probability
-        ``1 − 2Q(φ·d/σ)`` and else nothing. Until it is told the head rests: up and down are equally likely, and the
-        least cost is convex in the state of the head and the step together, so no state before it helps.
+        Place, height and direction are given away with the first reading in which the sensor's footprint touches the
+        step, so that no noise matters. Until then the head rests: up and down are equally likely, and the least cost is
+        convex in the state of the head and the step together, so no state before it helps.
 
         Args:
             heights: µm, shape (steps,).
             starts: mm along the path, of the middle of each ramp.
             feed: mm/s.
-            noise: sigma of a reading, µm.
             sensor, score: radii of the footprints, mm.
             scored: control periods of the episode that count.
 
@@ -170,20 +159,16 @@ class Reach:
             µm², shape (steps,).
         """
         pace = feed * PERIOD
-        seen = np.floor((starts - sensor) / pace).astype(int) + 1  # end of the first period with the step in it
         begins = np.floor((starts - score) / pace).astype(int)
-        told = seen + np.arange(PATIENCE)[:, None]
-        sure = 1.0 - 2.0 * ndtr(-np.abs(heights) * share((told * pace - starts) / sensor) / noise)
-        sure[-1] = 1.0
-        chance = sure * np.concatenate([np.ones((1, len(starts))), np.cumprod(1.0 - sure[:-1], axis=0)])
+        told = np.floor((starts - sensor) / pace).astype(int) + 1  # end of the first period with the step in it
         acts = told + self.horizon - 1  # the newest period that the news cannot change
-        ends = np.arange(1, WINDOW + 1)[:, None, None] + acts
+        ends = np.arange(1, WINDOW + 1)[:, None] + acts
         counts = ((ends >= scored.start) & (ends < scored.stop)).astype(float)
         met = heights * share((ends * pace - starts) / score)
-        worth = (acts >= begins - EARLY) & (chance > RARE)  # who knows so early has all the time there is
-        costs = np.zeros(acts.shape)
+        worth = acts >= begins - EARLY  # who knows so early has all the time there is
+        costs = np.zeros(len(starts))
         costs[worth] = self.cost(met[:, worth], counts[:, worth])
-        unaware = np.arange(WINDOW)[:, None, None] + begins
+        unaware = np.arange(WINDOW)[:, None] + begins
         due = (unaware <= acts) & (unaware >= scored.start) & (unaware < scored.stop)
         paid = (due * (heights * share((unaware * pace - starts) / score)) ** 2).sum(axis=0)
-        return np.asarray((chance * (paid + costs)).sum(axis=0))
+        return np.asarray(paid + costs)

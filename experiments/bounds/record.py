@@ -1,18 +1,21 @@
 """The recorded bounds, which docs and report read: ``recorded.json``, made by ``python -m kerfgym.experiments.bounds``.
 
-A figure belongs to a scenario's physics: it is found by a hash of the scenario's TOML, so a scenario that was changed
-has none, and scenarios of one name in several suites have their own. A second hash, of the sources that bounds are made
-from, tells whether the record must be made anew; a test fails when it must.
+A figure belongs to a scenario's physics: it is found by a hash of all that the scenario says of them (its name and
+summary are not among them), so a scenario that was changed has none, and scenarios of one name in several suites have
+their own. Hashes of the sources that bounds are made from tell whether the record must be made anew; a test fails when
+it must.
 """
 
 import functools
 import hashlib
 import json
+import tomllib
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from ...envs import scenarios
 from ...envs.scenarios import Scenario
+from ..figures import stamp
 from ..runs import atomic
 from . import known
 
@@ -20,14 +23,24 @@ HERE = Path(__file__).parent
 FILE = HERE / "recorded.json"
 
 LABEL = "bound (causal, sensor only)"
-"""What tables and figures call it."""
+LINEAR = "fixed linear, at the set height"
+"""What tables and figures call them."""
 
-_ENVS = HERE.parents[1] / "envs"
 SOURCES = (
-    *sorted(HERE.glob("*.py")), _ENVS / "scenarios.py", _ENVS / "distributions.py",
-    *(_ENVS / "plant" / f"{name}.py" for name in ("fleet", "heads", "machine", "path", "sensor", "sheet", "z_axis")),
+    "experiments/bounds/*.py", "!experiments/bounds/record.py", "!experiments/bounds/estimates.py",
+    "!experiments/bounds/__main__.py", "envs/scenarios.py", "envs/distributions.py",
+    *(
+        f"envs/plant/{name}.py"
+        for name in (
+            "calibration", "controller", "fleet", "heads", "lanes", "machine", "path", "quantity", "sensor", "sheet",
+            "z_axis",
+        )
+    ),
 )  # fmt: skip
-"""What bounds are made from, beside the scenarios."""
+"""What bounds are made from, beside the scenarios, as :mod:`figures.stamp` takes it."""
+
+_WORDS = ("name", "summary", "version")
+"""What a scenario says that is not physics."""
 
 
 @dataclass(frozen=True)
@@ -35,9 +48,10 @@ class Bound:
     """Bounds of a scenario: RMS of the true gap error over the benchmark's seeds, µm.
 
     Attributes:
-        bound: for any causal controller with only the sensor.
-        learned: the same if drawn frequencies have to be learned too, an estimate.
-        linear: for a fixed linear controller; None where a sheet has nothing of a spectrum.
+        bound: for any causal controller with only the sensor; 0 where all that a sheet has can be learned.
+        learned: an estimate of what is left to one that keeps the set height from the start and learns phases,
+            amplitudes, frequencies and slopes while it lasts.
+        linear: for a fixed linear predictor of the sheet that is tuned to the ensemble; None where none was made.
         parts: RMS of the sheet's prediction and of steps, which make ``bound``, µm; then what disturbs a reading.
     """
 
@@ -49,15 +63,13 @@ class Bound:
 
 def physics(scenario: Scenario) -> str:
     """Hash of all that a scenario says of machine, sheet and journey."""
-    return hashlib.sha256(scenario.to_toml().encode()).hexdigest()[:20]
+    said = {key: value for key, value in tomllib.loads(scenario.to_toml()).items() if key not in _WORDS}
+    return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()[:20]
 
 
-def sources() -> str:
-    """Hash of :data:`SOURCES`."""
-    digest = hashlib.sha256()
-    for file in SOURCES:
-        digest.update(file.name.encode() + file.read_bytes())
-    return digest.hexdigest()[:20]
+def sources() -> dict[str, str]:
+    """Hashes of :data:`SOURCES`."""
+    return stamp.stamp(SOURCES)
 
 
 def wanted() -> dict[str, Scenario]:
@@ -82,7 +94,7 @@ def write(bounds: dict[str, Bound], seeds: range, file: Path = FILE) -> None:
 
 @functools.cache
 def _record(file: Path = FILE) -> dict:
-    read: dict = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else {"sources": "", "scenarios": {}}
+    read: dict = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else {"sources": {}, "scenarios": {}}
     return read
 
 
@@ -96,10 +108,11 @@ def recorded(scenario: Scenario) -> Bound | None:
 
 
 def stale() -> list[str]:
-    """What the record is not up to date with: ``sources``, or names of scenarios."""
+    """What the record is not up to date with: sources, or names of scenarios."""
     found = _record()
-    changed = [name for name, scenario in wanted().items() if recorded(scenario) is None]
-    return ["sources"] * (found["sources"] != sources()) + changed
+    missing = [name for name, scenario in wanted().items() if recorded(scenario) is None]
+    before = found["sources"] if isinstance(found["sources"], dict) else {}
+    return stamp.changed(before, sources()) + missing
 
 
 def table() -> str:
@@ -113,15 +126,40 @@ def table() -> str:
         rows = []
         for name in scenarios.core(suite):
             if bound := recorded(scenarios.suite(suite)[name]):
-                linear = "–" if bound.linear is None else f"{bound.linear:.2f}"
-                made = (bound.parts["prediction"], bound.parts["steps"], bound.parts["capacitance"])
-                rows.append([f"`{name}`", f"**{bound.bound:.2f}**", f"{bound.learned:.2f}", linear,
-                             *(f"{part:.2f}" if part else "–" for part in made)])  # fmt: skip
+                rows.append([f"`{name}`", f"**{_shown(bound.bound)}**", _shown(bound.learned), _shown(bound.linear),
+                             _shown(bound.parts["prediction"]), _shown(bound.parts["steps"]),
+                             _shown(bound.parts["capacitance"])])  # fmt: skip
         if rows:
-            titles = ("scenario", "bound", "frequencies learned too", "fixed linear", "of it: prediction",
-                      "of it: steps", "noise of a reading")  # fmt: skip
+            titles = ("scenario", "bound", "learned at the set height (estimate)", "fixed linear",
+                      "of the bound: prediction", "of the bound: steps", "noise of a reading")  # fmt: skip
             text += [f"Suite `{suite}`, µm RMS:\n", markdown(titles, rows)]
     return "\n".join(text)
+
+
+ESTIMATES = {
+    "tilt": (0.5, 0.5), "wavy": (1.2, 1.4), "rough": (2.2, 2.7), "step": (0.0, 20.0), "impulses": (0.5, 0.5),
+    "flutter": (1.8, 2.1), "chatter": (3.2, 3.9),
+}  # fmt: skip
+"""Independent estimates of what is possible in the core of ``following-v1``, µm RMS, from to."""
+
+
+def comparison() -> str:
+    """Independent estimates of suite ``following-v1`` beside its bounds, in Markdown."""
+    from ..docs import table as markdown
+
+    rows = []
+    for name, (low, high) in ESTIMATES.items():
+        if bound := recorded(scenarios.load(f"following-v1/{name}")):
+            given = f"≤ {high:g}" if low == 0.0 else (f"{low:g}" if low == high else f"{low:g}–{high:g}")
+            away = "–" if low == 0.0 or not bound.linear else f"{100.0 * (bound.linear / low - 1.0):+.0f} %"
+            rows.append([f"`{name}`", given, _shown(bound.linear), away, _shown(bound.learned), _shown(bound.bound)])
+    titles = ("`following-v1`, µm RMS", "independent estimate", "fixed linear", "to the estimate's lower end",
+              "learned at the set height (estimate)", "bound")  # fmt: skip
+    return markdown(titles, rows) if rows else ""
+
+
+def _shown(value: float | None) -> str:
+    return "–" if value is None else ("0" if value == 0.0 else f"{value:.2f}")
 
 
 def noise_table() -> str:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.signal import lfilter
 
 from ...envs.plant import sheet
 from ...envs.plant.controller import PERIOD
@@ -74,9 +75,10 @@ def bands(variance: np.ndarray, omega: np.ndarray, zeta: np.ndarray, lags: int =
     dt = 0.5 * PERIOD
     a, b = 2.0 * zeta * omega * dt, (omega * dt) ** 2
     r = np.empty((2 * lags, len(omega)))
-    r[0], r[1] = variance, variance * (2.0 - a - b) / (2.0 - a)
-    for n in range(2, 2 * lags):
-        r[n] = (2.0 - a - b) * r[n - 1] - (1.0 - a) * r[n - 2]
+    for i in range(len(omega)):
+        begin = np.zeros(2 * lags)
+        begin[:2] = variance[i], -variance[i] * (2.0 - a[i] - b[i]) * (1.0 - a[i]) / (2.0 - a[i])
+        r[:, i] = lfilter([1.0], [1.0, a[i] + b[i] - 2.0, 1.0 - a[i]], begin)
     total = r[::2].sum(axis=1)
     return Random(total, total, float(variance.sum()))
 
@@ -91,6 +93,8 @@ class Surface:
         xy: of what the tip has with what the plate feels.
         xx: variance under the tip; a little more than 1, since a table has no mean, and an ensemble of sheets has one.
         bare: of the sheet itself at multiples of :data:`sheet.RANDOM_SPACING`, without a footprint.
+        news: weights that make the sheet itself, at those multiples, of white noise of variance 1: the causal factor of
+            its density. All before being known, this is what is still unknown.
     """
 
     plate: float
@@ -98,6 +102,7 @@ class Surface:
     xy: CubicSpline
     xx: float
     bare: np.ndarray
+    news: np.ndarray
 
     def at(self, feed: float, variance: float, lags: int = MEMORY) -> Random:
         """Under a constant ``feed`` (mm/s), of ``variance`` µm² under the tip."""
@@ -129,5 +134,19 @@ def surface(exponent: float, rolloff: float, plate: float) -> Surface:
         return CubicSpline(d, covariance(part), bc_type=((1, 0.0), (1, 0.0)))  # even, hence level at 0
 
     return Surface(
-        plate, smooth(density * felt * felt), smooth(density * tip * felt), float(variance / whole), covariance(density)
+        plate, smooth(density * felt * felt), smooth(density * tip * felt), float(variance / whole),
+        covariance(density), causal(density / whole)[: n // 2],
     )  # fmt: skip
+
+
+def causal(density: np.ndarray) -> np.ndarray:
+    """Weights, newest first, of the filter that makes a process of this ``density`` of white noise of variance 1.
+
+    The causal half of the cepstrum; ``density`` is at the frequencies of ``rfft`` of an even number of samples.
+    """
+    n = 2 * (len(density) - 1)
+    cepstrum = np.fft.irfft(np.log(density), n)
+    cepstrum[0] *= 0.5
+    cepstrum[n // 2] *= 0.5
+    cepstrum[n // 2 + 1 :] = 0.0
+    return np.asarray(np.fft.irfft(np.exp(np.fft.rfft(cepstrum)), n))

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
-from ..bounds.record import LABEL
+from ..bounds.record import LABEL, LINEAR
 from .figure import Figure
 from .numbers import number
 from .palette import DIVERGING
@@ -56,7 +56,8 @@ def _errors(suite: Suite, metric: str, labels: dict[str, str]) -> go.Figure:
     }  # fmt: skip
     look = {"colorscale": DIVERGING, "zmin": -FURTHEST, "zmax": FURTHEST, "colorbar": bar}
     colours = np.clip(np.nan_to_num(doublings, nan=np.nan), -FURTHEST, FURTHEST)
-    bounds = suite.following.bounds if suite.following and metric == "rms_true" else {}
+    bounded = suite.following if metric == "rms_true" else None
+    bounds = {LABEL: bounded.bounds, LINEAR: bounded.linear} if bounded else {}
     return _map(suite, table, colours, text, labels, look, suite.metrics[metric].unit, bounds)
 
 
@@ -86,14 +87,15 @@ def _collisions(suite: Suite, labels: dict[str, str]) -> go.Figure:
 
 def _map(
     suite: Suite, table: pd.DataFrame, colours: np.ndarray, text: list, labels: dict[str, str], more: dict, unit: str,
-    bounds: dict[str, float] | None = None,
+    limits: dict[str, dict[str, float]] | None = None,
 ) -> go.Figure:  # fmt: skip
-    """The map; ``bounds`` by scenario make a last row, in the colour of the best."""
+    """The map; ``limits`` by label and scenario make last rows, in the colour of the best."""
     columns = [s + ("*" if s in suite.exempt else "") for s in suite.scenarios]
     rows, values = [labels[c] for c in suite.ranked], table.to_numpy(float)
-    if bounds:
+    limits = {label: bounds for label, bounds in (limits or {}).items() if bounds}
+    for label, bounds in limits.items():
         last = np.array([[bounds.get(s, np.nan) for s in suite.scenarios]])
-        rows, values = [*rows, LABEL], np.vstack([values, last])
+        rows, values = [*rows, label], np.vstack([values, last])
         colours = np.vstack([colours, np.where(np.isfinite(last), more["zmin"], np.nan)])
         text = [*text, [_cell(v, 0) if np.isfinite(v) else "" for v in last[0]]]
     more["colorbar"] |= {"thickness": 10, "outlinewidth": 0, "tickfont": {"size": 11}, "x": 1.01, "xpad": 4}
@@ -108,7 +110,7 @@ def _map(
             at = suite.scenarios.index(after) - 0.5
             shapes.append(_rule(x0=at, x1=at, y0=0, y1=1, yref="paper"))
     below = 0
-    for names in list(suite.classes.values())[: None if bounds else -1]:
+    for names in list(suite.classes.values())[: None if limits else -1]:
         below += len(names)
         shapes.append(_rule(x0=0, x1=1, xref="paper", y0=below - 0.5, y1=below - 0.5))
     plot.update_layout(

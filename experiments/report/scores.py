@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from ..bounds.record import LABEL
+from ..bounds.record import LABEL, LINEAR
 from .figure import Figure, logarithmic
 from .heat import SHOWN
 from .numbers import fixed, known, number, span
@@ -27,9 +27,12 @@ def figure(standing: Standing, look: dict[str, Look], labels: dict[str, str]) ->
     if reported is not None:
         ends = np.concatenate([ends.ravel(), reported.loc[standing.order].to_numpy(float)])
     ends = ends[np.isfinite(ends) & (ends > 0)]
-    bound = suite.following.bound if suite.following else math.nan
-    if bound > 0:
-        ends = np.append(ends, bound)
+    limits = {
+        label: value
+        for label, value in ((LABEL, suite.following.bound), (LINEAR, suite.following.linear_bound))
+        if value > 0
+    } if suite.following else {}  # fmt: skip
+    ends = np.append(ends, list(limits.values()))
     low, high = float(ends.min()) / 1.25, min(float(ends.max()) * 1.25, 8 * float(frame["score"][standing.order].max()))
     plot = go.Figure()
     annotations = []
@@ -68,9 +71,12 @@ def figure(standing: Standing, look: dict[str, Look], labels: dict[str, str]) ->
         plot.add_vline(
             float(frame.at[suite.reference, "score"]), line={"color": INK, "width": 1, "dash": "4px,3px"}, layer="below"
         )
-    if bound > 0:
-        plot.add_vline(bound, line={"color": INK, "width": 2, "dash": "1px,3px"}, layer="below")
-        annotations.append({**_text(math.log10(bound), bottom + 0.2, f"{LABEL}: {number(bound)}", 6)})
+    for i, (label, bound) in enumerate(limits.items()):
+        dash = "1px,3px" if label == LABEL else "6px,2px,1px,2px"
+        plot.add_vline(bound, line={"color": INK, "width": 2, "dash": dash}, layer="below")
+        place = bottom + 0.2 - 0.45 * i
+        annotations.append({**_text(math.log10(bound), place, f"{label}: {number(bound)}", 6)})
+    bottom -= 0.45 * max(len(limits) - 1, 0)
     plot.update_layout(
         xaxis={**logarithmic(low, high), "title": f"{SHOWN.get(metric.name, metric.name)} ({metric.unit}, log scale)",
                "fixedrange": True},
@@ -80,8 +86,10 @@ def figure(standing: Standing, look: dict[str, Look], labels: dict[str, str]) ->
     )  # fmt: skip
     _score_axis(plot, standing, low, high)
     beside = " The upright stroke is what the machine itself reports." if reported is not None else ""
-    if bound > 0:
+    if LABEL in limits:
         beside += " The dotted line is what no causal controller with only the sensor can go below (docs/bounds.md)."
+    if LINEAR in limits:
+        beside += " The line of dashes and dots is what no fixed linear controller that is tuned to the scenarios can."
     return Figure(
         f"scores-{suite.name}", _title(standing, labels),
         f"Points are over the seeds whose run did not fail, {suite.scored_in_words}, with 95 % intervals; shorter is "
