@@ -34,7 +34,7 @@ def of_stages(trial: Trial) -> dict[str, Any]:
     )
     return {
         "seeds": f"{seeds[0]}-{seeds[-1]}",
-        "numbers": {"shares": nested(shares, "stage"), "headroom": nested(headroom, "bound")},
+        "numbers": {"shares": nested(shares, "stage"), "headroom": nested(headroom, "informed")},
     }
 
 

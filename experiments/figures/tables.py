@@ -250,7 +250,7 @@ def _three(value: Any) -> str:
 def headroom(found: dict[str, Any]) -> str:
     """How far references that know more are away, on the same seeds."""
     rows = [
-        (f"`{name}`", scenario, _three(row["rms"]), f"`{other}`", _three(row["bound_rms"]),
+        (f"`{name}`", scenario, _three(row["rms"]), f"`{other}`", _three(row["informed_rms"]),
          f"{written(row['ratio'])} ({written(row['low'])} … {written(row['high'])})")
         for scenario, cases in found["numbers"]["headroom"].items()
         for name, own in cases.items()
