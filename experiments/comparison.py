@@ -6,9 +6,10 @@ nothing to score, or if its job is not finished (:func:`failures`). What that me
 - *score* and every other figure of a metric are over the runs that did not fail; how many did stands beside them;
 - *ratios* are over the runs in which neither of the two failed, so nobody gains by failing where it is difficult;
 - *wins*, *typical* and profiles compare run by run; a failed run is worse than all that did not fail on its seed;
-- *ranks*: who failed in no run stands above all who did (:func:`better`).
+- *ranks*: who fails on significantly fewer seeds stands above (:func:`better`).
 """
 
+import itertools
 import math
 import re
 from collections.abc import Iterable
@@ -86,10 +87,10 @@ def figures(results: Any, typical: bool = True) -> pd.DataFrame:
 
     ``score``: the metric over seeds and scenarios (:mod:`pooling`), in its unit, of the runs that did not fail (``inf``
     if all of a scenario's did); ``ratio``: that of the reference over it, of the runs in which neither failed;
-    ``typical``: the same, run by run on the same seeds (those of all scenarios), of which the interquartile mean, which
-    a few very bad runs do not move (NaN unless asked for, because it takes longest); ``wins``: how probably a run is
-    better than the reference's on the same seed (0.5 for the reference itself). ``lost`` and ``tried``: how many of the
-    runs that make the score failed, and their number.
+    ``typical``: the same, run by run on the same seeds, of which the interquartile mean, which a few very bad runs do
+    not move (NaN unless asked for, because it takes longest; without scenarios on fewer seeds, :func:`everywhere`);
+    ``wins``: how probably a run is better than the reference's on the same seed (0.5 for the reference itself).
+    ``lost`` and ``tried``: how many of the runs that make the score failed, and their number.
     """
     found, reference = samples(results), results.reference
     power = pooling.power(results.metric)
@@ -108,8 +109,8 @@ def figures(results: Any, typical: bool = True) -> pd.DataFrame:
             mine, base = common(sample, found[reference])
             if len(mine):
                 rows[name]["wins"] = Interval(0.5) if name == reference else share(_won(mine, base))
-            mine, base = common(sample, found[reference], whole=True)
-            if len(mine) and typical:
+            mine, base = everywhere(mine, base)
+            if mine.size and typical:
                 rows[name]["typical"] = Interval(1.0, 1.0, 1.0) if name == reference else _typical(mine, base)
     flat = {
         name: {
@@ -162,61 +163,59 @@ def _won(mine: np.ndarray, base: np.ndarray) -> np.ndarray:
     return np.where(np.isnan(mine) | np.isnan(base), np.nan, won)
 
 
-def common(one: Sample, other: Sample, whole: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """Values of two single controllers on the seeds that both have, (seeds, scenarios) each; with ``whole`` on those
-    that both have in every scenario."""
+def common(one: Sample, other: Sample) -> tuple[np.ndarray, np.ndarray]:
+    """Values of two single controllers on the seeds that both have, (seeds, scenarios) each."""
     seeds = [seed for seed in one.seeds if seed in set(other.seeds)]
     mine, base = (sample.values[0, [sample.seeds.index(seed) for seed in seeds]] for sample in (one, other))
-    kept = ~(np.isnan(mine) | np.isnan(base)).any(axis=1) if whole else np.ones(len(seeds), bool)
-    return mine[kept], base[kept]
+    return mine, base
+
+
+def everywhere(mine: np.ndarray, base: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The part of two tables (seeds, scenarios) that has no gaps: the scenarios that were run on most seeds, and the
+    seeds that all of these have. A scenario on a share of the seeds would take the others' seeds with it."""
+    there = ~(np.isnan(mine) | np.isnan(base))
+    most = there.sum(axis=0) == there.sum(axis=0).max(initial=0)
+    seeds = there[:, most].all(axis=1)
+    return mine[np.ix_(seeds, most)], base[np.ix_(seeds, most)]
 
 
 def better(results: Any, names: Iterable[str]) -> pd.DataFrame:
     """Names × names: whether the first is better than the second. The rule of all ranks.
 
-    1. Who failed in no run is better than who did. That is a rule, not a finding: machines that touch the sheet stop.
-    2. Of two without a failed run it is the one with the significantly smaller score.
-    3. Of two with failed runs it is the one that fails significantly less often, or, if neither does, whose single runs
-       are better than the other's on the same seeds in significantly more than half of the cases, a failed run being
-       worse than any other.
+    1. Of two of whom one failed, it is the one that fails on significantly fewer seeds (sign test).
+    2. If neither does, it is the one whose single runs are better than the other's on the same seeds in significantly
+       more than half of the cases, a failed run being worse than any other.
+    3. Of two without a failed run it is the one with the significantly smaller score.
 
-    So a run that fails never helps: not in 1, and in 3 it is the worst that a run can be. All statements of 2 and 3
-    hold together with 95 %.
+    So a run that fails never helps: it counts against its controller in 1, and in 2 it is the worst that a run can be.
+    And a single one decides nothing. All statements hold together with 95 %.
     """
     found = samples(results, names)
     table = pd.DataFrame(False, index=list(found), columns=list(found))
     clean = unfailing(found)
-    rest = [name for name in found if name not in clean]
-    parts = 2 if len(rest) > 1 and len(clean) > 1 else 1
-    level = 1.0 - (1.0 - LEVEL) / parts
+    pairs = [pair for pair in itertools.combinations(found, 2) if not set(pair) <= set(clean)]
+    level = 1.0 - (1.0 - LEVEL) / (2 if pairs and len(clean) > 1 else 1)
     finite, replicates = bootstrapped({name: found[name] for name in clean}, pooling.power(results.metric))
     if replicates:
         table.loc[finite, finite] = replicates.better(level)
-    table.loc[clean, rest] = True
-    if len(rest) > 1:
-        table.loc[rest, rest] = _run_by_run({name: found[name] for name in rest}, level).to_numpy()
+    for one, other in pairs:
+        verdict = _run_by_run(found[one], found[other], (1.0 - level) / (2 * len(pairs)))
+        table.loc[one, other], table.loc[other, one] = verdict > 0, verdict < 0
     return table
 
 
-def _run_by_run(found: dict[str, Sample], level: float) -> pd.DataFrame:
-    """Rule 3 of :func:`better`; half of the error for either question, shared among the pairs (Bonferroni)."""
-    names = list(found)
-    table = pd.DataFrame(False, index=names, columns=names)
-    pairs = len(names) * (len(names) - 1) / 2
-    risk = (1.0 - level) / (2 * pairs)
-    for i, one in enumerate(names):
-        for other in names[i + 1 :]:
-            mine, theirs = common(found[one], found[other])
-            if not len(mine):
-                continue
-            less = np.isinf(mine).sum(axis=1) - np.isinf(theirs).sum(axis=1)
-            fewer, more = int((less < 0).sum()), int((less > 0).sum())  # seeds; what one seed did is not independent
-            if fewer + more and stats.binomtest(fewer, fewer + more).pvalue < risk:
-                table.loc[one, other], table.loc[other, one] = fewer > more, more > fewer
-                continue
-            won = share(_won(mine, theirs), 1.0 - risk)
-            table.loc[one, other], table.loc[other, one] = won.low > 0.5, won.high < 0.5
-    return table
+def _run_by_run(one: Sample, other: Sample, risk: float) -> int:
+    """1 if the first is better by rules 1 and 2 of :func:`better`, −1 if the second is, 0 if neither; ``risk`` of an
+    error for either rule."""
+    mine, theirs = common(one, other)
+    if not len(mine):
+        return 0
+    less = np.isinf(mine).sum(axis=1) - np.isinf(theirs).sum(axis=1)
+    fewer, more = int((less < 0).sum()), int((less > 0).sum())  # seeds; what one seed did is not independent
+    if fewer + more and stats.binomtest(fewer, fewer + more).pvalue < risk:
+        return 1 if fewer > more else -1
+    won = share(_won(mine, theirs), 1.0 - risk)
+    return int(won.low > 0.5) - int(won.high < 0.5)
 
 
 def by_scenario(results: Any) -> pd.DataFrame:

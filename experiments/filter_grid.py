@@ -92,9 +92,9 @@ def on_test_seeds(found: dict[str, Stack], threads: int) -> pd.DataFrame:
     frames = []
     for name, stack in found.items():
         for case in cases:
-            for part in rollout.chunks(seeds):
+            for part in rollout.chunks(case.some(np.asarray(seeds))):
                 record = rollout.roll(case, stack, part, threads)
-                rms = np.where(metrics.broken(record), np.nan, metrics.METRICS["rms_true"].function(record))
+                rms = np.where(metrics.failed(record) | metrics.broken(record), np.nan, metrics.METRICS["rms_true"].function(record))
                 frames.append(pd.DataFrame({"controller": name, "scenario": case.name, "seed": part, "rms_true": rms}))
     return pd.concat(frames, ignore_index=True)
 

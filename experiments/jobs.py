@@ -137,7 +137,6 @@ class JobResults(Comparison):
         for name in job_metrics.METRICS:
             frame[name] = self.over(name)
         frame = self.counts(frame)
-        frame["count"] = frame["runs"]
         core = self.runs[self.runs["scenario"].isin(self.scored) & ~self.failures].groupby("controller", sort=False)
         known = "extrapolated" in self.runs  # runs of earlier versions do not know
         frame["extrapolated"] = core["extrapolated"].mean() if known else np.nan

@@ -13,7 +13,7 @@ from ..envs.plant.quantity import InvalidInput
 from .archive import Archive
 from .jobs import JobResults
 from .ledger import ranges
-from .results import CEILING, REFERENCE, Results
+from .results import INFORMED, REFERENCE, Results
 
 Grids = dict[str, Results | JobResults]
 
@@ -197,7 +197,7 @@ def _renamed(suite: str, grids: Grids, pairs: set[tuple[str, int]], notes: list[
     One that is in several runs is there once if all its figures are the same, else once for each run, as ``name@run``.
     Only reference and bound keep their name in the first run, since ratios and scale are taken from there.
     """
-    fixed = {g.reference if isinstance(g, JobResults) else r for g in grids.values() for r in (REFERENCE, CEILING)}
+    fixed = {g.reference if isinstance(g, JobResults) else r for g in grids.values() for r in (REFERENCE, INFORMED)}
     out: dict[str, dict[str, str]] = {name: {} for name in grids}
     for who in dict.fromkeys(who for g in grids.values() for who in g.controllers):
         where = [name for name, g in grids.items() if who in g.controllers]

@@ -1,10 +1,10 @@
 """Results of a benchmark and what is concluded from them.
 
 Every figure of a controller is a metric of its runs that did not fail, pooled over seeds and scenarios as
-:mod:`pooling` says; how many runs failed stands beside it, and decides the rank first (:mod:`comparison`). The *score*
-of followers is that of the RMS of the true gap error over the suite's core, µm; the ratio is that of the reference over
-it. On the *scale*, 0 is ``xi2023-tuned`` and 1 is ``preview-5ms``, in the logarithm; who is better than
-the latter, which has other information and is no bound, has more than 1. Rankings never mix information classes.
+:mod:`pooling` says; how many runs failed stands beside it, and tells in the rank (:mod:`comparison`). The *score* of
+followers is that of the RMS of the true gap error over the suite's core, µm; the ratio is that of the reference over
+it. On the *scale*, 0 is ``xi2023-tuned`` and 1 is ``preview-5ms``, in the logarithm; who is better than the latter,
+which has other information and is no bound, has more than 1. Rankings never mix information classes.
 
 **Ms and margins** are the worst over the corner plants of every machine that the run's scenarios draw (:mod:`plants`).
 """
@@ -22,7 +22,7 @@ from .comparison import failures
 from .fairness import standings
 from .plants import STANDARD
 
-REFERENCE, CEILING = "xi2023-tuned", "preview-5ms"
+REFERENCE, INFORMED = "xi2023-tuned", "preview-5ms"
 
 SHOWN = {
     "reported": "rms_reported", "p99": "p99_true", "max": "max_true", "jitter": "jitter", "dross": "dross",
@@ -202,7 +202,7 @@ class Results(Comparison):
         counts, other metrics over the core, standing (:func:`fairness.standings`)."""
         standing = self.standings
         frame = pd.DataFrame({"score": standing["score"].replace(np.inf, np.nan), "ratio": standing["ratio"]})
-        frame["scale"] = np.log(frame["ratio"]) / np.log(frame["ratio"].get(CEILING, np.nan))
+        frame["scale"] = np.log(frame["ratio"]) / np.log(frame["ratio"].get(INFORMED, np.nan))
         for column, metric in SHOWN.items():
             frame[column] = self.over(metric)
         frame = frame.join(_worst(self.stability).reindex(frame.index))

@@ -133,8 +133,8 @@ def _wins(row: Any) -> str:
 def _ranking(summary: Any, reference: str) -> list[str]:
     """What ranks, intervals and failures mean, and who is only shown."""
     lines = [
-        "rank: 1 + how many of the class are better, all such statements together at 95 %; = shared; who failed in no "
-        "run of the score stands above all who did;",
+        "rank: 1 + how many of the class are better, all such statements together at 95 %; = shared; who fails on "
+        "significantly more seeds stands below;",
         f"(… …): 95 % intervals over seeds. wins: share of runs that are better than {reference}'s on the same seed; a "
         "failed run is never better;",
         "failed: runs that touched the sheet where they should not, hold a number that is not finite, have nothing to "
@@ -158,10 +158,10 @@ def _classes(summary: Any, cells: Callable[[Any, Any], list[str]]) -> list[list[
 
 FOLLOWING: dict[str, tuple[str, Callable[[Any], str]]] = {
     "rank": ("rank", lambda row: _rank(row)),
+    "failed": ("failed", lambda row: f"{row['failed']}/{row['runs']}"),
     "score, µm": ("score", lambda row: _figure(row, "score")),
     f"× {REFERENCE}": ("ratio", lambda row: _figure(row, "ratio")),
     "wins": ("wins", lambda row: _wins(row)),
-    "failed": ("failed", lambda row: f"{row['failed']}/{row['runs']}"),
     "reported, µm": ("reported", lambda row: _number(row["reported"])),
     "P99, µm": ("p99", lambda row: _number(row["p99"], "{:.1f}")),
     "max, µm": ("max", lambda row: _number(row["max"], "{:.0f}")),
@@ -288,10 +288,10 @@ def _jobs(results: JobResults) -> list[Sheet]:
     summary, metric = results.summary(), METRICS[results.metric]
     titles: dict[str, tuple[str, Callable[[Any], str]]] = {
         "rank": ("rank", _rank),
+        "failed": ("failed", lambda row: f"{row['failed']}/{row['runs']}"),
         f"{TITLES.get(metric.name, metric.name)}, {metric.unit}": (metric.name, lambda row: _figure(row, "score")),
         f"× {results.reference}": ("ratio", lambda row: _figure(row, "ratio")),
         "wins": ("wins", _wins),
-        "failed": ("failed", lambda row: f"{row['failed']}/{row['count']}"),
     }
     for name, form in FORMS.items():
         if name != metric.name:
@@ -299,7 +299,7 @@ def _jobs(results: JobResults) -> list[Sheet]:
             titles[title] = (name, _formed(name, form))
         if name == "roughness":
             titles["ISO 9013"] = ("iso_roughness", lambda row: str(row["iso_roughness"]))
-    titles["collisions"] = ("collisions", lambda row: f"{row['collisions']}/{row['count']}")
+    titles["collisions"] = ("collisions", lambda row: f"{row['collisions']}/{row['runs']}")
     sheet = Sheet(
         f"jobs · {_seeds(results)}", ["controller", *titles, "budget", "evidence"],
         shown={title: column for title, (column, _) in titles.items()},

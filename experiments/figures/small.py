@@ -10,7 +10,7 @@ from ...envs.material import material
 from .. import calibrate
 from ..report import quality
 from ..ship import TRAINED
-from .stamp import trained
+from .stamp import LOADED, trained
 from .study import Trial, study
 
 SHEETS = (("c45-10", None), ("thin-sheet", None))
@@ -20,8 +20,7 @@ SHEETS = (("c45-10", None), ("thin-sheet", None))
 @study(
     "calibration", "Huang2024's Table 2 beside the cut's model that was fitted to it",
     "python -m kerfgym.experiments.calibrate", 0.1,
-    ("envs/quality.py", "envs/material.py", "envs/plant/cut.py", "envs/plant/spot.py", "envs/materials/c45-10.toml",
-     "experiments/calibrate.py"),
+    LOADED,
 )  # fmt: skip
 def calibration(trial: Trial) -> dict[str, Any]:
     """The table with the shipped coefficients; nothing is fitted here."""
@@ -33,8 +32,7 @@ def calibration(trial: Trial) -> dict[str, Any]:
 @study(
     "quality", "from which following error on dross or roughness change by 1 %",
     "python -m kerfgym.experiments.figures quality", 0.2,
-    ("envs/material.py", "envs/materials/*.toml", "envs/plant/cut.py", "envs/plant/streamed.py",
-     "experiments/report/quality.py"),
+    (*LOADED, "experiments/report/quality.py"),
 )  # fmt: skip
 def of_quality(trial: Trial) -> dict[str, Any]:
     """The thresholds that reports draw."""

@@ -7,7 +7,7 @@ import pandas as pd
 from ...envs import scenarios
 from ..blame import blame
 from ..grids import Grid, split_seeds
-from .stamp import LAWS, MACHINE
+from .stamp import LAWS, LOADED
 from .study import Trial, study
 
 SEEDS = 24
@@ -21,8 +21,7 @@ _WORDS = ["kerfgym", "blame", *(w for name in CONTROLLERS for w in ("-c", name))
 
 @study(
     "blame", "what each stage of the machine costs a follower", " ".join(_WORDS), 1.0,
-    (*MACHINE, *LAWS, "experiments/blame/game.py", "experiments/blame/tables.py", "experiments/resampling.py",
-     *(f"envs/suites/following/{name}.toml" for name in SCENARIOS)),
+    (*LOADED, *LAWS, *(f"envs/suites/following/{name}.toml" for name in SCENARIOS)),
 )  # fmt: skip
 def of_stages(trial: Trial) -> dict[str, Any]:
     """Shares and headroom; what an interrupted run has done is kept."""
@@ -34,7 +33,7 @@ def of_stages(trial: Trial) -> dict[str, Any]:
     )
     return {
         "seeds": f"{seeds[0]}-{seeds[-1]}",
-        "numbers": {"shares": nested(shares, "stage"), "headroom": nested(headroom, "bound")},
+        "numbers": {"shares": nested(shares, "stage"), "headroom": nested(headroom, "informed")},
     }
 
 

@@ -1,7 +1,8 @@
 """What a result depends on, as hashes: whether sources, presets or suites have changed since a study was run.
 
-A pattern names files below the package, such as ``envs/plant/*.py``; one that begins with ``!`` takes files away again.
-Comments, docstrings and blank lines of Python sources do not count, because they change no result.
+Modules count with all that they import (:mod:`imports`), so nothing that computes can be forgotten. A pattern names
+files that are loaded by their names instead, such as ``baselines/presets/*.toml``; one that begins with ``!`` takes
+files away again. Comments, docstrings and blank lines of Python sources do not count, because they change no result.
 """
 
 import ast
@@ -17,27 +18,15 @@ from typing import Any
 
 from ... import __file__ as _root
 from ...envs.plant.quantity import InvalidInput
+from .imports import sources
 
 ROOT = Path(_root).parent
 
-MACHINE = (
-    "envs/*.py", "!envs/rendering.py", "!envs/film.py", "!envs/kerf_film.py", "!envs/kerf_picture.py",
-    "!envs/panel.py", "envs/plant/*.py", "!envs/plant/lanes.py", "!envs/plant/kernels.py", "!envs/plant/compiler.py",
-    "envs/paths/*.py", "envs/materials/*.toml",
-)  # fmt: skip
-"""The simulation, without pictures and without what compiles it."""
+LOADED = ("envs/materials/*.toml", "envs/paths/*.py")
+"""What any simulation may load by its name."""
 
 LAWS = ("baselines/*.py", "baselines/presets/*.toml")
 POLICIES = ("agents/compiled.py", "agents/network.py", "agents/policy.py")
-
-FIGURES = tuple(
-    f"experiments/{name}.py"
-    for name in (
-        "budgets", "comparison", "fairness", "grids", "inference", "jobs", "margins", "resampling", "results",
-        "rollout", "stability", "table", "tasks",
-    )
-)  # fmt: skip
-"""What makes figures of runs, and words of figures."""
 
 
 def suite(name: str) -> tuple[str, ...]:
@@ -70,6 +59,16 @@ def files(patterns: Iterable[str]) -> dict[str, list[Path]]:
 def stamp(patterns: Iterable[str]) -> dict[str, str]:
     """A hash for each pattern: of the names of its files and of what they say."""
     return {pattern: _of(tuple(found)) for pattern, found in files(dict.fromkeys(patterns)).items()}
+
+
+def with_imports(entries: Iterable[Path], patterns: Iterable[str]) -> dict[str, str]:
+    """A hash for each pattern, and one for each folder of what the entries, and modules among the files of the
+    patterns, import."""
+    named = [path for found in files(dict.fromkeys(patterns)).values() for path in found if path.suffix == ".py"]
+    groups: dict[str, list[Path]] = {}
+    for path in sources(ROOT, [*entries, *named]):
+        groups.setdefault(path.parent.relative_to(ROOT).as_posix(), []).append(path)
+    return stamp(patterns) | {f"imports from {folder}": _of(tuple(found)) for folder, found in groups.items()}
 
 
 def changed(before: dict[str, str], now: dict[str, str]) -> list[str]:

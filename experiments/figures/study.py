@@ -1,6 +1,7 @@
 """Studies: what is measured for the pages, with which command, at what cost, and what it depends on."""
 
 import importlib
+import inspect
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -11,9 +12,9 @@ from ... import __version__
 from ...envs.plant.quantity import InvalidInput, did_you_mean
 from .. import runs
 from . import store
-from .stamp import changed, said, stamp
+from .stamp import changed, said, with_imports
 
-MODULES = ("suites", "parts", "stages", "small", "costs")
+MODULES = ("suites", "parts", "stages", "small", "filters", "intervals", "pace", "documents")
 """Where studies are registered, in the order in which they are run."""
 
 RUNS = Path("runs") / "figures"
@@ -29,7 +30,7 @@ class Study:
         about: what it measures, in a line.
         command: with which anybody makes the same.
         minutes: of CPU time, about.
-        depends: patterns of files, see :mod:`stamp`.
+        depends: patterns of files that are loaded by name, see :mod:`stamp`; what ``make``'s module imports counts too.
         make: measures; gives ``numbers``, a tree of dictionaries, and whatever else is stored beside them.
     """
 
@@ -41,8 +42,9 @@ class Study:
     make: Callable[["Trial"], dict[str, Any]]
 
     def stamp(self) -> dict[str, str]:
-        """Of what it depends on, as it stands now."""
-        return stamp(self.depends) | {"the study itself": said(self.make)}
+        """Of what it depends on, as it stands now: its module with all that it imports, and files that it names."""
+        own = Path(inspect.getfile(self.make))
+        return with_imports([own], self.depends) | {"the study itself": said(self.make)}
 
     def outdated(self) -> list[str]:
         """Why its results are not today's: files that have changed; empty if they are."""

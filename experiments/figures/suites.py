@@ -11,11 +11,11 @@ from ..grids import Grid, plan
 from ..jobs import JobResults
 from ..results import Results
 from ..table import WEIGHED, sheets
-from .stamp import FIGURES, LAWS, MACHINE, POLICIES, changed, stamp, suite, trained
+from .stamp import LAWS, LOADED, POLICIES, ROOT, changed, suite, trained, with_imports
 from .study import Trial, study
 
-CONCLUDED = ("experiments/figures/suites.py",)
-"""What makes numbers of results."""
+RUN = ("experiments/tasks.py",)
+"""What makes a run; what is concluded from runs is not among what it imports."""
 
 MADE_FROM = "made-from.json"
 """File of a run folder: what the run depended on."""
@@ -29,7 +29,7 @@ _ENVIRONMENTS = {"z": "height-", "xy": "contour-", "process": "cutting-"}
 def benchmarked(trial: Trial, grid: Grid, words: list[str], **options: Any) -> Results | JobResults:
     """Results of a benchmark. A run that is finished and was made from the same is read back; one that was interrupted
     goes on."""
-    folder, of = trial.folder, _without_figures(trial) | {"asked": asked(grid, options)}
+    folder, of = trial.folder, _of_runs(trial) | {"asked": asked(grid, options)}
     mark, finished = folder / MADE_FROM, (folder / "run.json").is_file()
     if finished and mark.is_file() and not changed(json.loads(mark.read_text(encoding="utf-8")), of):
         print(f"  {folder} was made from the same sources; it is read back", flush=True)
@@ -48,12 +48,9 @@ def asked(grid: Grid, options: dict[str, Any]) -> str:
     return hashlib.sha256(whole.encode()).hexdigest()[:16]
 
 
-def _without_figures(trial: Trial) -> dict[str, str]:
+def _of_runs(trial: Trial) -> dict[str, str]:
     """What the runs themselves depend on, not what is concluded from them."""
-    own = {*FIGURES, *CONCLUDED} - {
-        f"experiments/{name}.py" for name in ("jobs", "margins", "rollout", "stability", "tasks")
-    }
-    return stamp([each for each in trial.study.depends if each not in own])
+    return with_imports([ROOT / each for each in RUN], trial.study.depends)
 
 
 def concluded(results: Results | JobResults) -> dict[str, Any]:
@@ -97,7 +94,7 @@ def compared(name: str) -> Any:
 
 def _depends(name: str) -> tuple[str, ...]:
     slot = scenarios.rules(name)["slot"]
-    return *MACHINE, *LAWS, *POLICIES, *FIGURES, *CONCLUDED, *suite(name), *trained(_ENVIRONMENTS[slot])
+    return *LOADED, *LAWS, *POLICIES, *suite(name), *trained(_ENVIRONMENTS[slot])
 
 
 for _name in scenarios.suites():

@@ -19,7 +19,7 @@ MADE: dict[str, Callable[[], str]] = {}
 """Tables by the name that stands in a mark."""
 
 FOLLOWERS = (
-    "controller", "rank", "score.*", "× xi2023-tuned", "wins", "failed", "Ms.*", "gain", "delay, ms", "jitter",
+    "controller", "rank", "failed", "score.*", "× xi2023-tuned", "wins", "Ms.*", "gain", "delay, ms", "jitter",
     "collisions", "budget",
 )  # fmt: skip
 """Columns of followers' suites, as patterns of their titles."""
@@ -136,7 +136,7 @@ def _suite(name: str) -> None:
     def main(found: dict[str, Any]) -> str:
         if rules["slot"] == "z":
             return columns(found, (t for t in FOLLOWERS if name.startswith("following") or t not in MARGINS))
-        first = map(re.escape, found["sheets"][0]["titles"][:4])
+        first = map(re.escape, found["sheets"][0]["titles"][:5])
         return columns(found, (*first, *JOBS))
 
     made(f"{name} by scenario", name)(by_scenario)
@@ -250,7 +250,7 @@ def _three(value: Any) -> str:
 def headroom(found: dict[str, Any]) -> str:
     """How far references that know more are away, on the same seeds."""
     rows = [
-        (f"`{name}`", scenario, _three(row["rms"]), f"`{other}`", _three(row["bound_rms"]),
+        (f"`{name}`", scenario, _three(row["rms"]), f"`{other}`", _three(row["informed_rms"]),
          f"{written(row['ratio'])} ({written(row['low'])} … {written(row['high'])})")
         for scenario, cases in found["numbers"]["headroom"].items()
         for name, own in cases.items()

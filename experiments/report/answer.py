@@ -104,7 +104,7 @@ def caveats(suite: Suite, standing: Standing, labels: dict[str, str], limit_ms: 
     row, several = suite.summary.loc[best], len(suite.results.scenarios) > len(suite.scored)
     touched = int(row["collisions"])
     if touched:
-        many = int(row["collision_runs" if suite.following else "count"])
+        many = int(row["collision_runs"])
         out.append(f"it touched the sheet in {touched} of {many} runs{' of all scenarios' if several else ''}")
     if suite.following is not None:
         over = {signal: peak for signal, peak in peaks_of(row).items() if peak > limit_ms}
@@ -122,6 +122,8 @@ def caveats(suite: Suite, standing: Standing, labels: dict[str, str], limit_ms: 
         if suite.summary.at[name, "information"] == informed:
             reasons.setdefault("; ".join(standing.frame.at[name, "reasons"]), []).append(name)
     for name in reasons.pop("", ()):
+        if not standing.frame.at[name, "lost"]:
+            continue  # smaller, but not surely so: it is tied or loses run by run
         lost, tried = (int(standing.frame.at[name, column]) for column in ("lost", "tried"))
         out.append(f"{labels[name]} ({estimate(standing, name)}) is {word} where it does not fail, but {lost} of its "
                    f"{tried} runs failed")  # fmt: skip
@@ -225,9 +227,9 @@ def better(ratio: float, low: float, high: float, word: str) -> str:
 
 
 def _bars(standing: Standing, look: dict[str, Look], labels: dict[str, str]) -> list[dict[str, Any]]:
-    """Places of the first few on a common axis, per cent of its width: the best, the reference, the ceiling."""
+    """Places of the first few on a common axis, per cent of its width: the best, the reference, the informed one."""
     suite = standing.suite
-    keep = [n for n in (*standing.ranked[: BARS - 2], suite.reference, suite.ceiling) if n in standing.order]
+    keep = [n for n in (*standing.ranked[: BARS - 2], suite.reference, suite.informed) if n in standing.order]
     keep += [n for n in standing.ranked or standing.order if n not in keep][: max(0, BARS - len(set(keep)))]
     names = [n for n in standing.order if n in set(keep)]
     frame = standing.frame.loc[names, ["score", "score_low", "score_high"]].astype(float)

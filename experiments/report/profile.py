@@ -3,7 +3,7 @@
 import numpy as np
 import plotly.graph_objects as go
 
-from ..comparison import common, samples
+from ..comparison import common, everywhere, samples
 from ..inference import performance_profile
 from .figure import Figure, line
 from .numbers import percent
@@ -23,8 +23,8 @@ def figure(suite: Suite, look: dict[str, Look], labels: dict[str, str]) -> Figur
     factors = np.geomspace(1 / FURTHEST, FURTHEST, POINTS)
     plot, shares, reached = go.Figure(), {}, 2.0
     for name in [n for n in suite.ranked if n in found and n != suite.reference]:
-        mine, base = common(found[name], found[suite.reference], whole=True)
-        if not len(mine):
+        mine, base = everywhere(*common(found[name], found[suite.reference]))
+        if not mine.size:
             continue
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.where(np.isinf(mine), np.inf, mine / base)

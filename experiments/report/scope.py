@@ -98,8 +98,8 @@ def shown_first(suite: Suite, most: int = 4) -> list[str]:
     """Whom the reader sees before choosing: the best of the least informed class, the reference, then the others."""
     order = suite.ranked
     first = [*order[:1], *(name for name in order[1:] if name == suite.reference)]
-    ceiling = [name for name in order if name == suite.ceiling]
-    return (first + ceiling + [name for name in order if name not in (*first, *ceiling)])[:most]
+    informed = [name for name in order if name == suite.informed]
+    return (first + informed + [name for name in order if name not in (*first, *informed)])[:most]
 
 
 def telling(suites: list[Suite], groups: list[dict[str, Any]]) -> str:

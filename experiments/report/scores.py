@@ -109,11 +109,11 @@ def _title(standing: Standing, labels: dict[str, str]) -> str:
 
 
 def _score_axis(plot: go.Figure, standing: Standing, low: float, high: float) -> None:
-    """The scale, above: 0 at the reference and 1 at the ceiling."""
+    """The scale, above: 0 at the reference and 1 at the one with other information."""
     suite, frame = standing.suite, standing.frame
-    if suite.ceiling not in standing.order or suite.reference not in standing.order:
+    if suite.informed not in standing.order or suite.reference not in standing.order:
         return
-    zero, one = (math.log10(float(frame.at[n, "score"])) for n in (suite.reference, suite.ceiling))
+    zero, one = (math.log10(float(frame.at[n, "score"])) for n in (suite.reference, suite.informed))
     ticks = [s / 4 for s in range(-8, 9) if math.log10(low) <= zero + s / 4 * (one - zero) <= math.log10(high)]
     plot.add_scatter(x=[None], y=[None], xaxis="x2", showlegend=False, hoverinfo="skip")
     plot.update_layout(xaxis2={

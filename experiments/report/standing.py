@@ -71,12 +71,12 @@ class Standing:
         return len(score) > 1 and bool(score.max() > (1 + SAME) * score.min())
 
     def scale(self, name: str, column: str = "ratio") -> float:
-        """0 of the reference, 1 of the ceiling, in the logarithm, of a ratio of :attr:`frame`; NaN without either."""
-        ceiling = self.suite.ceiling
-        if ceiling not in self.frame.index:
+        """0 of the reference, 1 of the informed one, in the logarithm of a ratio of :attr:`frame`; NaN without them."""
+        informed = self.suite.informed
+        if informed not in self.frame.index:
             return float("nan")
         with np.errstate(divide="ignore", invalid="ignore"):
-            top = np.log(float(self.frame.at[ceiling, "ratio"]))
+            top = np.log(float(self.frame.at[informed, "ratio"]))
             return float(np.log(float(self.frame.at[name, column])) / top)
 
 

@@ -9,7 +9,7 @@ from ...envs import job_metrics, metrics
 from ...envs.plant.controller import INFORMATION
 from ..fairness import order
 from ..jobs import JobResults
-from ..results import CEILING, REFERENCE, Results
+from ..results import INFORMED, REFERENCE, Results
 
 TITLES = {
     "following": "Height following", "ood": "Out of distribution", "contour": "Contours", "cutting": "Cutting",
@@ -57,9 +57,9 @@ class Suite:
         return self.results.reference if isinstance(self.results, JobResults) else REFERENCE
 
     @property
-    def ceiling(self) -> str:
-        """Who makes score 1; empty if nobody does."""
-        return "" if self.jobs else CEILING
+    def informed(self) -> str:
+        """Who has 1 on the scale: a reference with other information, no bound; empty if nobody does."""
+        return "" if self.jobs else INFORMED
 
     @cached_property
     def metrics(self) -> dict[str, metrics.Metric | job_metrics.Metric]:

@@ -105,9 +105,12 @@ def _score(suite: Suite, standings: dict[str, Standing]) -> Group:
     how = f"{HOW[kind(metric.name)]} over seeds, {suite.scored_in_words}"
     return Group("score" if suite.following else "ranked by", [
         Column("rank", "1 is best", rank, "among those of its information class that may be ranked; who cannot be told "
-               "apart at 95 %, all comparisons together, shares it; who failed in no run of the score stands above all "
-               "who did", "rank"),
-        Column("scale", "0 to 1", score, f"0 is {reference}, 1 is {suite.ceiling}, logarithmic between them",
+               "apart at 95 %, all comparisons together, shares it; who fails significantly more often stands below",
+               "rank"),
+        Column("failed", "runs", _failed(suite), "runs that touched the sheet where they should not, hold a number "
+               "that is not finite, have nothing to score or are not finished; no other figure but rank and wins is of "
+               "them", "failed"),
+        Column("scale", "0 to 1", score, f"0 is {reference}, 1 is {suite.informed}, logarithmic between them",
                "scale" if suite.following else ""),
         Column(ranked_by(suite), metric.unit, _estimates(own), f"{metric.summary}: {how}, of the runs that did not "
                "fail; what is ranked", "score" if suite.following else metric.name),
@@ -115,9 +118,6 @@ def _score(suite: Suite, standings: dict[str, Standing]) -> Group:
                "which neither failed; above 1 is better than the reference", "ratio"),
         Column("wins", "of runs", wins, f"how often a single run is better than that of {reference} on the same seed "
                "(probability of improvement); a failed run is never better", "wins"),
-        Column("failed", "runs", _failed(suite), "runs that touched the sheet where they should not, hold a number "
-               "that is not finite, have nothing to score or are not finished; no other figure but rank and wins is of "
-               "them", "failed"),
     ], first=True)  # fmt: skip
 
 
@@ -153,7 +153,7 @@ def _from(
 
 
 def _collisions(suite: Suite) -> Column:
-    total = "collision_runs" if suite.following else "count"
+    total = "collision_runs"
     cells = {}
     for name, row in suite.summary.iterrows():
         rate = wilson(int(row["collisions"]), int(row[total])) if row[total] else None

@@ -1,8 +1,10 @@
 """Studies behind README and manual: stored with what they depend on, stale when that changes, shown as stored."""
 
+import inspect
 import json
 import linecache
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -11,7 +13,7 @@ from kerfgym.envs import scenarios
 from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.experiments import docs
 from kerfgym.experiments.figures import __main__ as command
-from kerfgym.experiments.figures import marks, stamp, store, study, suites, tables
+from kerfgym.experiments.figures import imports, marks, stamp, store, study, suites, tables
 from kerfgym.experiments.grids import Grid
 
 SOURCE = '''"""Of a module."""
@@ -36,6 +38,7 @@ def place(tmp_path, monkeypatch):
     monkeypatch.setattr(stamp, "ROOT", tmp_path)
     monkeypatch.setattr(store, "FOLDER", tmp_path / "results")
     monkeypatch.setattr(study.Study, "stamp", lambda self: stamp.stamp(self.depends))
+    monkeypatch.setattr(suites, "RUN", ())
     monkeypatch.setattr(docs, "main", lambda: None)
     return tmp_path
 
@@ -94,6 +97,50 @@ def test_every_study_depends_on_files_that_there_are():
     for each in study.studies():
         assert each.stamp(), each.name
     assert {each.name for each in study.studies()} >= {"following", "ood", "contour", "cutting", "blame", "speed"}
+
+
+def test_what_a_module_imports_counts_however_it_is_written(tmp_path):
+    sources = {
+        "lab/__init__.py": "", "lab/study.py": "from . import grid\nfrom ..core.plant import step\n",
+        "lab/grid.py": "def late():\n    from ..core import noise\n", "lab/report/page.py": "import secrets\n",
+        "core/__init__.py": "", "core/plant.py": "import kerfgym.core.sheet\n", "core/noise.py": "import numpy\n",
+        "core/sheet.py": "from ..lab.report import page\n", "core/unused.py": "",
+    }  # fmt: skip
+    for name, text in sources.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    found = imports.sources(tmp_path, [tmp_path / "lab" / "study.py"])
+    assert [path.relative_to(tmp_path).as_posix() for path in found] == [
+        "core/__init__.py", "core/noise.py", "core/plant.py", "core/sheet.py", "lab/__init__.py", "lab/grid.py",
+        "lab/report/page.py", "lab/study.py",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "files"),
+    [
+        ("following", {"plants", "pooling", "benchmark", "margins", "stability", "comparison", "fairness", "results"}),
+        ("ood", {"pooling", "comparison", "tasks", "rollout"}), ("coverage", {"resampling", "inference"}),
+        ("filter-grid", {"filter_grid", "tune.run", "stability"}), ("blame", {"blame.game", "blame.tables"}),
+        ("reproduction", {"reproduce.xi2023_table", "reproduce.claims", "stability"}),
+    ],
+)  # fmt: skip
+def test_a_study_depends_on_what_computes_its_figures(name, files):
+    (one,) = study.studies([name])
+    named = [p for found in stamp.files(one.depends).values() for p in found if p.suffix == ".py"]
+    entry = Path(inspect.getfile(one.make))
+    found = imports.sources(stamp.ROOT, [entry, *named])
+    assert {stamp.ROOT / "experiments" / f"{each.replace('.', '/')}.py" for each in files} <= set(found)
+    assert stamp.ROOT / "experiments" / "report" / "page.py" not in found  # what shows numbers makes none
+    simulates = stamp.ROOT / "envs" / "plant" / "lanes.py" in found
+    assert simulates or name == "coverage"
+
+
+def test_runs_are_made_anew_when_corner_plants_or_the_machine_change():
+    found = imports.sources(stamp.ROOT, [stamp.ROOT / each for each in suites.RUN])
+    names = {path.relative_to(stamp.ROOT).as_posix() for path in found}
+    assert names >= {"experiments/plants.py", "envs/plant/lanes.py", "envs/plant/machine.py", "envs/scenarios.py"}
+    assert "experiments/table.py" not in names
 
 
 def test_an_unknown_study_is_an_error():
