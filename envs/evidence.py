@@ -78,12 +78,15 @@ def calibrated(material: str) -> Range:
     settings = RANGES.get(material)
     if settings is None:
         return Range()
-    return Range(known=True, **{name: value for setting in settings for name, value in setting.values.items()})
+    values: dict[str, Any] = {name: value for setting in settings for name, value in setting.values.items()}
+    return Range(known=True, **values)
 
 
 def published(material: str, extrapolate: bool = False) -> Range:
     """The settings that were published of a material; with ``extrapolate`` commands beyond them are obeyed too."""
-    printed = {name: value for setting in RANGES.get(material, ()) for name, value in setting.printed.items()}
+    printed: dict[str, Any] = {
+        name: value for setting in RANGES.get(material, ()) for name, value in setting.printed.items()
+    }
     found = calibrated(material)
     return found._replace(bounded=found.known and not extrapolate, **printed)
 

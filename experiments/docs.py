@@ -32,7 +32,7 @@ from ..envs import stack as stacks
 from ..envs.plant import controller
 from ..envs.plant.lanes import is_part
 from ..envs.plant.quantity import InvalidInput, Quantity, quantities
-from . import search
+from . import budgets, search
 from .bounds import record
 from .figures import marks, tables
 from .markdown import row, table
@@ -220,17 +220,24 @@ def _tuned(record: dict[str, Any]) -> str:
     return f"{record['trials']} trials" + (f", {1e-6 * steps:.0f} M steps" if steps else "")
 
 
+def _rounds(record: dict[str, Any], key: str) -> list[Any]:
+    """A number of a search's record and of those that it went on from, the last first."""
+    return [record[key]] + (_rounds(record["start"], key) if "start" in record else [])
+
+
 def presets() -> str:
     """What the search of each shipped follower came to and cost, from the records in the presets."""
-    rows, steps, seconds = [], 0.0, 0.0
+    rows: list[tuple[str, ...]] = []
+    steps, seconds = 0.0, 0.0
     for name in search.NAMES:
         found = baselines.preset(name)["provenance"]
-        steps, seconds = steps + found["simulated_steps"], seconds + found["cpu_seconds"]
+        spent, for_ms = budgets.spent(found), _rounds(found, "ms_steps")
+        steps, seconds = steps + spent.steps, seconds + spent.cpu_seconds
+        trials = " + ".join(str(each) for each in reversed(_rounds(found, "trials")))
         rows.append((
-            f"`{name}`", found["suite"], found.get("searched", "–"), found["trials"], found["tune_seeds"],
-            f"{found.get('score_checked_um', found['score_tune_um']):.2f}", f"{found['ms']:.2f}",
-            f"{1e-6 * found['simulated_steps']:.0f} M",
-            f"{1e-6 * found['ms_steps']:.0f} M" if "ms_steps" in found else "–", f"{found['cpu_seconds']:.0f}",
+            f"`{name}`", found["suite"], str(found["searched"]), trials, found["tune_seeds"],
+            f"{found['score_checked_um']:.2f}", f"{found['ms']:.2f}", f"{1e-6 * spent.steps:.0f} M",
+            f"{1e-6 * sum(for_ms):.0f} M", f"{spent.cpu_seconds:.0f}",
         ))  # fmt: skip
     rows.append(("all", *[""] * 6, f"{1e-6 * steps:.0f} M", "", f"{seconds:.0f}"))
     titles = ("preset", "suite", "numbers searched", "trials", "tune seeds", "score on tune seeds, µm", "Ms",

@@ -94,7 +94,8 @@ def on_test_seeds(found: dict[str, Stack], threads: int) -> pd.DataFrame:
         for case in cases:
             for part in rollout.chunks(case.some(np.asarray(seeds))):
                 record = rollout.roll(case, stack, part, threads)
-                rms = np.where(metrics.failed(record) | metrics.broken(record), np.nan, metrics.METRICS["rms_true"].function(record))
+                lost = metrics.failed(record) | metrics.broken(record)
+                rms = np.where(lost, np.nan, metrics.METRICS["rms_true"].function(record))
                 frames.append(pd.DataFrame({"controller": name, "scenario": case.name, "seed": part, "rms_true": rms}))
     return pd.concat(frames, ignore_index=True)
 
