@@ -168,6 +168,8 @@ def _results(
     meta = record | {
         "seeds": f"{min(grid.seeds)}-{max(grid.seeds)}", "seed_count": len(grid.seeds), "scenarios": names,
         "controllers": list(grid.controllers), "core": list(grid.core),
+        "plates": sorted({s.head.plate for s in grid.scenarios}),
+        "corners": [s.name for s in grid.scenarios if s.corners],
         "bounds": {s.name: each.bound for s in grid.scenarios if (each := recorded(s))},
         "linear": {s.name: each.linear for s in grid.scenarios if (each := recorded(s)) and each.linear is not None},
         "ledger": {

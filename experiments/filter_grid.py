@@ -87,15 +87,14 @@ def search_grid(task: Task, threads: int, told: Any) -> pd.DataFrame:
 
 
 def on_test_seeds(found: dict[str, Stack], threads: int) -> pd.DataFrame:
-    """One row per controller, scenario of the core and test seed: ``rms_true``, µm."""
+    """One row per controller, scenario of the core and test seed of it: ``rms_true``, µm; NaN if it failed."""
     cases, seeds = [scenarios.load(n) for n in scenarios.core("following")], scenarios.SPLITS["test"]
     frames = []
     for name, stack in found.items():
         for case in cases:
             for part in rollout.chunks(case.some(np.asarray(seeds))):
                 record = rollout.roll(case, stack, part, threads)
-                lost = metrics.failed(record) | metrics.broken(record)
-                rms = np.where(lost, np.nan, metrics.METRICS["rms_true"].function(record))
+                rms = np.where(metrics.failed(record), np.nan, metrics.METRICS["rms_true"].function(record))
                 frames.append(pd.DataFrame({"controller": name, "scenario": case.name, "seed": part, "rms_true": rms}))
     return pd.concat(frames, ignore_index=True)
 

@@ -281,6 +281,7 @@ class Fleet(Columns):
     def at_end(self, stage: int, numbers: np.ndarray) -> None:
         """A stage at the end of each period of machines without axes: its address, and the array that it gets."""
         assert self.gantries is None
+        assert numbers.dtype == np.float64, "numbers keep nothing alive; addresses need Words"
         self._deck[machine.D_FINISH] = stage
         self._point(machine.D_GANTRY, numbers)
 
@@ -289,13 +290,15 @@ class Fleet(Columns):
         self._deck[machine.D_FILTERED] = stage
         self._point(machine.D_FILTERED_IO, Words((address(numbers), self._at)))
 
-    def after_sensor(self, stage: int, io: np.ndarray) -> None:
-        """A stage between sensor and filter, not run while an episode begins: its address, and the array it gets."""
+    def after_sensor(self, stage: int, io: Words) -> None:
+        """A stage between sensor and filter, not run while an episode begins: its address, and the words it gets."""
+        assert isinstance(io, Words), "plain words keep nothing alive"
         self._deck[machine.D_SENSED] = stage
         self._point(machine.D_SENSED_IO, io)
 
-    def after_supervisor(self, stage: int, io: np.ndarray) -> None:
-        """A stage between supervisor and drive: its address, and the array it gets."""
+    def after_supervisor(self, stage: int, io: Words) -> None:
+        """A stage between supervisor and drive: its address, and the words it gets."""
+        assert isinstance(io, Words), "plain words keep nothing alive"
         self._deck[machine.D_SENT] = stage
         self._point(machine.D_SENT_IO, io)
 
@@ -351,8 +354,10 @@ class Fleet(Columns):
     def run_kernel(self, kernel: Any, steps: int) -> None:
         """``steps`` control periods by another kernel with the deck's contract, such as one to compare speed with."""
         self._deck[machine.D_STEPS] = steps
-        kernel(self._at)
-        self._deck[machine.D_STEPS] = self._usual
+        try:
+            kernel(self._at)
+        finally:
+            self._deck[machine.D_STEPS] = self._usual
 
     def start_recording(self, steps: int) -> np.ndarray:
         """Keeps the next ``steps`` periods: float32 of shape (steps, channels, size), see ``machine.CHANNELS``."""

@@ -29,7 +29,8 @@ def main(
 
     Args:
         controllers: names; without any, all that are shipped, policies too.
-        sheets: some of wavy, rough, rough+flutter+impulses, chatter, random-k2 and path; without any, all.
+        sheets: some of wavy, rough, rough+flutter+impulses, chatter, random-k2, random-k3, shift and path; without any,
+            all.
         seeds: of each sheet.
         split: of the seeds.
         duration: seconds of each run; a drawing takes what it takes.
@@ -41,7 +42,7 @@ def main(
     """
     chosen = controllers or (QUICK[0] if quick else tuple(grids.shipped("following")))
     seeds, duration = (min(seeds, QUICK[1]), min(duration, QUICK[2])) if quick else (seeds, duration)
-    found, missing = sheets_of(sheets, duration, path)
+    found = sheets_of(sheets, duration, path)
     folder = runs.open_folder(runs.named(name), overwrite=True)
     started, wall = time.process_time(), time.time()
     which = grids.split_seeds(seeds, split)
@@ -53,14 +54,13 @@ def main(
     words += [*(["--controllers", *controllers] if controllers else []), *(["--path", path.name] if path else [])]
     record = runs.record(words) | {
         "cpu_seconds": round(time.process_time() - started, 1), "wall_seconds": round(time.time() - wall, 1),
-        "seeds": f"{which[0]}-{which[-1]}", "controllers": list(chosen), "missing": missing,
+        "seeds": f"{which[0]}-{which[-1]}", "controllers": list(chosen),
         "seconds": {name: scenario.duration for name, scenario in found.items() if not scenario.job}, "promises": kept,
     }  # fmt: skip
     runs.write_table(folder, "verdicts", frame)
     runs.write_table(folder, "windows", windows)
     runs.write_json(folder / "run.json", record)
     shown = [promised(kept), table(frame)]
-    shown[-1].notes += missing
     for sheet in shown:
         sheet.show()
     if docs:

@@ -56,12 +56,12 @@ def endurance(
     for task, windows in pool.spread(work, tasks, jobs):
         found[task.sheet, task.controller] = windows
         told(len(found), len(tasks), f"{task.controller} on {task.sheet}")
-    tests = sum(task.scenario.job is None for task in tasks)
+    tests = sum(not _changes(task.scenario) for task in tasks)
     rows, pieces = [], []
     for task in tasks:
         windows = found[task.sheet, task.controller]
         head = {"sheet": task.sheet, "controller": task.controller}
-        drawing = task.scenario.job is not None
+        drawing = _changes(task.scenario)
         judged = judge(windows, max(1, tests))
         rows.append(head | {"drawing": drawing} | _columns(judged._replace(word=NOT_JUDGED) if drawing else judged))
         count = len(windows.rms)
@@ -72,6 +72,12 @@ def endurance(
             "lost": windows.lost.repeat(count),
         }))  # fmt: skip
     return pd.DataFrame(rows), pd.concat(pieces, ignore_index=True)
+
+
+def _changes(scenario: Scenario) -> bool:
+    """Whether a run is not the same from beginning to end: a drawing, or disturbances in turn. Nothing is said of its
+    growth."""
+    return scenario.job is not None or scenario.turns is not None
 
 
 def _columns(verdict: Verdict) -> dict:

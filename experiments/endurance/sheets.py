@@ -15,8 +15,11 @@ PLAIN = ("wavy", "rough", "chatter")
 MIXED = "rough+flutter+impulses"
 """The waves of ``rough``, the vibration of ``flutter``, the sensor of ``impulses``."""
 
-CONTINUOUS = "random-k2"
-"""A sheet of continuous spectrum."""
+CONTINUOUS = ("random-k2", "random-k3")
+"""Sheets of continuous spectrum."""
+
+TURNS = "shift"
+"""Everything in turn; the later parts are harder, so it is judged by lost runs and bursts only, as a drawing is."""
 
 LEVEL = {"tilt": 0.0, "tilt_y": 0.0}
 """60 m up a slope of 3 mm/m lead out of the travel of the head."""
@@ -24,16 +27,14 @@ LEVEL = {"tilt": 0.0, "tilt_y": 0.0}
 DRAWN = "path"
 """A drawing that the user gives."""
 
-NAMES = ("wavy", "rough", MIXED, "chatter", CONTINUOUS)
+NAMES = ("wavy", "rough", MIXED, "chatter", *CONTINUOUS, TURNS)
 
 JOB = "contour-square"
 """The scenario whose part the drawing replaces: mild steel of 3 mm, axes and pierces and rapids and all."""
 
 
-def sheets(
-    names: tuple[str, ...] = (), duration: float = 300.0, path: Path | None = None
-) -> tuple[dict[str, Scenario], list[str]]:
-    """Scenarios by name, and sentences about those that this version does not have.
+def sheets(names: tuple[str, ...] = (), duration: float = 300.0, path: Path | None = None) -> dict[str, Scenario]:
+    """Scenarios by name.
 
     Args:
         names: some of :data:`NAMES`, and ``path``; none: all there are.
@@ -50,16 +51,14 @@ def sheets(
     if DRAWN in names and path is None:
         raise InvalidInput("--sheets path needs a drawing: --path FILE")
     wanted = names or (*NAMES, *([DRAWN] if path else []))
-    found, missing = {}, []
+    found = {}
     for name in wanted:
-        if name == CONTINUOUS and not _is_there(name):
-            missing.append(f"{name}: this version has no such scenario.")
-        elif name == DRAWN and path is not None:
+        if name == DRAWN and path is not None:
             found[path.stem] = along(path, [scenarios.load(JOB)], "contour")[0]
         else:
             base = mixed() if name == MIXED else scenarios.load(name)
             found[name] = base.varied(duration=duration, name=name, sheet=LEVEL)
-    return found, missing
+    return found
 
 
 def mixed() -> Scenario:
@@ -72,7 +71,3 @@ def _own(section: Any) -> dict[str, Any]:
     """What differs from a section's defaults."""
     plain = {f.name: f.default for f in fields(section) if f.default is not MISSING}
     return {key: value for key, value in asdict(section).items() if getattr(section, key) != plain.get(key)}
-
-
-def _is_there(name: str) -> bool:
-    return any(name in scenarios.suite(suite) for suite in scenarios.suites())

@@ -6,6 +6,7 @@ from typing import Any
 import pandas as pd
 
 from ..table import Sheet
+from .sheets import TURNS
 from .verdict import BURST, EARLY, LARGEST_MARGIN, LIMIT, RMS_MARGIN, TIMES, WORSE
 
 SUBJECT, REFERENCE = "self-tuning", "xi2023-tuned"
@@ -59,8 +60,14 @@ def promises(frame: pd.DataFrame) -> list[dict[str, Any]]:
         ):  # fmt: skip
             found.append(_promise(f"{SUBJECT} on {row['sheet']}: {what}", measured, most))
     for name, part in frame[frame["drawing"]].groupby("sheet", sort=False):
-        largest = part.set_index("controller")[["largest_first", "largest_later"]].max(axis=1)
-        if {SUBJECT, REFERENCE} <= set(largest.index):
+        own = part.set_index("controller")
+        if SUBJECT not in own.index:
+            continue
+        for what in ("lost", "bursts"):
+            words = "lost runs" if what == "lost" else what
+            found.append(_promise(f"{SUBJECT} along {name}: {words}", own.at[SUBJECT, what], 0.0))
+        if name != TURNS and REFERENCE in own.index and not own.at[REFERENCE, "lost"]:  # a lost one is no reference
+            largest = own[["largest_first", "largest_later"]].max(axis=1)
             most = float(largest[REFERENCE])
             found.append(_promise(f"{SUBJECT} along {name}: largest error, µm", largest[SUBJECT], round(most, 1)))
     return found

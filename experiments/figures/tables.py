@@ -221,6 +221,23 @@ def quality(found: dict[str, Any]) -> str:
 # ---------------------------------------------------------------------------------------------------------------- rest
 
 
+@made("agreement", "agreement")
+def agreement(found: dict[str, Any]) -> str:
+    """The first of the following suite, there and elsewhere, and the verdict."""
+    from .agreement import FACTOR
+
+    own = found["numbers"]
+    rows = [
+        (f"`{name}`", written(row["here"]), written(row["there"]), written(row["ratio_here"], ".2f"),
+         written(row["ratio_there"], ".2f"), written(row["quotient"], ".2f"))
+        for name, row in own["rows"].items()
+    ]  # fmt: skip
+    titles = ("controller", "place in `following`", "in `elsewhere`", "× xi2023-tuned in `following`",
+              "in `elsewhere`", "apart by")  # fmt: skip
+    verdict = f"The same order: {own['order']}. All ratios within a factor of {FACTOR:g}: {own['ratios']}."
+    return f"{markdown.table(titles, rows)}\n{verdict}\n"
+
+
 @made("blame", "blame")
 def blame(found: dict[str, Any]) -> str:
     """Shares of the mean square, with intervals."""

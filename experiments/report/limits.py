@@ -1,6 +1,7 @@
 """What this cannot tell you."""
 
 from ...envs.material import material
+from ...envs.plant.sheet import FOOTPRINT
 from ...envs.scenarios import SPLITS
 from .suite import Suite
 
@@ -31,13 +32,12 @@ def sentences(suites: list[Suite], learned: list[str]) -> list[tuple[str, str]]:
         ("Intervals are about the draw of seeds.", f"They hold for other machines, sheets and noise of the same kind, "
          f"drawn as these {seeds} were. They know nothing of errors of the model, of other scenarios, or of another "
          "tuning of the same controller."),
-        ("The gap is the mean under the nozzle.", "Sensor and score see the same footprint of ±2 mm; only holes and "
-         "edges are felt wider. A real head feels ripples shorter than its plate less than is assumed here."),
+        ("The gap is the mean under the nozzle.", footprints(suites)),
     ]  # fmt: skip
     if followers:
         out += [
-            ("The axes are ideal in the following suites.", "Constant feed, no slow-down in corners, also along a "
-             "drawing. Jobs have axes with following error."),
+            ("The axes are ideal in the following suites.", f"{feeds(suites)} The axes are where the path says. Jobs "
+             "have axes with following error."),
             ("Ms and the margins are measured, not proved.", "Worst of the corner plants of the machines that were "
              "run; Ms with a sine of 20 µm, one frequency at a time, and with noise of 20 µm RMS; the margins with a "
              "step of 0.1 mm. Where friction, limits and thresholds act, another amplitude gives another figure."),
@@ -56,3 +56,31 @@ def sentences(suites: list[Suite], learned: list[str]) -> list[tuple[str, str]]:
             "training seed. Another training of the same recipe may end elsewhere.",
         ))  # fmt: skip
     return out
+
+
+def footprints(suites: list[Suite]) -> str:
+    """Over what score and sensor take the gap, as it was in the scenarios that were run."""
+    score = f"The score is of the mean over ±{FOOTPRINT:g} mm under the tip."
+    plates = sorted({float(plate) for s in suites for plate in s.results.meta.get("plates", ())})
+    if not plates:
+        return f"{score} Over how much the sensor's plate takes it, this run did not record."
+    if plates == [FOOTPRINT]:
+        return (
+            f"{score} The sensor takes it over the same; only holes and edges are felt wider. A real head feels "
+            "ripples shorter than its plate less than is assumed here."
+        )
+    words = " or ".join(f"{plate:g}" for plate in plates)
+    return (
+        f"{score} The sensor takes it over a plate of {words} mm radius, so it feels short ripples less than they are."
+    )
+
+
+def feeds(suites: list[Suite]) -> str:
+    """Whether the feed changed in the followers' scenarios that were run."""
+    known = [s.results.meta["corners"] for s in suites if s.following and "corners" in s.results.meta]
+    slow = list(dict.fromkeys(name for names in known for name in names))
+    if not known:
+        return "This run did not record in which scenarios the feed changes."
+    if not slow:
+        return "Constant feed, no slow-down in corners, also along a drawing."
+    return f"The feed falls in corners in {', '.join(slow)}, and is constant in all others, also along a drawing."

@@ -63,16 +63,20 @@ def table(suites: list[Suite], labels: dict[str, str]) -> dict[str, Any] | None:
 
 def _said(beyond: Suite, within: Suite | None, rows: list[dict[str, Any]]) -> str:
     """Who is first here, and whether it is the same as within the distribution."""
-    fair = [row for row in rows if row["information"] == "sensor" and np.isfinite(row["beyond_value"])]
+    fair = [row for row in rows if row["information"] == "sensor" and np.isfinite(row["rank"])]
+    fair = [row for row in fair if np.isfinite(row["beyond_value"])]
     if not fair:
-        return "No controller that uses the sensor only has a figure here."
+        return "No controller that uses the sensor only is ranked and has a figure here."
     best = fair[0]  # they are in the order of their ranks
     text = f"Where nothing was tuned or trained, {best['label']} comes first of those that use the sensor only"
     both = [row for row in fair if np.isfinite(row["within_value"])]
     if within is None or not both:
         return text + "."
     known = {row["name"]: row["label"] for row in both}
-    first = next(name for name in within.ranked if name in known)
+    ranked = within.summary["rank"].notna()
+    first = next((name for name in within.ranked if name in known and ranked[name]), None)
+    if first is None:
+        return text + "."
     if first == best["name"]:
         return text + ", as within the distribution."
     return f"{text}; within the distribution it is {known[first]}."

@@ -1,5 +1,6 @@
 """Scenarios: the frozen suite against its printed table, draws, TOML, measured profiles, and what bad input says."""
 
+import hashlib
 import pickle
 from dataclasses import FrozenInstanceError, asdict, replace
 from pathlib import Path
@@ -206,6 +207,17 @@ def test_every_number_of_the_following_suites_is_the_frozen_one(group, name):
     unused = {"job": None, "gantry": asdict(scenarios.Gantry()), "optics": asdict(scenarios.Optics())}
     assert {key: value for key, value in shipped.items() if key not in ("name", "summary")} == {**frozen, **unused}
     assert suite(group)[name].name == name
+
+
+ELSEWHERE = "368b580c486416cd"
+"""Of the suite's files as they were before any controller had been run on them; no result chose anything in them."""
+
+
+def test_the_sheets_elsewhere_are_those_that_were_written_down_before_anything_ran_on_them():
+    folder = Path(scenarios.__file__).parent / "suites"
+    files = [folder / "elsewhere.toml", *sorted((folder / "elsewhere").glob("*.toml"))]
+    assert len(files) == 9
+    assert hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:16] == ELSEWHERE
 
 
 PUBLISHED = {

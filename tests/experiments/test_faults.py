@@ -9,6 +9,7 @@ import pytest
 
 from kerfgym.envs import scenarios, stack
 from kerfgym.envs.plant import calibration, filters, heads, machine, z_axis
+from kerfgym.envs.plant.addresses import Words
 from kerfgym.envs.plant.controller import stage_address
 from kerfgym.envs.plant.fleet import Fleet
 from kerfgym.envs.plant.lanes import U, call, doubles, load, store, words
@@ -238,7 +239,7 @@ def plant(monkeypatch, defect):
         install(self, fleet)
         if defect == "supervisor":
             io = [*fleet._owned[machine.D_SENT_IO], stage_address(inject.pass_commands)]
-            fleet.after_supervisor(stage_address(dive), np.array(io, np.uint64))
+            fleet.after_supervisor(stage_address(dive), Words(io))
         else:
             top = heads.POOL.frequencies[calibration.POINTS - 1]
             fleet.after_filter(stage_address(read_high), np.array([top, float(self._block.ctypes.data)]))

@@ -7,13 +7,16 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from kerfgym.envs import scenarios
 from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.experiments import docs
+from kerfgym.experiments.blame import tables as blame_tables
+from kerfgym.experiments.blame.game import Blame
 from kerfgym.experiments.figures import __main__ as command
-from kerfgym.experiments.figures import imports, marks, stamp, store, study, suites, tables
+from kerfgym.experiments.figures import agreement, imports, marks, stages, stamp, store, study, suites, tables
 from kerfgym.experiments.grids import Grid
 
 SOURCE = '''"""Of a module."""
@@ -239,6 +242,39 @@ def test_new_results_are_compared_with_those_before():
     assert store.differences(before, after) == (4, 1)
     assert store.differences(before, before) == (4, 0)
     assert store.differences(None, after) == (4, 4)
+
+
+def controllers(ratios, information="sensor"):
+    return {
+        name: {"information": information, "rank": rank, "score": 20.0 / ratio, "ratio": ratio}
+        for rank, (name, ratio) in enumerate(ratios.items(), start=1)
+    }  # fmt: skip
+
+
+def test_suites_agree_if_order_and_ratios_of_the_first_five_do():
+    ratios = {"a": 6.0, "b": 5.0, "c": 4.0, "d": 3.0, "e": 2.0, "f": 1.0}
+    seer = controllers({"seer": 30.0}, "preview")
+    same = agreement.compared(controllers(ratios) | seer, controllers({n: r / 1.4 for n, r in ratios.items()}))
+    assert (same["order"], same["ratios"], list(same["rows"])) == ("yes", "yes", ["a", "b", "c", "d", "e"])
+    assert same["farthest"] == pytest.approx(1.4)
+    far = agreement.compared(controllers(ratios), controllers({**ratios, "e": 1.2}))
+    assert (far["order"], far["ratios"], far["rows"]["e"]["quotient"]) == ("yes", "no", pytest.approx(2.0 / 1.2))
+    turned = agreement.compared(controllers(ratios), controllers({**ratios, "a": 4.9}))
+    assert (turned["order"], turned["ratios"]) == ("no", "yes")
+    assert (turned["rows"]["a"]["there"], turned["rows"]["b"]["there"]) == (2, 1)
+    without = agreement.compared(controllers(ratios), {n: r for n, r in controllers(ratios).items() if n != "b"})
+    assert (without["order"], without["ratios"], without["rows"]["b"]["there"]) == ("no", "no", None)
+
+
+def test_the_tables_of_blame_are_made_of_what_blame_gives(monkeypatch):
+    blamed = Blame("wavy", "pid", "gap", (1, 2, 3), ("sensor",), np.array([[4.0, 5.0, 6.0], [1.0, 2.0, 1.0]]),
+                   {"oracle": np.array([1.0, 1.5, 1.2])})  # fmt: skip
+    frames = blame_tables.shares([blamed]), blame_tables.headroom([blamed])
+    numbers = {"shares": stages.nested(frames[0], "stage"), "headroom": stages.nested(frames[1], "informed")}
+    body = {"command": "c", "kerfgym": "0", "numbers": store.plain(numbers)}
+    monkeypatch.setattr(store, "read", lambda name: body)
+    assert "| `pid` | wavy | 2.2 | `oracle` | 1.1 |" in tables.MADE["headroom"]()
+    assert "| `pid` | wavy |" in tables.MADE["blame"]()
 
 
 # ------------------------------------------------------------------------------------- the command

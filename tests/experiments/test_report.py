@@ -12,7 +12,8 @@ import plotly.graph_objects as go
 import pytest
 from plotly.offline import get_plotlyjs
 
-from kerfgym.experiments.report import answer, numbers, page, scope, standing, table
+from kerfgym.envs import scenarios
+from kerfgym.experiments.report import answer, limits, numbers, page, scope, standing, table
 from kerfgym.experiments.report.fronts import efficient
 from kerfgym.experiments.report.heat import figure as heat
 from kerfgym.experiments.report.kerfs import coloured, pieces
@@ -564,3 +565,22 @@ def test_an_interval_tells_how_many_digits_are_known():
 ])  # fmt: skip
 def test_shares_are_never_rounded_to_certainty(share, text):
     assert numbers.percent(share) == text
+
+
+def test_the_limits_tell_of_the_scenarios_that_were_run(made_up):
+    def said(suite):
+        cases = scenarios.suite(suite).values()
+        results = made_up.following()
+        results.meta |= {
+            "plates": sorted({s.head.plate for s in cases}), "corners": [s.name for s in cases if s.corners]
+        }  # fmt: skip
+        one = [Suite(suite, results)]
+        return " ".join(text for _, text in limits.sentences(one, []))
+
+    first, second = said("following-v1"), said("following")
+    assert "The sensor takes it over the same" in first
+    assert "Constant feed, no slow-down in corners" in first
+    assert "over a plate of 5.6 mm radius" in second
+    assert "The feed falls in corners in corners, shift" in second
+    assert "the same; only" not in second
+    assert "did not record" in " ".join(text for _, text in limits.sentences([Suite("x", made_up.following())], []))
