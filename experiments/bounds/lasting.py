@@ -17,7 +17,8 @@ STAIRS = (0, 2, 4, 6, 8, 10, 12, 16, 20, 24, 28, 32, 40, 48, 64, 80, 96, 128, 16
 
 
 def stairs(random: Random, sight: Sight, horizons: np.ndarray, reach: np.ndarray) -> np.ndarray:
-    """Error variances on each of :data:`STAIRS`, µm², shape (stairs, 2): as the drive leaves them, at the last horizon.
+    """Error variances on each of :data:`STAIRS`, µm², shape (stairs, 3): at the first horizon, the same as the drive
+    leaves it, and at the last horizon.
 
     Args:
         random: of the sheet, µm².
@@ -30,15 +31,26 @@ def stairs(random: Random, sight: Sight, horizons: np.ndarray, reach: np.ndarray
     found = np.array([
         [told.variance(int(h), max(stair + 1 - int(h), 0)) for h in horizons] for stair in STAIRS
     ])  # fmt: skip
-    return np.column_stack([held_back(found.T, reach), found[:, -1]])
+    return np.column_stack([found[:, 0], held_back(found.T, reach), found[:, -1]])
 
 
 def mean_square(random: Random, sight: Sight, horizons: np.ndarray, reach: np.ndarray, periods: int) -> float:
-    """No controller's mean-square error over ``periods`` scored control periods is below this, µm²."""
+    """No controller's mean-square error over ``periods`` scored control periods is below this, µm².
+
+    Any choice among the stairs makes a bound, with the limits of the drive or without; the highest is taken. Few stairs
+    are coarse, of many a single reading matters to more, so that lowering the head is allowed to gain more.
+    """
     found = stairs(random, sight, horizons, reach)
-    many = [i for i, stair in enumerate(STAIRS) if stair < periods and not sight.pays(stair, found[i, 1])]
-    found, ends = found[many], np.append(np.array(STAIRS)[many], periods)
-    lengths = np.diff(ends)
-    # A reading matters to the errors on its own stair and on those after it.
-    sensitivity = np.cumsum(found[::-1, 1])[::-1]
-    return float(max(lengths @ (found[:, 0] - sight.gain(sensitivity)), 0.0)) / periods
+    most = [i for i, stair in enumerate(STAIRS) if stair < periods and not sight.pays(stair, found[i, 2])]
+    choices = [most[:last:thin] for last in range(1, len(most) + 1) for thin in (1, 2, 4)]
+    return max(
+        _mean(found[some, error], found[some, moved], np.array(STAIRS)[some], sight, periods)
+        for some in choices for error, moved in ((0, 0), (1, 2))
+    )  # fmt: skip
+
+
+def _mean(errors: np.ndarray, moved: np.ndarray, begins: np.ndarray, sight: Sight, periods: int) -> float:
+    """Mean over all periods of ``errors`` on stairs that begin so, less what lowering gains; ``moved`` bounds how much a
+    reading matters to the error on each stair: to that on its own and on those after it."""
+    gain = sight.gain(np.cumsum(moved[::-1])[::-1])
+    return float(max(np.diff(np.append(begins, periods)) @ (errors - gain), 0.0)) / periods

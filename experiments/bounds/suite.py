@@ -88,8 +88,8 @@ def _moving(fleet: Fleet, scenario: Scenario, i: int, sight: Sight) -> tuple[flo
     horizons, reach = axis.horizon + np.arange(NEWEST + 1), axis.within(NEWEST)
     shaken, trembling = of_vibrations(fleet, scenario, i), 0.0
     if shaken.xx > 0.0:
-        trembling = float(lasting.stairs(shaken, sight, horizons, reach)[-1, 0])
-        trembling = max(trembling - float(sight.gain(trembling * np.ones(1))[0]), 0.0)
+        # A turn is long; what finer readings before it told is forgotten while one turn fades into the next.
+        trembling = lasting.mean_square(shaken, sight, horizons, reach, scenario.steps)
     along = moving.Along(journey, of_surface(scenario), float(of_sizes(fleet)[i]), sight, horizons, reach)
     begin = scenario.settle_steps
     found = moving.over_turns(scenario, along, trembling) if scenario.turns else float(np.mean(
