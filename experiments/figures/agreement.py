@@ -61,8 +61,12 @@ def agreement(trial: Trial) -> dict[str, Any]:
     Raises:
         InvalidInput: one of the two studies was never run.
     """
-    found = {name: store.read(name) for name in (HERE, THERE)}
-    for name, body in found.items():
-        if body is None:
-            raise InvalidInput(f"'{name}' was never run; python -m kerfgym.experiments.figures {name}")
-    return {"seeds": found[HERE]["seeds"], "numbers": compared(found[HERE]["numbers"], found[THERE]["numbers"])}
+    here, there = (_stored(name) for name in (HERE, THERE))
+    return {"seeds": here["seeds"], "numbers": compared(here["numbers"], there["numbers"])}
+
+
+def _stored(name: str) -> dict[str, Any]:
+    body = store.read(name)
+    if body is None:
+        raise InvalidInput(f"'{name}' was never run; python -m kerfgym.experiments.figures {name}")
+    return body
