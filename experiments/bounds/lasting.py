@@ -50,7 +50,9 @@ def mean_square(random: Random, sight: Sight, horizons: np.ndarray, reach: np.nd
 
 
 def _mean(errors: np.ndarray, moved: np.ndarray, begins: np.ndarray, sight: Sight, periods: int) -> float:
-    """Mean over all periods of ``errors`` on stairs that begin so, less what lowering gains; ``moved`` bounds how much a
-    reading matters to the error on each stair: to that on its own and on those after it."""
+    """Mean over all periods of ``errors`` on stairs that begin so, less what lowering gains.
+
+    ``moved`` bounds how much a reading matters to the error on each stair: to that on its own and on those after it.
+    """
     gain = sight.gain(np.cumsum(moved[::-1])[::-1])
     return float(max(np.diff(np.append(begins, periods)) @ (errors - gain), 0.0)) / periods
