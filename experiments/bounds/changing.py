@@ -2,8 +2,8 @@
 
 In space it still is. The sheet is cut into cells along the path; a reading is a mean over the cells under the plate,
 the score one over those under the tip. All of the sheet more than :data:`SPAN` behind is given away, which can only
-lower the error. What is still unknown of the cells after that is made of white noise by the causal factor of the
-sheet's density, so its covariance is exact; the readings that touch these cells tell the rest.
+lower the error. What is still unknown of the cells after that is made of white noise by the causal factor of the sheet's
+density, so its covariance is exact; the readings that touch these cells tell the rest.
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from .spectrum import Surface
 CELL = sheet.RANDOM_SPACING
 """mm, length of a cell: that of the samples of the machine's own sheets."""
 
-SPAN = 40.0
+SPAN = 60.0
 """mm behind the newest reading from which on the sheet is unknown."""
 
 
@@ -58,19 +58,22 @@ def errors(
         score = weights(edges, where[n : n + 1], sheet.FOOTPRINT)[0] @ news
         first = int(np.searchsorted(where, begin - surface.plate))
         # From the earliest news on, a few more readings each time.
-        known, before = np.eye(len(score)), first
-        for i in range(len(horizons))[::-1]:
-            seen = slice(before, max(newest[i] + 1, before))
-            read = (weights(edges, where[seen], surface.plate) @ news) / noise[seen, None]
-            known += read.T @ read
-            before = seen.stop
-            left = cho_solve((cholesky(known, lower=True, check_finite=False), True), score, check_finite=False)
-            out[i, j] = size**2 * (score @ left)
-        seen = slice(first, before)
-        told = (weights(edges, where[seen], surface.plate) @ (news @ left)) / noise[seen]
+        seen = slice(first, max(newest[0] + 1, first))
+        read = (weights(edges, where[seen], surface.plate) @ news) / noise[seen, None]
+        early = max(newest[-1] + 1, first) - first
+        known = cholesky(np.eye(len(score)) + read[:early].T @ read[:early], lower=True, check_finite=False)
+        late = np.vstack([score, read[early:]]).T
+        whole = cho_solve((known, True), late, check_finite=False)
+        both = late.T @ whole
+        for i in range(len(horizons)):
+            more = slice(1, 1 + max(newest[i] + 1 - first - early, 0))
+            taken = np.linalg.solve(np.eye(more.stop - 1) + both[more, more], both[more, 0])
+            out[i, j] = size**2 * max(both[0, 0] - both[0, more] @ taken, 0.0)
+            if i == 0:
+                told = read @ (whole[:, 0] - whole[:, more] @ taken)
         # Of the errors of all periods around this one; what readings before the score tell cannot be bettered.
         sensitivity[seen] += apart * size**2 * told**2
-        window[j] = before - max(first, scored)
+        window[j] = seen.stop - max(first, scored)
     counted = np.flatnonzero(np.arange(len(where)) >= max(scored, int(at[0]) - int(window[0])))
     gain = float(sight.gain(sensitivity[counted]).sum()) / max(len(counted), 1)
     deep = np.array([sight.pays(w, v) for w, v in zip(window, out[-1], strict=True)])
