@@ -79,17 +79,16 @@ class Comparison:
         return table.apply(lambda row: pooling.over_scenarios(metric, row), axis=1)
 
     def counts(self, frame: pd.DataFrame) -> pd.DataFrame:
-        """A summary with the runs, of all scenarios, that touched the sheet or failed; ``collision_runs`` are those in
-        which nobody should touch it."""
-        groups = self.runs.groupby("controller", sort=False)
+        """A summary with the ``runs`` in which nobody should touch the sheet, and of them those that touched it
+        (``collisions``) or failed (``failed``)."""
         ordinary = self.runs[~self.runs["scenario"].isin(getattr(self, "exempt", ()))]
-        touched = ordinary.groupby("controller", sort=False)["collision"]
-        lost = self.failures.groupby(self.runs["controller"], sort=False).sum()
-        return frame.assign(
-            collisions=(touched.sum()).reindex(frame.index, fill_value=0).astype(int),
-            collision_runs=touched.size().reindex(frame.index, fill_value=0),
-            failed=lost.reindex(frame.index).astype(int), runs=groups.size().reindex(frame.index),
-        )  # fmt: skip
+        controllers = ordinary["controller"]
+        counted = {
+            "collisions": ordinary["collision"].groupby(controllers, sort=False).sum(),
+            "failed": self.failures[ordinary.index].groupby(controllers, sort=False).sum(),
+            "runs": controllers.groupby(controllers, sort=False).size(),
+        }
+        return frame.assign(**{k: each.reindex(frame.index, fill_value=0).astype(int) for k, each in counted.items()})
 
     @functools.cached_property
     def standings(self) -> pd.DataFrame:

@@ -172,7 +172,7 @@ FOLLOWING: dict[str, tuple[str, Callable[[Any], str]]] = {
     "jitter": ("jitter", lambda row: _number(row["jitter"])),
     "dross, mm": ("dross", lambda row: _number(row["dross"], "{:.4f}")),
     "Rz, µm": ("roughness", lambda row: _number(row["roughness"])),
-    "collisions": ("collisions", lambda row: f"{row['collisions']}/{row['collision_runs']}"),
+    "collisions": ("collisions", lambda row: f"{row['collisions']}/{row['runs']}"),
 }
 """Columns of followers that show a column of the summary: their titles, its name, and how it is written."""
 

@@ -70,8 +70,8 @@ def remarks(suite: Suite, standing: Standing, labels: dict[str, str], limit_ms: 
                f"seed{'s' * (len(suite.seeds) != 1)}, {suite.scored_in_words}, without those that failed.")  # fmt: skip
     if best is not None and suite.following is not None:
         row = summary.loc[best]
-        if row["collision_runs"] > 0 and not row["collisions"]:
-            out.append(f"{labels[best]} touched the sheet in none of the {int(row['collision_runs'])} runs in which it "
+        if row["runs"] > 0 and not row["collisions"]:
+            out.append(f"{labels[best]} touched the sheet in none of the {int(row['runs'])} runs in which it "
                        "should not.")  # fmt: skip
         peaks = peaks_of(row)
         if not peaks:
@@ -104,7 +104,7 @@ def caveats(suite: Suite, standing: Standing, labels: dict[str, str], limit_ms: 
     row, several = suite.summary.loc[best], len(suite.results.scenarios) > len(suite.scored)
     touched = int(row["collisions"])
     if touched:
-        many = int(row["collision_runs"])
+        many = int(row["runs"])
         out.append(f"it touched the sheet in {touched} of {many} runs{' of all scenarios' if several else ''}")
     if suite.following is not None:
         over = {signal: peak for signal, peak in peaks_of(row).items() if peak > limit_ms}

@@ -153,7 +153,7 @@ def _from(
 
 
 def _collisions(suite: Suite) -> Column:
-    total = "collision_runs"
+    total = "runs"
     cells = {}
     for name, row in suite.summary.iterrows():
         rate = wilson(int(row["collisions"]), int(row[total])) if row[total] else None

@@ -395,7 +395,7 @@ def test_collisions_where_they_are_expected_are_counted_apart():
         ("pid", "wall", 1, 900.0, {"collision": 1.0}),
     ]
     row = results_of(runs, exempt=("wall",)).summary().loc["pid"]
-    assert (row["collisions"], row["collision_runs"], row["exempt_collisions"]) == (1, 3, 2)
+    assert (row["collisions"], row["runs"], row["exempt_collisions"]) == (1, 3, 2)
     rates = results_of(runs, exempt=("wall",)).collision_rates()
     assert rates.loc["pid"].to_dict() == {"a": 0.5, "b": 0.0, "wall": 1.0}
 
@@ -403,7 +403,7 @@ def test_collisions_where_they_are_expected_are_counted_apart():
 def test_a_run_over_nothing_but_exempt_scenarios_has_a_summary():
     runs = [("pid", "wall", 0, 900.0, {"collision": 1.0}), ("pid", "wall", 1, 900.0)]
     row = results_of(runs, exempt=("wall",)).summary().loc["pid"]
-    assert (row["collisions"], row["collision_runs"], row["exempt_collisions"]) == (0, 0, 1)
+    assert (row["collisions"], row["runs"], row["exempt_collisions"]) == (0, 0, 1)
 
 
 def test_the_peak_is_the_largest_over_frequencies():

@@ -247,7 +247,8 @@ def test_new_results_are_compared_with_those_before():
 def controllers(ratios, information="sensor"):
     return {
         name: {"information": information, "rank": rank, "score": 20.0 / ratio, "ratio": ratio}
-        for rank, (name, ratio) in enumerate(ratios.items(), start=1)
+        for name, ratio in ratios.items()
+        for rank in (1 + sum(other > ratio for other in ratios.values()),)
     }  # fmt: skip
 
 
@@ -262,6 +263,9 @@ def test_suites_agree_if_order_and_ratios_of_the_first_five_do():
     turned = agreement.compared(controllers(ratios), controllers({**ratios, "a": 4.9}))
     assert (turned["order"], turned["ratios"]) == ("no", "yes")
     assert (turned["rows"]["a"]["there"], turned["rows"]["b"]["there"]) == (2, 1)
+    tied = controllers({**ratios, "a": 4.9})
+    tied["a"]["rank"] = 1
+    assert agreement.compared(controllers(ratios), tied)["order"] == "yes"
     without = agreement.compared(controllers(ratios), {n: r for n, r in controllers(ratios).items() if n != "b"})
     assert (without["order"], without["ratios"], without["rows"]["b"]["there"]) == ("no", "no", None)
 
