@@ -2,8 +2,8 @@
 
 In space it still is. The sheet is cut into cells along the path; a reading is a mean over the cells under the plate,
 the score one over those under the tip. All of the sheet more than :data:`SPAN` behind is given away, which can only
-lower the error. What is still unknown of the cells after that is made of white noise by the causal factor of the sheet's
-density, so its covariance is exact; the readings that touch these cells tell the rest.
+lower the error. What is still unknown of the cells after that is made of white noise by the causal factor of the
+sheet's density, so its covariance is exact; the readings that touch these cells tell the rest.
 """
 
 from collections.abc import Sequence
