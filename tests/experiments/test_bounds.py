@@ -206,8 +206,9 @@ def test_the_sensor_resolves_no_gap_better_than_its_least_and_the_worth_of_a_rea
         lower = heights - 1e-3 * sight.depth[150]
         assert sight.worth[150] == pytest.approx((sight.noise / noise.at(fleet, lower)[i]) ** 2 - 1.0)
     p = fleet.get("sensor", 0)._replace(noise=0.0, jitter=0.0)
-    said = [sensor.step(p, sensor.State(), fleet.get("gate", 0), gap, 1.0, 0.0, np.uint64(1), np.uint64(1))[1]
-            for gap in (0.2 * sensor.LEAST_GAP, sensor.LEAST_GAP, 2 * sensor.LEAST_GAP)]  # fmt: skip
+    with np.errstate(over="ignore"):  # random bits
+        said = [sensor.step(p, sensor.State(), fleet.get("gate", 0), gap, 1.0, 0.0, np.uint64(1), np.uint64(1))[1]
+                for gap in (0.2 * sensor.LEAST_GAP, sensor.LEAST_GAP, 2 * sensor.LEAST_GAP)]  # fmt: skip
     assert said[0] == said[1] != said[2]
 
 
@@ -545,7 +546,9 @@ def test_no_follower_is_below_its_bound(name):
     for controller in ("self-tuning", "lqg", "observer"):
         run = rollout.roll(scenario, stacks.resolve(controller), some)
         squares = metrics.METRICS["rms_true"].function(run)[~metrics.failed(run)] ** 2
-        assert bound.bound < np.sqrt(np.mean(squares)) < 20 * bound.bound  # and it is not idle
+        rms = np.sqrt(np.mean(squares))
+        assert bound.bound < rms
+        assert rms < 5 * bound.bound or scenario.sheet.steps  # it is not idle; of steps it is weak
 
 
 @pytest.mark.parametrize("name", ["tilt", "wavy", "rough", "impulses", "following-v1/chatter"])
