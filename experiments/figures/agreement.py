@@ -61,8 +61,10 @@ def agreement(trial: Trial) -> dict[str, Any]:
     Raises:
         InvalidInput: one of the two studies was never run.
     """
-    found = {name: store.read(name) for name in (HERE, THERE)}
-    for name, body in found.items():
+    found: dict[str, dict[str, Any]] = {}
+    for name in (HERE, THERE):
+        body = store.read(name)
         if body is None:
             raise InvalidInput(f"'{name}' was never run; python -m kerfgym.experiments.figures {name}")
+        found[name] = body
     return {"seeds": found[HERE]["seeds"], "numbers": compared(found[HERE]["numbers"], found[THERE]["numbers"])}
