@@ -183,39 +183,47 @@ def better(results: Any, names: Iterable[str]) -> pd.DataFrame:
     """Names × names: whether the first is better than the second. The rule of all ranks.
 
     1. Of two of whom one failed, it is the one that fails on significantly fewer seeds (sign test).
-    2. If neither does, it is the one whose single runs are better than the other's on the same seeds in significantly
-       more than half of the cases, a failed run being worse than any other.
-    3. Of two without a failed run it is the one with the significantly smaller score.
+    2. If neither does, it is the one with the significantly smaller score, in which a failed run counts as the worst
+       that any of them did in that scenario.
 
-    So a run that fails never helps: it counts against its controller in 1, and in 2 it is the worst that a run can be.
-    And a single one decides nothing. All statements hold together with 95 %.
+    So a run that fails never helps, and a single one decides nothing. All statements hold together with 95 %.
     """
     found = samples(results, names)
     table = pd.DataFrame(False, index=list(found), columns=list(found))
     clean = unfailing(found)
     pairs = [pair for pair in itertools.combinations(found, 2) if not set(pair) <= set(clean)]
-    level = 1.0 - (1.0 - LEVEL) / (2 if pairs and len(clean) > 1 else 1)
-    finite, replicates = bootstrapped({name: found[name] for name in clean}, pooling.power(results.metric))
+    level = 1.0 - (1.0 - LEVEL) / (2 if pairs else 1)
+    finite, replicates = bootstrapped(_at_worst(found), pooling.power(results.metric))
     if replicates:
         table.loc[finite, finite] = replicates.better(level)
     for one, other in pairs:
-        verdict = _run_by_run(found[one], found[other], (1.0 - level) / (2 * len(pairs)))
-        table.loc[one, other], table.loc[other, one] = verdict > 0, verdict < 0
+        verdict = _steadier(found[one], found[other], (1.0 - level) / len(pairs))
+        if verdict:
+            table.loc[one, other], table.loc[other, one] = verdict > 0, verdict < 0
     return table
 
 
-def _run_by_run(one: Sample, other: Sample, risk: float) -> int:
-    """1 if the first is better by rules 1 and 2 of :func:`better`, −1 if the second is, 0 if neither; ``risk`` of an
-    error for either rule."""
+def _at_worst(found: dict[str, Sample]) -> dict[str, Sample]:
+    """Failed runs as bad as the worst that did not fail in their scenario, whoever's; where all failed they stay."""
+    if not found:
+        return {}
+    finite = [np.where(np.isfinite(sample.values), sample.values, -np.inf) for sample in found.values()]
+    worst = np.max([values.max(axis=(0, 1)) for values in finite], axis=0)
+    worst = np.where(np.isfinite(worst), worst, np.inf)
+    return {
+        name: replace(sample, values=np.where(np.isinf(sample.values), worst, sample.values))
+        for name, sample in found.items()
+    }
+
+
+def _steadier(one: Sample, other: Sample, risk: float) -> int:
+    """1 if the first fails on significantly fewer seeds, −1 if the second does, 0 if neither; ``risk`` of an error."""
     mine, theirs = common(one, other)
-    if not len(mine):
-        return 0
     less = np.isinf(mine).sum(axis=1) - np.isinf(theirs).sum(axis=1)
     fewer, more = int((less < 0).sum()), int((less > 0).sum())  # seeds; what one seed did is not independent
     if fewer + more and stats.binomtest(fewer, fewer + more).pvalue < risk:
         return 1 if fewer > more else -1
-    won = share(_won(mine, theirs), 1.0 - risk)
-    return int(won.low > 0.5) - int(won.high < 0.5)
+    return 0
 
 
 def by_scenario(results: Any) -> pd.DataFrame:
