@@ -78,7 +78,6 @@ def agreement(trial: Trial) -> dict[str, Any]:
     Raises:
         InvalidInput: one of the two studies was never run.
     """
-<<<<<<< HEAD
     here, there = (_stored(name) for name in (HERE, THERE))
     return {"seeds": here["seeds"], "numbers": compared(here["numbers"], there["numbers"])}
 
@@ -88,12 +87,3 @@ def _stored(name: str) -> dict[str, Any]:
     if body is None:
         raise InvalidInput(f"'{name}' was never run; python -m kerfgym.experiments.figures {name}")
     return body
-=======
-    found: dict[str, dict[str, Any]] = {}
-    for name in (HERE, THERE):
-        body = store.read(name)
-        if body is None:
-            raise InvalidInput(f"'{name}' was never run; python -m kerfgym.experiments.figures {name}")
-        found[name] = body
-    return {"seeds": found[HERE]["seeds"], "numbers": compared(found[HERE]["numbers"], found[THERE]["numbers"])}
->>>>>>> reports13
