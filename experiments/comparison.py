@@ -138,11 +138,9 @@ def _ratio(
         return _exp(replicates.interval(one[names.index(reference)] - one[names.index(name)]))
     if name == reference:
         return Interval(1.0, 1.0, 1.0)
-    mine, base = common(found[name], found[reference])
-    both = np.isfinite(mine) & np.isfinite(base)
-    if not len(mine) or not both.any(axis=0).all():
+    pair = _neither_failed(found[name], found[reference])
+    if pair is None:
         return Interval(math.nan)
-    pair = [Sample.of(np.where(both, values, np.inf)) for values in (mine, base)]  # no run where not both have one
     return _exp(replicate(pair, log_pooled(power)).interval([-1.0, 1.0]))
 
 
@@ -183,37 +181,24 @@ def better(results: Any, names: Iterable[str]) -> pd.DataFrame:
     """Names × names: whether the first is better than the second. The rule of all ranks.
 
     1. Of two of whom one failed, it is the one that fails on significantly fewer seeds (sign test).
-    2. If neither does, it is the one with the significantly smaller score, in which a failed run counts as the worst
-       that any of them did in that scenario.
+    2. If neither does, it is the one with the significantly smaller score over the runs in which neither failed.
 
-    So a run that fails never helps, and a single one decides nothing. All statements hold together with 95 %.
+    So nobody gains by failing where it is difficult, and a single failed run decides nothing. All statements hold
+    together with 95 %.
     """
-    found = samples(results, names)
+    found, power = samples(results, names), pooling.power(results.metric)
     table = pd.DataFrame(False, index=list(found), columns=list(found))
     clean = unfailing(found)
     pairs = [pair for pair in itertools.combinations(found, 2) if not set(pair) <= set(clean)]
-    level = 1.0 - (1.0 - LEVEL) / (2 if pairs else 1)
-    finite, replicates = bootstrapped(_at_worst(found), pooling.power(results.metric))
+    level = 1.0 - (1.0 - LEVEL) / (2 if pairs and len(clean) > 1 else 1)
+    finite, replicates = bootstrapped({name: found[name] for name in clean}, power)
     if replicates:
         table.loc[finite, finite] = replicates.better(level)
     for one, other in pairs:
-        verdict = _steadier(found[one], found[other], (1.0 - level) / len(pairs))
-        if verdict:
-            table.loc[one, other], table.loc[other, one] = verdict > 0, verdict < 0
+        risk = (1.0 - level) / (2 * len(pairs))
+        verdict = _steadier(found[one], found[other], risk) or _closer(found[one], found[other], risk, power)
+        table.loc[one, other], table.loc[other, one] = verdict > 0, verdict < 0
     return table
-
-
-def _at_worst(found: dict[str, Sample]) -> dict[str, Sample]:
-    """Failed runs as bad as the worst that did not fail in their scenario, whoever's; where all failed they stay."""
-    if not found:
-        return {}
-    finite = [np.where(np.isfinite(sample.values), sample.values, -np.inf) for sample in found.values()]
-    worst = np.max([values.max(axis=(0, 1)) for values in finite], axis=0)
-    worst = np.where(np.isfinite(worst), worst, np.inf)
-    return {
-        name: replace(sample, values=np.where(np.isinf(sample.values), worst, sample.values))
-        for name, sample in found.items()
-    }
 
 
 def _steadier(one: Sample, other: Sample, risk: float) -> int:
@@ -224,6 +209,25 @@ def _steadier(one: Sample, other: Sample, risk: float) -> int:
     if fewer + more and stats.binomtest(fewer, fewer + more).pvalue < risk:
         return 1 if fewer > more else -1
     return 0
+
+
+def _closer(one: Sample, other: Sample, risk: float, power: float) -> int:
+    """1 if the first has the significantly smaller score over the runs in which neither failed, −1 if the second has, 0
+    if neither; ``risk`` of an error."""
+    pair = _neither_failed(one, other)
+    if pair is None or not math.isfinite(power):
+        return 0
+    apart = replicate(pair, log_pooled(power)).interval([1.0, -1.0], 1.0 - risk)
+    return int(apart.high < 0.0) - int(apart.low > 0.0)
+
+
+def _neither_failed(one: Sample, other: Sample) -> list[Sample] | None:
+    """Both on the seeds that both have, without the runs in which one failed; None if a scenario has none left."""
+    mine, theirs = common(one, other)
+    both = np.isfinite(mine) & np.isfinite(theirs)
+    if not len(mine) or not both.any(axis=0).all():
+        return None
+    return [Sample.of(np.where(both, values, np.inf)) for values in (mine, theirs)]
 
 
 def by_scenario(results: Any) -> pd.DataFrame:

@@ -186,7 +186,7 @@ AGAIN = {
     "cn102528288a-tuned": dual_again,
     "plasma-style": plasma_again,
     "plasma-style:law.slope=15,law.on=4,law.off=60": plasma_again,
-    "oracle": oracle_again,
+    "oracle:law.lead=3.5": oracle_again,
     "oracle:law.lead=2,law.ki=900,law.damping=0.3,law.brake=0.6,law.nozzle=0.4,law.limit=2": oracle_again,
     "ilc": pid_again,  # there are no laps
     "xi2023-improved": proportional,

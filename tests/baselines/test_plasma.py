@@ -65,7 +65,7 @@ def test_one_jump_is_no_void_and_neither_is_a_way_down():
 def test_over_holes_the_void_lock_holds_where_the_guard_is_off():
     case = load("holes").varied(guard=False, duration=1.5)
     locked, free = (
-        metrics.min_gap(roll(case, resolve(f"plasma-style:law.slope={slope}"), range(1000, 1010)))
+        metrics.min_gap(roll(case, resolve(f"plasma-style:law.slope={slope},law.on=2,law.off=30"), range(1000, 1010)))
         for slope in (50, 1000)
     )
     assert np.median(locked) > np.median(free) + 0.1

@@ -146,27 +146,24 @@ def test_two_that_fail_seldom_and_are_alike_share_their_rank():
 
 
 def test_who_fails_on_significantly_more_seeds_stands_below_all_whatever_its_error():
-    """A risk of 2.5 % for three pairs: 2 · 0.5^8 is below it, 2 · 0.5^7 is not."""
+    """A risk of 2.5 % for three pairs and two questions: 2 · 0.5^9 is below it, 2 · 0.5^8 is not."""
     frame = runs().assign(collision=0.0)
     core = frame[(frame["controller"] == "pid") & (frame["scenario"] == "wavy")].index
     few, many = frame.copy(), frame.copy()
-    few.loc[core[:7], "collision"] = 1.0
-    many.loc[core[:8], "collision"] = 1.0
+    few.loc[core[:8], "collision"] = 1.0
+    many.loc[core[:9], "collision"] = 1.0
     assert standings(few).at["pid", "rank"] == 1
     found = standings(many)
     assert found["rank"].to_dict() == {"xi2023-tuned": 2, "pid": 4, "twin": 1, "slow": 3, "seer": 1}
     assert found.at["pid", "score"] < 0.6 * found.at["xi2023-tuned", "score"]
 
 
-def test_a_failed_run_counts_as_the_worst_of_its_scenario_in_the_rank():
-    """One failed run of the slightly closer one leaves them apart; a few more take its lead away."""
+def test_one_failed_run_leaves_the_lead_to_who_is_closer():
+    """A tenth more error in every run of the other: one failure does not turn that round."""
     frame = runs(seeds=range(1000, 1200)).assign(collision=0.0)
     frame.loc[frame["controller"] == "twin", "rms_true"] *= 1.1
     assert standings(frame).loc[["pid", "twin"], "rank"].tolist() == [1, 2]
-    assert standings(failing(frame.copy(), "pid", 1, "collision")).loc[["pid", "twin"], "rank"].tolist() == [1, 2]
-    places = [standings(failing(frame.copy(), "pid", n, "collision")).at["pid", "rank"] for n in (1, 3, 200)]
-    assert places == sorted(places)
-    assert places[-1] > 2
+    assert standings(failing(frame, "pid", 1, "collision")).loc[["pid", "twin"], "rank"].tolist() == [1, 2]
 
 
 def test_who_fails_in_all_runs_of_a_scenario_has_no_score_and_says_why():

@@ -222,7 +222,7 @@ def test_a_page_is_stale_when_stored_results_are_not_what_it_shows(monkeypatch):
 
 
 def test_a_column_that_a_table_has_no_more_is_an_error():
-    with pytest.raises(InvalidInput, match="the table of 'following' has no column 'scor'; did you mean 'score'"):
+    with pytest.raises(InvalidInput, match="the table of 'following' has no column 'scor'; did you mean 'score"):
         tables.columns(store.read("following"), ("controller", "scor"))
 
 

@@ -208,11 +208,13 @@ def test_any_command_leaves_every_number_finite_and_the_axis_within_its_limits(n
 
     round_off = 1 + 1e-5
     assert np.all(np.abs(channel("velocity")) <= fleet.column("z.speed") * round_off)
-    assert np.all(np.abs(channel("acceleration")) <= fleet.column("z.acceleration") * round_off)
+    # Bristles that let go add what they held, past the drive's own limits.
+    held = np.where(fleet.column("z.bristle") > 0.0, fleet.column("z.stiction") * fleet.column("z.friction"), 0.0)
+    assert np.all(np.abs(channel("acceleration")) <= (fleet.column("z.acceleration") + held) * round_off)
     jerk = (
         np.abs(np.diff(channel("acceleration"), axis=0)) / PERIOD
     )  # its mean over a period, so no more than the limit
-    assert np.all(jerk <= fleet.column("z.jerk") * round_off)
+    assert np.all(jerk <= (fleet.column("z.jerk") + 2.0 * held / PERIOD) * round_off)
     assert np.abs(channel("command")).max() <= 1000
     assert np.all(channel("height") >= 0)
     assert np.all(channel("height") <= 10.1)

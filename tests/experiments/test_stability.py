@@ -116,6 +116,10 @@ def test_no_law_leaves_the_sheets_motion_in_the_gap():
 # ------------------------------------------------------------------------------------------ another machine
 
 
+STIFF = "pid:law.kp=50.333,law.ki=3518.5,law.kd=0.75961,law.lag=8.1686"
+"""On a drive of 25 Hz its sensitivity has a high, narrow peak."""
+
+
 def gains_of(stack):
     known = stack.parameters()
     return {name: known[f"law.{name}"].value for name in ("kp", "ki", "kd", "lag")}
@@ -124,7 +128,7 @@ def gains_of(stack):
 @pytest.mark.parametrize("latency", [0.0, 0.0007])
 def test_ms_of_the_pid_is_that_of_a_frequency_response_on_a_weak_machine(latency):
     """25 Hz and 4 ms, without friction: what is shown against the transfer functions of law, hold, dead time, drive."""
-    stack = get("pid")
+    stack = resolve(STIFF)
     axis = {**PLAIN, "bandwidth": 25.0, "dead_time": 0.004 - latency, "latency": latency}
     machine = of(Scenario(name="weak", axis=axis))
     hertz = np.geomspace(1.0, 200.0, 2000)
@@ -157,7 +161,7 @@ def with_friction(hertz, zeta, resonance, gains, friction=800.0, creep=1.0):
 
 
 def test_ms_of_the_pid_with_friction_is_that_of_a_harmonic_balance():
-    stack = get("pid")
+    stack = resolve(STIFF)
     machine = of(Scenario(name="weak", axis={**PLAIN, "bandwidth": 25.0, "dead_time": 0.004, "friction": 800.0}))
     hertz = np.arange(7.5, 10.5, 0.1)
     peaks = [with_friction(hertz, zeta, 60.0, gains_of(stack)).max() for zeta in (0.6, 1.0)]
@@ -194,7 +198,7 @@ def with_bristles(hertz, zeta, resonance, gains):
 
 
 def test_ms_of_the_pid_with_bristles_is_that_of_a_harmonic_balance():
-    stack = get("pid")
+    stack = resolve(STIFF)
     # With more friction its harmonics count, which this balance leaves out.
     rubs = {"friction": 300.0, "bristle": 0.005, "stiction": 1.3, "stribeck": 3.0}
     machine = of(Scenario(name="weak", axis={**PLAIN, "bandwidth": 25.0, "dead_time": 0.004, **rubs}))
@@ -203,7 +207,7 @@ def test_ms_of_the_pid_with_bristles_is_that_of_a_harmonic_balance():
 
 
 def test_a_narrow_peak_between_two_frequencies_is_found():
-    stack = get("pid")
+    stack = resolve(STIFF)
     machine = of(Scenario(name="weak", axis={**PLAIN, "bandwidth": 25.0, "dead_time": 0.004, "friction": 800.0}))
     coarse = Injection(stack, machine=machine).measure(stack)
     found = sensitivity(stack, machine=machine)
@@ -241,13 +245,13 @@ def test_noise_is_the_motion_that_is_said():
 
 
 def test_of_a_controller_that_learns_noise_says_more_than_a_sine():
-    """It predicts a sine, and makes it smaller; among others the same frequency becomes larger."""
+    """It predicts a sine, and never makes it larger; among others the same frequency becomes larger."""
     fixed, learns = get("observer"), get("self-tuning")
     grid = np.array([20.0, 26.0, 34.0])
     noise = [np.interp(grid, f.frequencies, f.worst) for f in (broadband(learns), broadband(fixed))]
     sine = [Injection(s, grid).measure(s).worst for s in (learns, fixed)]
-    assert np.all(sine[0] < 0.9)
-    assert np.all(noise[0] > 1.0)
+    assert np.all(sine[0] < 1.0)
+    assert np.all(noise[0] > 1.1 * sine[0])
     assert sine[1] == pytest.approx(noise[1], rel=0.15)
 
 
