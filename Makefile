@@ -8,8 +8,9 @@ READY := .venv/.ready
 benchmark: $(READY)  ## all that is shipped, compared: tables here, report in runs/standard/report.html
 	$(BIN)/kerfgym benchmark --shipped --name standard --overwrite
 
+# As many tests at a time as there are cores: threads of linear algebra beside them would only wait for each other.
 test: $(READY)  ## all tests, a file after the other on each core
-	$(BIN)/python -m pytest -n auto --dist loadfile
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile
 
 train: $(READY)  ## the shipped policies anew
 	$(BIN)/python -m kerfgym.experiments.ship

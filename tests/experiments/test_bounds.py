@@ -548,7 +548,8 @@ def test_no_follower_is_below_its_bound(name):
         squares = metrics.METRICS["rms_true"].function(run)[~metrics.failed(run)] ** 2
         rms = np.sqrt(np.mean(squares))
         assert bound.bound < rms
-        assert rms < 5 * bound.bound or scenario.sheet.steps  # it is not idle; of steps it is weak
+        # The bound is no triviality: who learns comes near it, except for steps.
+        assert controller != "self-tuning" or rms < 5 * bound.bound or scenario.sheet.steps
 
 
 @pytest.mark.parametrize("name", ["tilt", "wavy", "rough", "impulses", "following-v1/chatter"])
