@@ -436,7 +436,7 @@ def standard():
     return Results(runs, pd.DataFrame(), pd.DataFrame(), {"seed_count": len(SEEDS)}, core("following"), ())
 
 
-@pytest.mark.parametrize(("controller", "ratio"), [("pid", 1.8), ("observer", 1.9)])
+@pytest.mark.parametrize(("controller", "ratio"), [("pid", 1.5), ("observer", 1.6)])
 def test_tuned_controllers_follow_better_than_the_tuned_law_of_the_paper(standard, controller, ratio):
     summary = standard.summary()
     assert not summary["failed"].any()
