@@ -156,8 +156,8 @@ class Fleet(Columns):
         if source is None:
             self.set("random.first", machines, -1.0)
             return
-        pairs = np.asarray(pairs, int)
-        missing = [pair for pair in np.unique(pairs).tolist() if (*source, pair) not in self._randoms]
+        wanted, which = np.unique(np.asarray(pairs, int), return_inverse=True)
+        missing = [pair for pair in wanted.tolist() if (*source, pair) not in self._randoms]
         for pair in missing:
             begin = sum(len(tables) for tables, _ in self._randoms.values())
             self._randoms[*source, pair] = (sheet.random_tables(*source, pair), begin)
@@ -165,7 +165,7 @@ class Fleet(Columns):
             known = [tables for tables, _ in self._randoms.values()]
             self._point(machine.D_RANDOM, known[0] if len(known) == 1 else np.concatenate(known))
             self._deck[machine.D_RANDOMS] = sum(len(tables) for tables in known)
-        first = np.vectorize(lambda pair: self._randoms[*source, pair][1], otypes=[float])(pairs)
+        first = np.array([self._randoms[*source, pair][1] for pair in wanted.tolist()], float)[which]
         for name, value in zip(sheet.Random._fields, (first, *numbers), strict=True):
             self.set(f"random.{name}", machines, value)
         self.use(machine.F_RANDOM)

@@ -180,7 +180,7 @@ def test_other_seeds_give_other_runs():
 # ---------------------------------------------------------------------------------------------------- limits
 
 
-@pytest.mark.parametrize("name", suite("following"))
+@pytest.mark.parametrize("name", [*suite("following"), *(f"following-v1/{name}" for name in suite("following-v1"))])
 def test_any_command_leaves_every_number_finite_and_the_axis_within_its_limits(name):
     size, periods, rng = 100, 1000, np.random.default_rng(9)
     seeds = np.arange(1000, 1000 + size)
