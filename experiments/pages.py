@@ -9,12 +9,15 @@ minutes says beside the table with which command, version and commit it was made
 """
 
 import re
+import time
 from pathlib import Path
 from typing import Any
 
 from ..envs.plant.quantity import InvalidInput
+from . import runs
 from .docs import FOLDER
 from .runs import atomic
+from .table import Sheet
 
 
 def put(name: str, text: str, page: Path) -> None:
@@ -40,12 +43,37 @@ def manual(name: str) -> Path:
     return FOLDER / name
 
 
+class Cost:
+    """What a campaign takes, from now on: wall time, and how many processes share it.
+
+    The CPU time of worker processes is not seen from here, so it is not told.
+    """
+
+    def __init__(self, processes: int) -> None:
+        self.processes, self._begun = processes, time.time()
+
+    def record(self) -> dict[str, Any]:
+        """For run.json, s."""
+        return {"wall_seconds": round(time.time() - self._begun, 1), "processes": self.processes}
+
+
 def origin(record: dict[str, Any], module: str) -> str:
     """Where a table comes from, in a sentence; ``record`` is that of a run, see :func:`runs.record`."""
     commit = (record.get("git") or {}).get("commit")
     changed = ", changed since" if (record.get("git") or {}).get("changed") else ""
+    shared = f" on {record['processes']} processes" if record["processes"] > 1 else ""
     return (
         f"Made by `{record['command']}` (`{module}`), version {record['kerfgym']}"
         + (f", commit {commit[:10]}{changed}" if commit else "")
-        + f", in {record['cpu_seconds']:.0f} CPU-seconds."
+        + f", in {record['wall_seconds']:.0f} s{shared}."
     )
+
+
+def publish(folder: Path, record: dict[str, Any], sheets: list[Sheet], module: str, page: str | None) -> None:
+    """Keeps a campaign's record, shows its tables, and writes them into ``page`` of the manual, if one is named."""
+    runs.write_json(folder / "run.json", record)
+    for sheet in sheets:
+        sheet.show()
+    if page:
+        put(page, "\n\n".join([origin(record, module), *(sheet.markdown() for sheet in sheets)]), manual(f"{page}.md"))
+    print(f"\n{folder}")

@@ -1,6 +1,5 @@
 """``python -m kerfgym.experiments.endurance``; see the package's text."""
 
-import time
 from pathlib import Path
 from typing import Annotated
 
@@ -44,7 +43,7 @@ def main(
     seeds, duration = (min(seeds, QUICK[1]), min(duration, QUICK[2])) if quick else (seeds, duration)
     found = sheets_of(sheets, duration, path)
     folder = runs.open_folder(runs.named(name), overwrite=True)
-    started, wall = time.process_time(), time.time()
+    cost = pages.Cost(jobs)
     which = grids.split_seeds(seeds, split)
     with progress("runs") as told:
         frame, windows = endurance(chosen, found, which, jobs=jobs, told=told)
@@ -53,20 +52,12 @@ def main(
     words += ["--duration", f"{duration:g}", *(["--sheets", *sheets] if sheets else [])]
     words += [*(["--controllers", *controllers] if controllers else []), *(["--path", path.name] if path else [])]
     record = runs.record(words) | {
-        "cpu_seconds": round(time.process_time() - started, 1), "wall_seconds": round(time.time() - wall, 1),
-        "seeds": f"{which[0]}-{which[-1]}", "controllers": list(chosen),
+        **cost.record(), "seeds": f"{which[0]}-{which[-1]}", "controllers": list(chosen),
         "seconds": {name: scenario.duration for name, scenario in found.items() if not scenario.job}, "promises": kept,
     }  # fmt: skip
     runs.write_table(folder, "verdicts", frame)
     runs.write_table(folder, "windows", windows)
-    runs.write_json(folder / "run.json", record)
-    shown = [promised(kept), table(frame)]
-    for sheet in shown:
-        sheet.show()
-    if docs:
-        text = [pages.origin(record, MODULE), *(sheet.markdown() for sheet in shown)]
-        pages.put("endurance", "\n\n".join(text), pages.manual("endurance.md"))
-    print(f"\n{folder}")
+    pages.publish(folder, record, [promised(kept), table(frame)], MODULE, "endurance" if docs else None)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,5 @@
 """``python -m kerfgym.experiments.faults``; see the package's text."""
 
-import time
 from typing import Annotated
 
 import tyro
@@ -43,26 +42,18 @@ def main(
     chosen = controllers or (QUICK[0] if quick else tuple(grids.shipped("following")))
     wanted = min(faults, QUICK[1]) if quick else faults
     folder = runs.open_folder(runs.named(name), overwrite=True)
-    started, wall = time.process_time(), time.time()
+    cost = pages.Cost(jobs)
     with progress("faults") as told:
         frame = campaign(chosen, wanted, seed, jobs, told)
     words = ["python", "-m", MODULE, *(["--quick"] if quick else []), "--faults", str(faults), "--seed", str(seed)]
     words += ["--controllers", *controllers] if controllers else []
     record = runs.record(words) | {
-        "cpu_seconds": round(time.process_time() - started, 1), "wall_seconds": round(time.time() - wall, 1),
-        "seed": seed, "controllers": list(chosen), "scenarios": list(SCENARIOS), "faults": len(frame),
+        **cost.record(), "seed": seed, "controllers": list(chosen), "scenarios": list(SCENARIOS), "faults": len(frame),
         "seeds": f"test, from {scenarios.SPLITS['test'].start} on", "lost": int(frame["lost"].sum()),
         "lost_by": frame["cause"].value_counts().drop("", errors="ignore").to_dict(), "harmed": len(harmed(frame)),
     }  # fmt: skip
-    found = sheets(frame, seed)
     runs.write_table(folder, "faults", frame)
-    runs.write_json(folder / "run.json", record)
-    for sheet in found:
-        sheet.show()
-    if docs:
-        text = [pages.origin(record, MODULE), *(sheet.markdown() for sheet in found)]
-        pages.put("faults", "\n\n".join(text), pages.manual("faults.md"))
-    print(f"\n{folder}")
+    pages.publish(folder, record, sheets(frame, seed), MODULE, "faults" if docs else None)
 
 
 if __name__ == "__main__":
