@@ -15,6 +15,7 @@ from ..plant.quantity import InvalidInput
 from .contours import holes
 from .curve import Points
 from .drawing import Drawing
+from .lift import duration, leap, rise
 from .profile import MILLISECOND, Limits, at_constant_feed, stretches, timed
 
 Floats = npt.NDArray[np.float64]
@@ -24,6 +25,9 @@ PHASES = ("rapid", "approach", "pierce", "lead-in", "cut", "lift")
 
 SETTLE = 0.1
 """s at the cutting height before the cut begins [A]."""
+
+HALT = 0.02
+"""s at the end of a cut, more than an interpolation at the highest override: there the programme waits for the axes."""
 
 HIGHEST = 6.0
 """mm above the cutting height, as far as a height follower can still see the sheet well enough."""
@@ -46,6 +50,7 @@ class Settings:
     clearance: float = 4.0  # mm above the cutting height in rapids
     frog_leap: bool = True  # rise and fall during the rapid instead of before and after
     lift_speed: float = 60.0  # mm/s of lifts and approaches [A]
+    lift_acceleration: float = 3000.0  # mm/s² of the same, a third of what the slowest drive has [A]
     most_speed: float = 166.6667  # mm/s and mm/s² that the axes allow, for the feed override
     most_acceleration: float = 2000.0
 
@@ -117,22 +122,29 @@ class _Tape:
         """Stays where it is while the set height goes to ``lift``."""
         count = max(1, round(seconds / MILLISECOND))
         self._add(
-            np.tile(self.here, (count, 1)), np.tile(self.tangent, (count, 1)), phase, beam, self._rise(lift, count)
+            np.tile(self.here, (count, 1)), np.tile(self.tangent, (count, 1)), phase, beam, rise(self.lift, lift, count)
         )
 
-    def lifted(self, lift: float, phase: int, speed: float) -> None:
-        """Stays where it is for as long as the head needs to ``lift``."""
+    def lifted(self, lift: float, phase: int, limits: tuple[float, float]) -> None:
+        """Stays where it is for as long as the head needs to ``lift`` with a speed and an acceleration."""
         if abs(lift - self.lift) > 1e-9:
-            self.stand(1.5 * abs(lift - self.lift) / speed, phase, 0.0, lift)
+            self.stand(np.ceil(duration(lift - self.lift, *limits) / MILLISECOND) * MILLISECOND, phase, 0.0, lift)
 
     def move(self, positions: Floats, tangents: Floats, phase: int, beam: float, lift: Floats | None = None) -> None:
         """Goes along; the first position is where it is."""
         count = len(positions) - 1
         self._add(positions[1:], tangents[1:], phase, beam, np.full(count, self.lift) if lift is None else lift)
 
-    def _rise(self, lift: float, count: int) -> Floats:
-        u = np.arange(1, count + 1) / count
-        return self.lift + (lift - self.lift) * u * u * (3.0 - 2.0 * u)
+    def leap(
+        self, positions: Floats, tangents: Floats, lift: float, clearance: float, limits: tuple[float, float]
+    ) -> None:
+        """Goes along while the head rises and falls to ``lift``, and waits there if the head takes longer."""
+        needed = np.ceil(duration(lift - self.lift, *limits) / MILLISECOND)
+        late = max(0, int(needed) - (len(positions) - 1))
+        positions, tangents = (np.pad(each, ((0, late), (0, 0)), mode="edge") for each in (positions, tangents))
+        count = len(positions) - 1
+        heights = leap(self.lift, lift, clearance, count * MILLISECOND, count, limits)
+        self.move(positions, tangents, RAPID, 0.0, heights)
 
     def _add(self, positions: Floats, tangents: Floats, phase: int, beam: float, lift: Floats) -> None:
         if len(positions) == 0:
@@ -153,7 +165,7 @@ def plan(drawing: Drawing, settings: Settings) -> Job:
     """
     s = settings
     cutting = Limits(s.speed, s.acceleration, s.jerk, s.jump)
-    moving = Limits(s.rapid, s.acceleration, s.jerk, s.jump)
+    moving, limits = Limits(s.rapid, s.acceleration, s.jerk, s.jump), (s.lift_speed, s.lift_acceleration)
     begun = [
         _lead_in(piece, closed, hole, s.lead_in)
         for piece, closed, hole in zip(
@@ -169,12 +181,12 @@ def plan(drawing: Drawing, settings: Settings) -> Job:
         if np.hypot(*(start - tape.here)) > 1e-6:
             positions, tangents, _ = timed(stretches(np.array([tape.here, start])), s.rapid, moving)
             first = (s.pierce[0][0] if s.pierce else s.standoff) - s.standoff
-            tape.move(positions, tangents, RAPID, 0.0, _leap(tape.lift, first, s, len(positions) - 1))
+            tape.leap(positions, tangents, first, s.clearance, limits)
         for height, seconds in s.pierce:
-            tape.lifted(height - s.standoff, APPROACH, s.lift_speed)
+            tape.lifted(height - s.standoff, APPROACH, limits)
             if seconds > 0:
                 tape.stand(seconds, PIERCE, 1.0, height - s.standoff)
-        tape.lifted(0.0, APPROACH, s.lift_speed)
+        tape.lifted(0.0, APPROACH, limits)
         tape.stand(SETTLE, APPROACH, 0.0, 0.0)
         first_sample = tape.count
         try:
@@ -187,22 +199,12 @@ def plan(drawing: Drawing, settings: Settings) -> Job:
         if led > 1:
             tape.move(positions[:led], tangents[:led], LEAD_IN, 1.0)
         tape.move(positions[max(led - 1, 0) :], tangents[max(led - 1, 0) :], CUT, 1.0)
+        tape.stand(HALT, CUT, 1.0, tape.lift)
         contours.append((first_sample, tape.count - 1))
         if number == len(drawing.pieces) - 1 or not s.frog_leap:
-            tape.lifted(s.clearance, LIFT, s.lift_speed)
+            tape.lifted(s.clearance, LIFT, limits)
     tape.stand(0.05, RAPID, 0.0, tape.lift)
     return _job(drawing, settings, tape, np.array(contours))
-
-
-def _leap(low: float, to: float, s: Settings, count: int) -> Floats:
-    """Lift during a rapid: up to the clearance and down again, smoothly; at most as fast as the head lifts."""
-    if count <= 0:
-        return np.zeros(0)
-    u = np.arange(1, count + 1) / count
-    top = min(max(low, to) + s.lift_speed * count * MILLISECOND / 4.0, s.clearance)
-    base = low + (to - low) * u * u * (3.0 - 2.0 * u)
-    peak = max(top - max(low, to), 0.0)
-    return base + peak * np.sin(np.pi * u) ** 2
 
 
 def _lead_in(piece: Points, closed: bool, hole: bool, length: float) -> Points:

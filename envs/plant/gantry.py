@@ -71,12 +71,14 @@ class Progress(NamedTuple):
     tau: float = 0.0  # ms of nominal time, at the latest interpolation
     override: float = 1.0
     near: float = 0.0  # sample of the job nearest to the axes
+    aloft: float = 0.0  # ms of nominal time that the set height has reached; it follows `near` without its jumps
     servo_in: float = 0.0  # control periods until the next servo instant
     interpolation_in: float = 0.0
     velocity_x: float = 0.0  # mm/s of the increments being issued
     velocity_y: float = 0.0
     dx: float = 0.0  # mm, correction of the reference in force
     dy: float = 0.0
+    waited: float = 0.0  # control periods for the axes to be in position
     fresh: bool = True
 
 
@@ -186,12 +188,21 @@ _REALISED_ROWS, _FIGURES_ROWS = U(rows(spot.Realised)), U(rows(cut.Figures))
 
 _ANY = U(2**40)
 _SET_HEIGHT = U(supervisor.Job._fields.index("set_height") * W)
+_SERVO_IN = U(Progress._fields.index("servo_in"))
 _STRIDE_Z = machine.STRIDE
 _JOB = U(len(JOB))
 _AHEAD = U(AHEAD)
 LEAST_OVERRIDE = 0.05
+IN_POSITION, PATIENCE = 0.01, 500.0
+"""mm, control periods: where the programme stands still it goes on when the axes are that near, or after that long [A].
+Without it the rapid would begin while the axes are still on their way to the end of the cut: they would cut its corner
+off, and the set height would jump with the nearest point."""
+
 _REACH, _STILL = 2e-3, 1e-3
 """mm, and mm/s of both axes together: closer to where it waits, and slower, a nozzle has arrived."""
+_SMOOTHING, _HURRY = 8.0, 2.0
+"""ms, and ms per ms: how the set height follows the place. The place goes from interpolation to interpolation while the
+axes stand, and jumps where they round a corner; a height follower would answer each of these steps [A]."""
 _SLEW = 0.5
 """Share of the axes' acceleration that a change of the feed override may take."""
 _FADE = 0.5
@@ -323,6 +334,7 @@ def locate_all(g, base, n, jobs, now):
         ax, ay = load(xy_axes.Axis, g, a + X), load(xy_axes.Axis, g, a + Y)
         near = _nearest(jobs, j, s.near, np.floor(s.tau), ax.position, ay.position)
         near = _arrived(jobs, j, near, np.floor(s.tau), ax, ay)
+        aloft = s.aloft + clip((near - s.aloft) / _SMOOTHING, 0.0, _HURRY)
         i = _at(jobs, j, near)
         tx, ty = jobs[i + U(4)], jobs[i + U(5)]
         dx, dy = ax.position - jobs[i], ay.position - jobs[i + U1]
@@ -336,11 +348,12 @@ def locate_all(g, base, n, jobs, now):
             x=ax.position, y=ay.position, speed=np.sqrt(vx * vx + vy * vy), error=error,
             lag=(ax.issued - ax.position) * tx + (ay.issued - ay.position) * ty,
             s=jobs[i + U(2)] + (0.0 if outside else along), feed=jobs[i + U(3)] * s.override, tx=tx, ty=ty,
-            phase=jobs[i + U(7)], beam=jobs[i + U(6)], lift=between(jobs, j, near, U(8)), tau=near,
+            phase=jobs[i + U(7)], beam=jobs[i + U(6)], lift=between(jobs, j, aloft, U(8)), tau=near,
             override=s.override, over=1.0 if near >= j.samples - 1.0 else 0.0,
         ))  # fmt: skip
         store(g, a + PROGRESS, Progress(
-            s.tau, s.override, near, s.servo_in, s.interpolation_in, s.velocity_x, s.velocity_y, s.dx, s.dy, s.fresh
+            s.tau, s.override, near, aloft, s.servo_in, s.interpolation_in, s.velocity_x, s.velocity_y, s.dx, s.dy,
+            s.waited, s.fresh,
         ))  # fmt: skip
 
 
@@ -365,13 +378,13 @@ def head_all(g, base, n, jobs):
         a = base + lane
         s = load(Progress, g, a + PROGRESS)
         if s.servo_in > 1.0:
-            g[a + PROGRESS + U(3) * UW] = s.servo_in - 1.0
+            g[a + PROGRESS + _SERVO_IN * UW] = s.servo_in - 1.0
         else:
             p, j = load(xy_axes.Params, g, a + P_XY), load(Journey, g, a + P_JOURNEY)
             hand, applied = load(Hand, g, a + HAND), load(Process, g, a + APPLIED)
             x = xy_axes.sampled(p, load(xy_axes.Axis, g, a + X))
             y = xy_axes.sampled(p, load(xy_axes.Axis, g, a + Y))
-            tau, override, dx, dy = s.tau, s.override, s.dx, s.dy
+            tau, override, dx, dy, waited = s.tau, s.override, s.dx, s.dy, s.waited
             vx, vy = s.velocity_x, s.velocity_y
             if s.interpolation_in > p.servo:
                 interpolation_in = s.interpolation_in - p.servo
@@ -384,7 +397,14 @@ def head_all(g, base, n, jobs):
                 feeds = phase == LEAD_IN or phase == CUT
                 wanted = clip(applied.override, LEAST_OVERRIDE, between(jobs, j, tau, U(9))) if feeds else 1.0
                 override += clip(wanted - override, -most, most)
-                tau = min(tau + override * p.interpolation, j.samples - 1.0)
+                far_x, far_y = between(jobs, j, tau, U0) + dx - x.position, between(jobs, j, tau, U1) + dy - y.position
+                far = far_x * far_x + far_y * far_y > IN_POSITION * IN_POSITION
+                halted = between(jobs, j, tau, U(3)) == 0.0 and far
+                if halted and waited < PATIENCE:
+                    waited += p.interpolation
+                else:
+                    waited = waited if halted else 0.0
+                    tau = min(tau + override * p.interpolation, j.samples - 1.0)
                 dx = clip(hand.dx, -j.corrections, j.corrections) if feeds else _FADE * dx
                 dy = clip(hand.dy, -j.corrections, j.corrections) if feeds else _FADE * dy
                 x = xy_axes.headed(p, x, between(jobs, j, tau, U0) + dx)
@@ -401,7 +421,7 @@ def head_all(g, base, n, jobs):
                 feed=between(jobs, j, tau, U(3)) * override, fresh=s.fresh,
             ))  # fmt: skip
             store(g, a + PROGRESS, Progress(
-                tau, override, s.near, p.servo, interpolation_in, new_x, new_y, dx, dy, False
+                tau, override, s.near, s.aloft, p.servo, interpolation_in, new_x, new_y, dx, dy, waited, False
             ))  # fmt: skip
             g[a + DUE] = 1.0
 
@@ -516,7 +536,7 @@ def _start(block_address, at, n, deck_address, tick):
     store(g, base + APPLIED, Process(1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     store(g, base + REALISED, spot.Realised(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     store(g, base + TURN, Turn(0.0, True))
-    store(g, base + PROGRESS, Progress(0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, True))
+    store(g, base + PROGRESS, Progress(0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, True))
     locate_all(g, base, U1, jobs, TRAIL)
     first = load(Trail, g, base + TRAIL)
     for i in range(TRAIL_LAST + U1):
