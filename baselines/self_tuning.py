@@ -281,7 +281,10 @@ def control(params, state, signals, tables, memory):
     soon, based = _foretold(m, tick)
     proved = based and state.calm > PROVED
     expected = soon if proved else expected
-    off = abs(seen - expected) > (clip(p.rare * np.sqrt(state.stray), FINE, p.jump) if proved else p.jump)
+    far_off = clip(p.rare * np.sqrt(state.stray), FINE, p.jump) if proved else p.jump
+    # What goes on from a reading that was taken is the sheet, whatever was predicted: an impulse leaves it.
+    leaves = state.bridged > 0.0 or abs(seen - last) > far_off
+    off = abs(seen - expected) > far_off and leaves
     bridges = off and state.bridged >= 0.0 and state.bridged < p.hold
     # Across the bridge the trend of more readings: what noise adds to it would be taken for motion.
     carried = soon if proved else last + (last - m[READINGS + _slot(tick, RING)]) / (RING - 1)
@@ -318,7 +321,11 @@ def control(params, state, signals, tables, memory):
     swing = max(FADE * state.swing, abs(m[row + TERMS - 1]))
     if known > 0.0 and abs(x.head_position - measured - x.set_height) > SWING * swing + STRAY:
         _forget(p, m)
-        known, calm = 1.0, 0.0
+        known, calm, bridged = 1.0, 0.0, -float(RECENT)
+        # What bridges made of the readings is no trend to go on from.
+        for back in range(RING):
+            m[READINGS + _slot(tick, back)] = m[RAW + _slot(tick, back)]
+        measured = seen
     recall = 1.0 - 1.0 / p.recall
     usual, wrong, plain = state.usual, recall * state.wrong, recall * state.plain
     if known > FAR + 2.0:
