@@ -19,7 +19,8 @@ CONTINUOUS = ("random-k2", "random-k3")
 """Sheets of continuous spectrum."""
 
 TURNS = "shift"
-"""Everything in turn; the later parts are harder, so it is judged by lost runs and bursts only, as a drawing is."""
+"""Everything in turn; the later parts are harder, so only lost runs are judged. A window with a step is far above the
+median of its run whatever the controller does, and steps do not come in the same windows of all runs."""
 
 LEVEL = {"tilt": 0.0, "tilt_y": 0.0}
 """60 m up a slope of 3 mm/m lead out of the travel of the head."""

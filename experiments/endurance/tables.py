@@ -63,7 +63,7 @@ def promises(frame: pd.DataFrame) -> list[dict[str, Any]]:
         own = part.set_index("controller")
         if SUBJECT not in own.index:
             continue
-        for what in ("lost", "bursts"):
+        for what in ("lost",) if name == TURNS else ("lost", "bursts"):
             words = "lost runs" if what == "lost" else what
             found.append(_promise(f"{SUBJECT} along {name}: {words}", own.at[SUBJECT, what], 0.0))
         if name != TURNS and REFERENCE in own.index and not own.at[REFERENCE, "lost"]:  # a lost one is no reference

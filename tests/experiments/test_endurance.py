@@ -220,6 +220,8 @@ def test_what_is_promised_of_self_tuning_is_checked_sheet_by_sheet_and_along_the
         "self-tuning along Gear: lost runs": True, "self-tuning along Gear: bursts": True,
         "self-tuning along Gear: largest error, µm": True,
     }  # fmt: skip
+    turns = tables.promises(pd.DataFrame([rows(sheet="shift", drawing=True, bursts=9)]))
+    assert [p["what"] for p in turns[1:]] == ["self-tuning along shift: lost runs"]
     frame.loc[3, "largest_first"] = 14.2
     assert not tables.promises(frame)[-1]["held"]
     frame.loc[3, "lost"], frame.loc[4, "lost"] = 1, 9  # and nobody sound to compare its errors with
@@ -237,6 +239,15 @@ def test_the_mixed_sheet_has_the_waves_the_vibration_and_the_impulses():
     assert mixed.sheet.vibrations == flutter.sheet.vibrations
     assert (mixed.head.impulses, mixed.head.impulse_samples) == (impulses.head.impulses, impulses.head.impulse_samples)
     assert mixed.axis == rough.axis
+
+
+def test_self_tuning_is_never_farther_off_than_pid_is_at_worst_however_its_predictions_fail():
+    """Impulses on a sheet that turns: readings that are taken for impulses must not build a trend of their own."""
+    found = {
+        name: stream(sheets.mixed().varied(duration=230.0), stack.get(name), [1008]) for name in ("self-tuning", "pid")
+    }
+    assert np.nanmax(found["self-tuning"].largest) < np.nanmax(found["pid"].largest)
+    assert np.nanmedian(found["self-tuning"].rms) < 0.7 * np.nanmedian(found["pid"].rms)
 
 
 def test_no_sheet_leads_out_of_the_travel_of_the_head():
