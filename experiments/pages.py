@@ -69,11 +69,14 @@ def origin(record: dict[str, Any], module: str) -> str:
     )
 
 
-def publish(folder: Path, record: dict[str, Any], sheets: list[Sheet], module: str, page: str | None) -> None:
-    """Keeps a campaign's record, shows its tables, and writes them into ``page`` of the manual, if one is named."""
+def publish(
+    folder: Path, record: dict[str, Any], sheets: list[Sheet], module: str, mark: str | None, page: str = ""
+) -> None:
+    """Keeps a campaign's record, shows its tables, and writes them between ``mark`` of the manual's ``page``, if one is
+    named."""
     runs.write_json(folder / "run.json", record)
     for sheet in sheets:
         sheet.show()
-    if page:
-        put(page, "\n\n".join([origin(record, module), *(sheet.markdown() for sheet in sheets)]), manual(f"{page}.md"))
+    if mark:
+        put(mark, "\n\n".join([origin(record, module), *(sheet.markdown() for sheet in sheets)]), manual(page))
     print(f"\n{folder}")

@@ -6,13 +6,9 @@ from typing import Annotated
 import tyro
 
 from ...envs.plant.quantity import InvalidInput
-from .. import grids, pages, runs
-from ..bars import progress
-from .run import endurance
+from .. import grids, runs
+from .page import DRAWN, MODULE, PAGE, made
 from .sheets import sheets as sheets_of
-from .tables import promised, promises, table
-
-MODULE = "kerfgym.experiments.endurance"
 
 QUICK = (("xi2023-tuned", "self-tuning"), 4, 60.0)
 """Controllers, seeds and seconds of ``--quick``."""
@@ -37,27 +33,18 @@ def main(
         quick: two controllers, four seeds, one minute.
         name: of the folder in runs/.
         jobs: processes.
-        docs: write the tables into docs/endurance.md, too.
+        docs: write the tables into docs/endurance.md, too; those of a drawing alone have a place of their own there.
     """
     chosen = controllers or (QUICK[0] if quick else tuple(grids.shipped("following")))
     seeds, duration = (min(seeds, QUICK[1]), min(duration, QUICK[2])) if quick else (seeds, duration)
     found = sheets_of(sheets, duration, path)
-    folder = runs.open_folder(runs.named(name), overwrite=True)
-    cost = pages.Cost(jobs)
     which = grids.split_seeds(seeds, split)
-    with progress("runs") as told:
-        frame, windows = endurance(chosen, found, which, jobs=jobs, told=told)
-    kept = promises(frame)
     words = ["python", "-m", MODULE, *(["--quick"] if quick else []), "--seeds", str(seeds)]
     words += ["--duration", f"{duration:g}", *(["--sheets", *sheets] if sheets else [])]
     words += [*(["--controllers", *controllers] if controllers else []), *(["--path", path.name] if path else [])]
-    record = runs.record(words) | {
-        **cost.record(), "seeds": f"{which[0]}-{which[-1]}", "controllers": list(chosen),
-        "seconds": {name: scenario.duration for name, scenario in found.items() if not scenario.job}, "promises": kept,
-    }  # fmt: skip
-    runs.write_table(folder, "verdicts", frame)
-    runs.write_table(folder, "windows", windows)
-    pages.publish(folder, record, [promised(kept), table(frame)], MODULE, "endurance" if docs else None)
+    folder = runs.open_folder(runs.named(name), overwrite=True)
+    drawn = all(scenario.job for scenario in found.values())
+    made(chosen, found, which, folder, words, jobs, (DRAWN if drawn else PAGE) if docs else None)
 
 
 if __name__ == "__main__":

@@ -4,13 +4,11 @@ from typing import Annotated
 
 import tyro
 
-from ...envs import scenarios
 from ...envs.plant.quantity import InvalidInput
-from .. import grids, pages, runs
-from ..bars import progress
-from .campaign import SCENARIOS, campaign
+from .. import grids, runs
+from .page import PAGE, made
 from .story import story
-from .tables import MODULE, harmed, sheets
+from .tables import MODULE
 
 QUICK = (("xi2023-tuned", "lqg", "self-tuning"), 240)
 """Controllers and faults of ``--quick``."""
@@ -41,19 +39,10 @@ def main(
         raise InvalidInput(f"--faults {faults} is out of range; at least 1")
     chosen = controllers or (QUICK[0] if quick else tuple(grids.shipped("following")))
     wanted = min(faults, QUICK[1]) if quick else faults
-    folder = runs.open_folder(runs.named(name), overwrite=True)
-    cost = pages.Cost(jobs)
-    with progress("faults") as told:
-        frame = campaign(chosen, wanted, seed, jobs, told)
     words = ["python", "-m", MODULE, *(["--quick"] if quick else []), "--faults", str(faults), "--seed", str(seed)]
     words += ["--controllers", *controllers] if controllers else []
-    record = runs.record(words) | {
-        **cost.record(), "seed": seed, "controllers": list(chosen), "scenarios": list(SCENARIOS), "faults": len(frame),
-        "seeds": f"test, from {scenarios.SPLITS['test'].start} on", "lost": int(frame["lost"].sum()),
-        "lost_by": frame["cause"].value_counts().drop("", errors="ignore").to_dict(), "harmed": len(harmed(frame)),
-    }  # fmt: skip
-    runs.write_table(folder, "faults", frame)
-    pages.publish(folder, record, sheets(frame, seed), MODULE, "faults" if docs else None)
+    folder = runs.open_folder(runs.named(name), overwrite=True)
+    made(chosen, wanted, seed, folder, words, jobs, PAGE if docs else None)
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ from .. import runs
 from . import store
 from .stamp import changed, said, with_imports
 
-MODULES = ("suites", "agreement", "parts", "stages", "small", "filters", "intervals", "pace", "documents")
+MODULES = ("suites", "agreement", "parts", "stages", "small", "campaigns", "filters", "intervals", "pace", "documents")
 """Where studies are registered, in the order in which they are run."""
 
 RUNS = Path("runs") / "figures"

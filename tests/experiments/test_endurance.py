@@ -9,7 +9,7 @@ import pytest
 
 from kerfgym.envs import job_metrics, metrics, scenarios, stack
 from kerfgym.envs.plant.quantity import InvalidInput
-from kerfgym.experiments import jobs, rollout
+from kerfgym.experiments import jobs, pages, rollout
 from kerfgym.experiments.endurance import __main__ as command
 from kerfgym.experiments.endurance import run, sheets, tables, verdict
 from kerfgym.experiments.endurance.stream import Windows, stream
@@ -278,7 +278,7 @@ def test_the_command_writes_its_run_and_its_page(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     page = tmp_path / "endurance.md"
     page.write_text("<!-- run: endurance -->\n<!-- end -->\n", "utf-8")
-    monkeypatch.setattr(command.pages, "manual", lambda name: tmp_path / name)
+    monkeypatch.setattr(pages, "manual", lambda name: tmp_path / name)
     part = tmp_path / "part.svg"
     part.write_text('<svg xmlns="http://www.w3.org/2000/svg" width="20mm" height="20mm" viewBox="0 0 20 20">'
                     '<rect x="2" y="2" width="9" height="7"/></svg>', "utf-8")  # fmt: skip
