@@ -321,11 +321,11 @@ def control(params, state, signals, tables, memory):
     swing = max(FADE * state.swing, abs(m[row + TERMS - 1]))
     if known > 0.0 and abs(x.head_position - measured - x.set_height) > SWING * swing + STRAY:
         _forget(p, m)
-        known, calm, bridged = 1.0, 0.0, -float(RECENT)
-        # What bridges made of the readings is no trend to go on from.
-        for back in range(RING):
-            m[READINGS + _slot(tick, back)] = m[RAW + _slot(tick, back)]
-        measured = seen
+        if known > 2.0:  # what bridges have made of the readings is no trend to go on from
+            for back in range(RING):
+                m[READINGS + _slot(tick, back)] = m[RAW + _slot(tick, back)]
+            measured, bridged = seen, 0.0
+        known, calm = 1.0, 0.0
     recall = 1.0 - 1.0 / p.recall
     usual, wrong, plain = state.usual, recall * state.wrong, recall * state.plain
     if known > FAR + 2.0:
