@@ -5,7 +5,7 @@
 
 The second also trains with other seeds and writes what each came to on *test* seeds into ``seeds.csv`` beside the
 policy: one seed says nothing about a training. Which seed is shipped stands here, not in the results. An interrupted
-training goes on where its last checkpoint stands.
+training goes on where its last checkpoint stands, unless machine, laws or settings have changed since it began.
 """
 
 import argparse
@@ -17,8 +17,10 @@ from typing import Any
 import pandas as pd
 
 from ..agents import settings as presets
+from ..agents import train
 from ..envs import scenarios
 from . import benchmark, comparison, grids, runs
+from .figures.stamp import LAWS, LOADED, with_imports
 from .jobs import JobResults
 from .results import REFERENCE
 from .table import WEIGHED
@@ -49,6 +51,7 @@ def trained(name: str, seed: int) -> Path:
     """The run folder of a training, which is done if it is not there yet."""
     algorithm, env, own, changes = SHIPPED[name]
     run = Path("runs") / f"shipped-{name}{'' if seed == own else f'-{seed}'}"
+    _renew(run)
     if not (run / "run.json").is_file():
         given = presets.preset(algorithm, env, changes)
         words = ["kerfgym", "train", algorithm, "--env", env, "--seed", str(seed)]
@@ -56,6 +59,16 @@ def trained(name: str, seed: int) -> Path:
         with runs.at_work(run, resume=True):
             into(run, given, seed, "cpu", 1, True, words)
     return run
+
+
+def _renew(run: Path) -> None:
+    """Begins a training anew whose machine, law or settings are no longer those that it began with."""
+    now = with_imports([Path(train.__file__)], (*LOADED, *LAWS, "agents/presets/*.toml"))
+    made_from = run / "made-from.json"
+    if not made_from.is_file() or json.loads(made_from.read_text(encoding="utf-8")) != now:
+        shutil.rmtree(run, ignore_errors=True)
+        run.mkdir(parents=True)
+        runs.write_json(made_from, now)
 
 
 def ship(name: str, folder: Path = TRAINED) -> Path:

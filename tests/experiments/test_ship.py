@@ -62,3 +62,14 @@ def test_within_the_published_settings_nothing_is_left_to_gain_over_huang2024(co
         assert np.all(mine["through"] == 1.0), name
         assert np.all(mine["power_max"] <= workshop.material_of(scenarios.load(name)).power), name
         assert np.all(mine["dither_max"] <= spot.Params().galvo_range), name
+
+
+def test_a_training_goes_on_unless_what_it_learns_on_has_changed(tmp_path, monkeypatch):
+    run = tmp_path / "run"
+    ship._renew(run)
+    (run / "checkpoint").write_text("half way", encoding="utf-8")
+    ship._renew(run)
+    assert (run / "checkpoint").is_file()
+    monkeypatch.setattr(ship, "with_imports", lambda entries, patterns: {"baselines/presets/*.toml": "another"})
+    ship._renew(run)
+    assert not (run / "checkpoint").exists()
