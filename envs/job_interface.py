@@ -358,7 +358,7 @@ def _lost(g, b):
     """Share of a step that is lost against the plan, negative if some is gained. Charged where it is lost: a charge per
     step would reach a discounting learner at the job's end alone."""
     s, j = load(Progress, g, b + gantry.PROGRESS), load(Journey, g, b + gantry.P_JOURNEY)
-    waits = s.waited > 0.0 and s.waited < gantry.PATIENCE
+    waits = s.waited > 0.0 and s.waited < j.patience
     return 1.0 if s.tau >= j.samples - 1.0 or waits else 1.0 - s.override
 
 

@@ -43,7 +43,7 @@ def step_response(kp: float, axes: xy_axes.Params, periods: int = 1500) -> np.nd
     none = np.zeros_like(to)
     gantries.put_job(SimpleNamespace(
         x=to, y=none, s=to, cut_s=none, feed=none, tx=none + 1.0, ty=none, beam=none, phase=none, lift=none,
-        most=none + 1.0, cut_feed=1.0,
+        most=none + 1.0, cut_feed=1.0, patience=0.0,
     ), [0])  # fmt: skip
     gantries.put_law("xy", [0], stack.part("law"))
     scenarios.prepare(fleet, scenarios.Scenario(name="step"), [0], [0])

@@ -51,6 +51,7 @@ class Settings:
     frog_leap: bool = True  # rise and fall during the rapid instead of before and after
     lift_speed: float = 60.0  # mm/s of lifts and approaches [A]
     lift_acceleration: float = 3000.0  # mm/s² of the same, a third of what the slowest drive has [A]
+    patience: float = 0.5  # s that the programme waits at a standstill until the axes are in position [A]
     most_speed: float = 166.6667  # mm/s and mm/s² that the axes allow, for the feed override
     most_acceleration: float = 2000.0
 
@@ -99,6 +100,11 @@ class Job:
     def cut_feed(self) -> float:
         """mm/s that the cuts were planned with."""
         return self.settings.feed
+
+    @property
+    def patience(self) -> float:
+        """ms that it waits at a standstill."""
+        return self.settings.patience / MILLISECOND
 
     @property
     def duration(self) -> float:

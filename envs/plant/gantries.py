@@ -81,6 +81,7 @@ class Gantries(Columns):
         self.set("journey.first", machines, float(self._jobs[id(job)][1]))
         self.set("journey.samples", machines, float(len(job.x)))
         self.set("journey.feed", machines, float(job.cut_feed))
+        self.set("journey.patience", machines, float(job.patience))
 
     def start_recording(self, steps: int, tick: int) -> np.ndarray:
         """Keeps the next ``steps`` periods from ``tick`` on: float32 (steps, channels, size), ``gantry.CHANNELS``."""

@@ -41,6 +41,7 @@ class Journey(NamedTuple):
     samples: float = 2.0
     feed: float = 10.0  # mm/s of its cuts
     corrections: float = 0.5  # mm, largest correction of the reference
+    patience: float = 500.0  # control periods that the programme waits at a standstill for the axes [A]
 
 
 class Recipe(NamedTuple):
@@ -193,8 +194,9 @@ _STRIDE_Z = machine.STRIDE
 _JOB = U(len(JOB))
 _AHEAD = U(AHEAD)
 LEAST_OVERRIDE = 0.05
-IN_POSITION, PATIENCE = 0.01, 500.0
-"""mm, control periods: where the programme stands still it goes on when the axes are that near, or after that long [A].
+IN_POSITION = 0.01
+"""mm: where the programme stands still it goes on when the axes are that near, or stand still because their D/A
+converters resolve no less, or when its patience is over [A].
 Without it the rapid would begin while the axes are still on their way to the end of the cut: they would cut its corner
 off, and the set height would jump with the nearest point."""
 
@@ -253,14 +255,19 @@ def _nearest(jobs, j, near, latest, x, y):
 
 
 @part
+def _still(ax, ay):
+    """Whether the drives stand still and are told to."""
+    return ax.command == 0.0 and ay.command == 0.0 and abs(xy_axes.velocity(ax)) + abs(xy_axes.velocity(ay)) < _STILL
+
+
+@part
 def _arrived(jobs, j, near, latest, ax, ay):
     """``near``, or the sample at which the reference waits if drives that stand still are within ``_REACH`` of it.
 
     Encoder and D/A converter let an axis rest some tenths of a micrometre short, nearer to a sample before the end,
     where a planned stop is that dense; the beam would never be switched off.
     """
-    still = ax.command == 0.0 and ay.command == 0.0 and abs(xy_axes.velocity(ax)) + abs(xy_axes.velocity(ay)) < _STILL
-    if near < latest and still:
+    if near < latest and _still(ax, ay):
         i, k = _at(jobs, j, latest), _at(jobs, j, latest - 1.0)
         waits = jobs[i] == jobs[k] and jobs[i + U1] == jobs[k + U1]
         if waits and _distance2(jobs, j, latest, ax.position, ay.position) < _REACH * _REACH:
@@ -398,9 +405,9 @@ def head_all(g, base, n, jobs):
                 wanted = clip(applied.override, LEAST_OVERRIDE, between(jobs, j, tau, U(9))) if feeds else 1.0
                 override += clip(wanted - override, -most, most)
                 far_x, far_y = between(jobs, j, tau, U0) + dx - x.position, between(jobs, j, tau, U1) + dy - y.position
-                far = far_x * far_x + far_y * far_y > IN_POSITION * IN_POSITION
+                far = far_x * far_x + far_y * far_y > IN_POSITION * IN_POSITION and not _still(x, y)
                 halted = between(jobs, j, tau, U(3)) == 0.0 and far
-                if halted and waited < PATIENCE:
+                if halted and waited < j.patience:
                     waited += p.interpolation
                 else:
                     waited = waited if halted else 0.0

@@ -31,6 +31,7 @@ def journey(x: Floats, y: Floats) -> Any:
     return SimpleNamespace(
         x=x, y=y, s=s, feed=np.append(way, way[-1]) * 1e3, tx=tx / length, ty=ty / length, beam=none, phase=none,
         lift=none, most=none + 2.0, cut_s=s, cut_feed=float(max(way.max() * 1e3, 1.0)),
+        patience=0.0,
     )  # fmt: skip
 
 

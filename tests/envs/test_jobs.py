@@ -291,7 +291,7 @@ def test_a_programme_does_not_wait_for_axes_that_never_arrive():
     end = int(job.contours[0][1])
     fleet.advance(end + 100)
     assert end - 20 <= fleet.gantries.column("progress.tau")[0] <= end
-    fleet.advance(int(gantry.PATIENCE))
+    fleet.advance(int(gantry.Journey().patience))
     assert fleet.gantries.column("progress.tau")[0] > end
 
 

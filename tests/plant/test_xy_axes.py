@@ -31,7 +31,7 @@ def job(x, y):
     none = np.zeros(len(x))
     return SimpleNamespace(
         x=x, y=y, s=s, feed=np.append(way, way[-1]) * 1e3, tx=tx / length, ty=ty / length, beam=none, phase=none,
-        lift=none, most=none + 2.0, cut_s=s, cut_feed=float(way.mean() * 1e3),
+        lift=none, most=none + 2.0, cut_s=s, cut_feed=float(way.mean() * 1e3), patience=0.0,
     )  # fmt: skip
 
 
