@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from ..envs import files
 from ..envs.plant.lanes import mix
 from ..envs.plant.quantity import InvalidInput
 
@@ -118,6 +119,7 @@ def read(path: Path, device: str = "cpu") -> dict[str, Any]:
     Raises:
         InvalidInput: not a checkpoint, or damaged.
     """
+    files.checked(path, files.NUMBERS)
     import torch
 
     try:

@@ -21,7 +21,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from ..envs import interface, job_interface
+from ..envs import files, interface, job_interface
 from ..envs import stack as stacks
 from ..envs.plant.controller import SLOTS, Process
 from ..envs.plant.quantity import InvalidInput, did_you_mean
@@ -159,9 +159,10 @@ class Policy:
         """
         folder = Path(folder)
         try:
-            text = (folder / DOCUMENT).read_text(encoding="utf-8")
-            weights = (folder / WEIGHTS).read_bytes()
-        except (OSError, UnicodeDecodeError) as error:
+            text = files.text(folder / DOCUMENT, files.RECORD)
+            files.json_of(text, folder / DOCUMENT)  # neither too deep nor otherwise broken
+            weights = files.data(folder / WEIGHTS, files.NUMBERS)
+        except InvalidInput as error:
             raise InvalidInput(f"policy '{folder}' cannot be read: {error}") from None
         document = _document(text, folder)
         found = hashlib.sha256(weights).hexdigest()
@@ -170,6 +171,9 @@ class Policy:
                 f"policy '{folder}': {WEIGHTS} is damaged, or not this policy's: its SHA-256 is {found[:12]}…, "
                 f"{DOCUMENT} says {document.weights[:12]}…"
             )
+        document = document.model_copy(
+            update={"provenance": stacks.recorded(document.provenance, f"policy '{folder}': provenance")}
+        )
         check(document, f"policy '{folder}'")
         return Policy(document, _network(document, weights, folder), str(folder))
 
@@ -300,7 +304,7 @@ def bases(document: Document, where: str) -> dict[str, Stack]:
             raise InvalidInput(f"{where}: unknown law '{base.law}' in slot '{slot}'; {did_you_mean(base.law, of_slot)}")
         try:
             varied = laws[base.law].varied(base.parameters, base.name)
-            found[slot] = replace(varied, provenance=base.provenance)
+            found[slot] = replace(varied, provenance=stacks.recorded(base.provenance, f"base.{slot}.provenance"))
         except InvalidInput as error:
             raise InvalidInput(f"{where}: {error}") from None
     return found

@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
+from ..envs import consent, files
 from ..envs.plant.quantity import InvalidInput, did_you_mean
 
 PRESETS = Path(__file__).parent / "presets"
@@ -244,7 +245,7 @@ def preset(name: str, env: str, changes: dict[str, Any] | None = None) -> Settin
     Raises:
         InvalidInput: unknown algorithm, environment or setting.
     """
-    values = tomllib.loads(preset_file(name, env).read_text(encoding="utf-8"))
+    values = files.toml(preset_file(name, env))
     return checked(Settings(name, env, **values)).varied(changes or {})
 
 
@@ -258,14 +259,10 @@ def from_file(path: Path, name: str, env: str | None = None, changes: dict[str, 
         changes: by dotted name.
 
     Raises:
-        InvalidInput: not such a file, or for another algorithm or environment, or an unknown setting.
+        InvalidInput: not such a file, or for another algorithm or environment, or an unknown setting, or its base is
+            Python code and the user has not agreed to run it.
     """
-    try:
-        values = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InvalidInput(f"cannot read '{path}': {error.strerror}") from None
-    except ValueError as error:  # neither text nor TOML
-        raise InvalidInput(f"'{path}' is not TOML: {error}") from None
+    values = files.toml(path)
     named = _named(path)
     for what, kind, asked in (("name", "algorithm", name), ("env", "environment", env)):
         mine = values.pop(what, named.get(what))
@@ -273,12 +270,17 @@ def from_file(path: Path, name: str, env: str | None = None, changes: dict[str, 
             raise InvalidInput(f"'{path}' is for {kind} '{mine}', not '{asked}'")
         env = mine if what == "env" and mine is not None else env
     env = env or next(iter(ENVIRONMENTS))
+    if not isinstance(env, str):
+        raise InvalidInput(f"'{path}': env = {env!r}; allowed: {', '.join(ENVIRONMENTS)}")
     preset_file(name, env)  # an unknown one is an error here
     values.pop(PROVENANCE, None)
     tables = known(Settings(name, env), "")
     for key in values:
         if key not in tables:
             raise InvalidInput(f"'{path}': unknown setting '{key}'; {did_you_mean(key, tables)}")
+    for table in ("environment", "evaluation"):
+        inner = values.get(table)
+        consent.required(inner.get("base") if isinstance(inner, dict) else None, f"{path}: {table}.base")
     return checked(Settings(name, env, **values)).varied(changes or {})
 
 

@@ -11,8 +11,10 @@
 
 import csv
 import math
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,11 +32,39 @@ CHECKPOINTS, EVALUATIONS = 50, 10
 
 CHECKPOINT = Path("parts") / "checkpoint.pt"
 
+CURVES = "tensorboard"
+
 Told = Callable[[int, int, str], None]
 """Is told the steps done, the steps in all, and a word about where training stands."""
 
 Seen = Callable[[int, float], None]
 """Is told the steps done and the score of each evaluation; what it raises ends the training."""
+
+
+@contextmanager
+def curves_are_written(folder: Path) -> Iterator[None]:
+    """Curves are written by a thread of its own. What that runs into it raises once more in this one, so it need not
+    print it.
+
+    Raises:
+        InvalidInput: the disk does not take them.
+    """
+    before = threading.excepthook
+
+    def hook(arguments: Any) -> None:
+        if not isinstance(arguments.exc_value, OSError):
+            before(arguments)
+
+    threading.excepthook = hook
+    try:
+        yield
+    except OSError as error:
+        raise InvalidInput(
+            f"cannot write '{error.filename or folder}': {error.strerror or error}; nothing written before is lost, "
+            "and the same command goes on"
+        ) from None
+    finally:
+        threading.excepthook = before
 
 
 class Diverged(InvalidInput):
@@ -136,7 +166,20 @@ class Training:
         self.spent, self.began, self.looked, self.looking = 0.0, time.process_time(), 0, 0
 
     def take_up(self, content: dict[str, Any]) -> None:
-        """Goes on from a checkpoint."""
+        """Goes on from a checkpoint.
+
+        Raises:
+            InvalidInput: it is of another training, or does not hold what one holds.
+        """
+        try:
+            self._take_up(content)
+        except InvalidInput:
+            raise
+        except (KeyError, TypeError, AttributeError, ValueError, RuntimeError) as error:
+            what = f"{type(error).__name__}: {error}".split("\n")[0][:160]
+            raise InvalidInput(f"the checkpoint in '{self.folder}' does not fit its training: {what}") from None
+
+    def _take_up(self, content: dict[str, Any]) -> None:
         mine, theirs = self.identity(), content["identity"]
         for key in sorted({*mine, *theirs}):
             if mine.get(key) != theirs.get(key):
@@ -157,11 +200,16 @@ class Training:
 
         Raises:
             Diverged: the weights, or every evaluation, came to no finite numbers.
+            InvalidInput: the disk does not take checkpoint, curves or table; what was written before is not lost.
         """
+        with curves_are_written(self.folder / CURVES):
+            return self._finish()
+
+    def _finish(self) -> Trained:
         from stable_baselines3.common.logger import configure
 
         model, steps = self.model, self.settings.steps
-        model.set_logger(configure(str(self.folder / "tensorboard"), ["tensorboard"]))
+        model.set_logger(configure(str(self.folder / CURVES), ["tensorboard"]))
         if model.num_timesteps < steps:
             try:
                 model.learn(steps - model.num_timesteps, callback=self._callback(), reset_num_timesteps=False)

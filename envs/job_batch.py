@@ -58,7 +58,7 @@ class JobBatch(Episodes):
         check_choice(colour, QUANTITIES, "colour")
         found = chosen(scenario or ("contour-square" if contour else "cut-square"), machine)
         if path is not None:
-            found = [s.varied(job={"part": str(path), "size": 0.0}) if s.job else s for s in found]
+            found = [s.along(path) if s.job else s for s in found]
         if extrapolate:
             found = [s.varied(job={"extrapolate": True}) if s.job else s for s in found]
         for each in found:

@@ -10,6 +10,9 @@ from .plant.fleet import Fleet
 from .plant.gantry import Sums
 from .plant.published import Excess
 
+DONE = 0.98
+"""Share of a job that must be cut."""
+
 
 @dataclass(frozen=True)
 class Jobs:
@@ -80,7 +83,7 @@ def evidence(jobs: Jobs) -> dict[str, np.ndarray]:
 def broken(jobs: Jobs) -> np.ndarray:
     """Whether a run holds anything that is not finite, cut nothing, or left more than 2 % of the job undone."""
     finite = np.all([np.isfinite(values) for values in jobs.sums.values()], axis=0)
-    return ~finite | (jobs.sums["length"] <= 0) | (jobs.covered < 0.98)
+    return ~finite | (jobs.sums["length"] <= 0) | (jobs.covered < DONE)
 
 
 def failed(jobs: Jobs) -> np.ndarray:

@@ -1,13 +1,14 @@
 """Materials: thermal figures, recipe and coefficients of the cut, from ``materials/*.toml``."""
 
 import functools
-import tomllib
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from . import files
 from .plant import cut
 from .plant.quantity import InvalidInput, did_you_mean
 
@@ -36,6 +37,12 @@ class Material:
         """mm."""
         return self.params.thickness
 
+    @functools.cached_property
+    def kerf(self) -> float:
+        """mm, width of the kerf at the top with the recipe, by the model of the cut."""
+        beam = cut.beam(self.params, self.power, 0.0, 0.0, 0.0, 0.0, 0.0)
+        return float(cut.step(self.params, beam, cut.fresh(), self.feed, 0.0, 0.0, 1e-3)[1].kerf_top)
+
     @property
     def label(self) -> str:
         """What to print beside its figures."""
@@ -62,8 +69,27 @@ def material(name: str, thickness: float | None = None) -> Material:
     """
     if name not in names():
         raise InvalidInput(f"unknown material '{name}'; {did_you_mean(name, names())}")
-    data = _read(name)
-    low, high = data["thickness"]
+    return of_file(FOLDER / f"{name}.toml", thickness)
+
+
+def of_file(file: Path, thickness: float | None = None) -> Material:
+    """The material that a file holds.
+
+    Raises:
+        InvalidInput: something is missing, no number, or not finite; or a thickness it does not come in.
+    """
+    try:
+        return _of(file.stem, _read(file), thickness)
+    except InvalidInput:
+        raise
+    except KeyError as error:
+        raise InvalidInput(f"{file}: {error} is missing") from None
+    except (TypeError, ValueError, ArithmeticError, AttributeError) as error:
+        raise InvalidInput(f"{file}: not a material: {error}") from None
+
+
+def _of(name: str, data: dict[str, Any], thickness: float | None) -> Material:
+    low, high = _numbers(data["thickness"], "thickness")
     t = low if thickness is None else thickness
     if not low <= t <= high:
         allowed = f"{low:g} mm" if low == high else f"{low:g} to {high:g} mm"
@@ -71,11 +97,29 @@ def material(name: str, thickness: float | None = None) -> Material:
     recipe, given = data["recipe"], dict(data["cut"])
     focus = given.pop("focus") * t
     params = cut.Params(thickness=t, focus=focus, floor=1e-3 * (10.0 + 0.6 * t), **given)
+    _numbers(params, "cut")
+    if not t > 0:
+        raise InvalidInput(f"material '{name}': thickness = {t:g} mm; it must be above 0")
     feed = recipe["feed"] if "feed" in recipe else float(np.interp(t, *np.transpose(recipe["feeds"])))
     power = recipe["power"] if "power" in recipe else power_for(params, feed, recipe["margin"])
     pierce = tuple((float(height), float(time)) for height, time in recipe["pierce"])
     calibration = data.get("calibration", {})
+    if not isinstance(calibration, dict) or not isinstance(data["summary"], str):
+        raise InvalidInput(f"material '{name}': calibration is a table, summary a text")
+    _numbers([power, feed, recipe["standoff"], *(x for stage in pierce for x in stage)], "recipe")
     return Material(name, data["summary"], params, power, feed, recipe["standoff"], pierce, calibration)
+
+
+def _numbers(values: Any, what: str) -> Any:
+    """The values, if they are finite numbers.
+
+    Raises:
+        InvalidInput: one is not.
+    """
+    for value in values:
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            raise InvalidInput(f"{what}: {value!r} is not a finite number")
+    return values
 
 
 def power_for(params: cut.Params, feed: float, margin: float) -> float:
@@ -90,10 +134,12 @@ def power_for(params: cut.Params, feed: float, margin: float) -> float:
     return float(1000.0 * (margin - none) / (one - none))
 
 
-def _read(name: str) -> dict[str, Any]:
-    data = tomllib.loads((FOLDER / f"{name}.toml").read_text(encoding="utf-8"))
+def _read(file: Path) -> dict[str, Any]:
+    data = files.toml(file)
     if "like" in data:
-        base = _read(data["like"])
+        if data["like"] not in names() or data["like"] == file.stem:
+            raise InvalidInput(f"{file}: like = {data['like']!r}; {did_you_mean(str(data['like']), names())}")
+        base = _read(FOLDER / f"{data['like']}.toml")
         inherited = {**base["cut"], **base.get("coefficients", {})}
         data["cut"] = {**inherited, **data.get("cut", {})}
         data["recipe"] = {"standoff": base["recipe"]["standoff"], **data["recipe"]}

@@ -14,13 +14,13 @@ fixes an episode completely: machine, sheet, and every random number of its nois
 # ruff: noqa: RUF009  (the distributions that are defaults are frozen)
 
 import functools
-import tomllib
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin
 
 import numpy as np
 
+from . import files, names
 from .distributions import Choice, Draws, LogUniform, Number, Uniform, as_number, bounds, draw
 from .plant import heads, sensor, sheet, spot, xy_axes, z_axis
 from .plant.calibration import read_columns
@@ -43,6 +43,12 @@ SPLITS = {
 
 PAIRS = 8
 """Pairs of tables of random sheets that the seeds of a split share."""
+
+SETTLED = 0.25
+"""Most of a journey along a drawing that is left out of the score, for the machine to settle."""
+
+SHEET = (4000.0, 2000.0)
+"""mm, the sheet that axes reach over when a user's drawing is cut [A]: the largest usual format."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -319,18 +325,45 @@ class Circle(_Section):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Reading(_Section):
+    """How the drawing of ``path``, or of a job's ``part``, is read."""
+
+    units: str | None = None  # mm, cm, m, inches …, instead of what the drawing says
+    layers: tuple[str, ...] = ()  # what becomes of which: cut=A,B, engrave=C*, ignore=DIM*; none: all are cut
+    colours: tuple[str, ...] = ()  # the same for colours (DXF) and strokes (SVG)
+    join: Annotated[float, _q("mm", 0, 10, "largest gap between two ends that are joined")] = SPACING
+    text: bool = False  # cut letters as outlines
+    hatches: bool = False  # cut filled areas as outlines
+
+    def drawing(self, file: str) -> "Drawing":
+        """The drawing in a DXF, SVG or G-code file, read so.
+
+        Raises:
+            InvalidInput: whatever is wrong in it, where, and what is allowed.
+        """
+        from .paths.read import read as read_path
+
+        join = None if self.join == SPACING else self.join
+        return read_path(
+            file, layers=self.layers or None, units=self.units, colours=self.colours or None, join=join,
+            text=self.text, hatches=self.hatches,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
 class Job(_Section):
     """What is cut, from what, and how the programme around the cuts looks; axes follow it with an error."""
 
     part: str = "square"  # a built-in part, or a file: DXF, SVG, G-code
     size: Annotated[float, _q("mm", 0, 1500, "first size of a built-in part; 0: its own")] = 0.0
-    layers: tuple[str, ...] = ()  # of a DXF; none: all
-    units: str | None = None  # mm, cm, m or inches, instead of what the drawing says
     material: str = "c45-10"  # a file of envs/materials
     thickness: Annotated[float, _q("mm", 0, 50, "of a material that comes in several; 0: its thinnest")] = 0.0
     feed: Annotated[float, _q("mm/s", 0, 2000, "of the cuts; 0: the material's recipe")] = 0.0
     kerf: Annotated[float, _q("mm", 0, 5, "compensated; 0: the path is the drawing")] = 0.0
-    lead_in: Annotated[float, _q("mm", 0, 50, "from the waste into a closed contour")] = 3.0
+    lead_in: Annotated[float, _q("mm", 0, 50, "at most, from the waste into a closed contour; 0: none")] = 3.0
+    joints: Annotated[int, _q("", 0, 100, "micro-joints in each outline", whole=True)] = 0
+    joint_spacing: Annotated[float, _q("mm", 0, 1e4, "from joint to joint; 0: their number decides")] = 0.0
+    joint_width: Annotated[float, _q("mm", 0.05, 10, "of sheet that a joint leaves")] = 0.5
     clearance: Annotated[float, _q("mm", 0, 6, "above the cutting height in rapids")] = 4.0
     frog_leap: bool = True  # rise and fall during the rapid instead of before and after
     pierce: bool = True  # each cut begins with a pierce
@@ -386,6 +419,7 @@ class Scenario(_Section):
     guard: bool = False  # the supervisor's hole and edge guard is on
     exempt: bool = False  # built to defeat followers: collisions are expected and not counted
     path: str | None = None  # a drawing (DXF, SVG, G-code) along whose contours the nozzle travels
+    drawing: Reading = Reading()
     circle: Circle | None = None
     corners: Corners | None = None
     turns: Turns | None = None
@@ -398,6 +432,7 @@ class Scenario(_Section):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        names.checked(self.name, "name")  # a run keeps the scenario in a file of this name
         if self.path and self.circle:
             raise ValueError("path and circle exclude each other in one scenario")
         if self.corners and (self.path or self.circle or self.job):
@@ -428,21 +463,43 @@ class Scenario(_Section):
         """The first ``share`` of the seeds (a sequence or array), at least one."""
         return seeds[: max(1, round(self.share * len(seeds)))]
 
-    def along(self, drawing: str | Path) -> "Scenario":
-        """The scenario along the contours of a DXF, SVG or G-code file, once through at the (slowest) feed.
+    def along(self, drawing: str | Path, reading: Reading | None = None) -> "Scenario":
+        """The scenario along the contours of a DXF, SVG or G-code file, once through at the (slowest) feed; with a job,
+        the job that cuts them, on axes that reach over a sheet of 4 × 2 m at least.
+
+        Args:
+            drawing: the file.
+            reading: how it is read; None: as the scenario says.
 
         Raises:
             InvalidInput: the drawing cannot be read, or the feed may be 0.
         """
+        how, file = reading or self.drawing, str(drawing)
+        name, told = f"{self.name}@{names.of_file(Path(drawing).stem)}", asdict(how)
+        if self.job:
+            travel = {
+                f"travel_{a}": max(getattr(self.gantry, f"travel_{a}"), s) for a, s in zip("xy", SHEET, strict=True)
+            }
+            return self.varied(name=name, job={"part": file, "size": 0.0}, drawing=told, gantry=travel)
         slowest = bounds(self.feed)[0]
         if slowest <= 0:
             raise InvalidInput(f"scenario '{self.name}': a path needs a feed above 0 mm/s")
-        length = contour(str(drawing)).length
+        length = contour(file, how).length
+        duration = round(length / slowest, 3)
+        shortest, longest = _duration_range()
+        if not shortest <= duration <= longest:
+            raise InvalidInput(
+                f"scenario '{self.name}': {drawing} takes {duration:g} s at {slowest:g} mm/s; allowed: {shortest:g} to "
+                f"{longest:g} s; a {'slower' if duration < shortest else 'faster'} feed, or a suite of jobs, such as "
+                "contour"
+            )
         return self.varied(
-            path=str(drawing),
+            path=file,
+            drawing=told,
             circle=None,
-            duration=round(length / slowest, 3),
-            name=f"{self.name}@{Path(drawing).stem}",
+            duration=duration,
+            settle=min(self.settle, round(SETTLED * duration, 3)),  # of a small drawing something must be scored
+            name=name,
         )
 
     def to_toml(self) -> str:
@@ -453,11 +510,20 @@ class Scenario(_Section):
         for name, default in (("gantry", Gantry()), ("optics", Optics())):
             if self.job is None and getattr(self, name) == default:  # of no use to a follower
                 del tables[name]
+        if self.drawing == Reading():
+            del tables["drawing"]
         return tomli_w.dumps(_without_none(tables))
 
     def varied(self, **changes: Any) -> "Scenario":
         """A copy with some fields changed, validated anew: ``varied(feed=400, head={"noise": 0.01})`` merges tables."""
         return _validated(_merged(asdict(self), changes), self.name)
+
+
+def _duration_range() -> tuple[float, float]:
+    """s, shortest and longest episode."""
+    kind = next(field.type for field in fields(Scenario) if field.name == "duration")
+    quantity = get_args(kind)[-1]
+    return quantity.low, quantity.high
 
 
 def _merged(base: dict, changes: dict) -> dict:
@@ -546,11 +612,7 @@ def parse(text: str, where: str = "scenario") -> Scenario:
     Raises:
         InvalidInput: file, line and key of the first mistake.
     """
-    try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InvalidInput(f"{where}: not valid TOML: {error}") from None
-    return _validated(data, where, text)
+    return _validated(files.toml_of(text, where), where, text)
 
 
 def read(path: str | Path) -> Scenario:
@@ -559,10 +621,7 @@ def read(path: str | Path) -> Scenario:
     Raises:
         InvalidInput: file, line and key of the first mistake.
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InvalidInput(f"cannot read scenario file {path}: {error}") from None
+    text = files.text(path, files.SETTINGS)
     scenario = parse(text, str(path))
     folder = Path(path).resolve().parent
     if scenario.sheet.profile:
@@ -576,32 +635,30 @@ def read(path: str | Path) -> Scenario:
         if given:
             scenario = scenario.varied(head={name: str(folder / given)})
     if scenario.head.table:
-        heads.measured(scenario.head.table)
+        measured_head(scenario.head.table)
     if scenario.head.signal:
         signal(scenario.head.signal)
     if scenario.job and Path(scenario.job.part).suffix:
         scenario = scenario.varied(job={"part": str(folder / scenario.job.part)})
     if scenario.path:
         drawing, named = folder / scenario.path, scenario.name
-        timed = "duration" in tomllib.loads(text)
+        timed = "duration" in files.toml_of(text, path)
         scenario = scenario.varied(path=str(drawing)) if timed else scenario.along(drawing).varied(name=named)
     return scenario
 
 
 @functools.lru_cache(maxsize=8)
-def drawn(drawing: str) -> "Drawing":
+def drawn(drawing: str, reading: Reading = Reading()) -> "Drawing":
     """The drawing in a DXF, SVG or G-code file."""
-    from .paths.read import read as read_path
-
-    return read_path(drawing)
+    return reading.drawing(drawing)
 
 
 @functools.lru_cache(maxsize=8)
-def contour(drawing: str) -> Contour:
+def contour(drawing: str, reading: Reading = Reading()) -> Contour:
     """The journey through a drawing, moved so that its lower left corner lies at x = y = 0."""
     from .paths.drawing import journey as through
 
-    path = through(drawn(drawing))
+    path = through(drawn(drawing, reading))
     return Contour(path.name, path.x - path.x.min(), path.y - path.y.min(), path.cutting)
 
 
@@ -617,7 +674,25 @@ def journey(scenario: Scenario) -> Contour | None:
     """What the nozzle travels; None: it goes straight along x."""
     if scenario.circle:
         return laps(scenario.circle)
-    return contour(scenario.path) if scenario.path else None
+    return contour(scenario.path, scenario.drawing) if scenario.path else None
+
+
+MOST_POINTS = 5_000_000
+"""Of a profile: 500 m at a tenth of a millimetre."""
+
+MOST_HEIGHT = 1000.0
+"""mm of a measured surface, up and down."""
+
+
+def _columns(file: str, wanted: tuple[str, ...]) -> np.ndarray:
+    """Columns of a CSV file, see :func:`read_columns`; surfaces are no mountains."""
+    columns = read_columns(files.checked(file, files.TABLE), wanted)
+    for name, values in zip(wanted, columns.T, strict=True):
+        far = np.flatnonzero(np.abs(values) > MOST_HEIGHT)
+        if name == "height_mm" and len(far):
+            row, value = far[0] + 2, values[far[0]]
+            raise InvalidInput(f"{file}, row {row}, column {name}: {value:g} mm; allowed: ±{MOST_HEIGHT:g} mm")
+    return columns
 
 
 @functools.lru_cache(maxsize=32)
@@ -627,11 +702,16 @@ def profile(source: Profile) -> np.ndarray:
     Raises:
         InvalidInput: gaps, text or positions that do not rise, with file, row and column.
     """
-    columns = read_columns(source.file, ("position_mm", "height_mm"))
+    columns = _columns(source.file, ("position_mm", "height_mm"))
     falls = np.flatnonzero(np.diff(columns[:, 0]) <= 0)
     if len(falls):
         raise InvalidInput(
             f"{source.file}, row {falls[0] + 3}, column position_mm: positions must rise from row to row"
+        )
+    if not (many := (columns[-1, 0] - columns[0, 0]) / source.spacing) <= MOST_POINTS:
+        raise InvalidInput(
+            f"{source.file}: {columns[0, 0]:g} to {columns[-1, 0]:g} mm every {source.spacing:g} mm are {many:.3g} "
+            f"points; allowed: {MOST_POINTS:,}; are the positions in mm? Else give a wider spacing"
         )
     grid = np.arange(columns[0, 0], columns[-1, 0], source.spacing)
     return np.interp(grid, columns[:, 0], columns[:, 1])
@@ -644,7 +724,7 @@ def height_map(source: Map) -> tuple[np.ndarray, float, float, float]:
     Raises:
         InvalidInput: text, gaps, or points that are no regular grid, with file and row.
     """
-    columns = read_columns(source.file, ("x_mm", "y_mm", "height_mm"))
+    columns = _columns(source.file, ("x_mm", "y_mm", "height_mm"))
     x, y = (np.unique(columns[:, k]) for k in (0, 1))
     if len(x) < 2 or len(y) < 2 or len(x) * len(y) != len(columns):
         raise InvalidInput(
@@ -661,6 +741,11 @@ def height_map(source: Map) -> tuple[np.ndarray, float, float, float]:
     return columns[order, 2].reshape(len(y), len(x)).copy(), float(x[0]), float(y[0]), spacing
 
 
+def measured_head(file: str) -> int:
+    """Index of the head whose calibration table is in a CSV file, see :func:`heads.measured`."""
+    return heads.measured(str(files.checked(file, files.TABLE)))
+
+
 @functools.lru_cache(maxsize=32)
 def signal(file: str) -> np.ndarray:
     """A recorded signal, Hz, one number each millisecond.
@@ -668,7 +753,7 @@ def signal(file: str) -> np.ndarray:
     Raises:
         InvalidInput: text, gaps, or a frequency that is not above 0, with file and row.
     """
-    values = read_columns(file, ("frequency_Hz",))[:, 0]
+    values = _columns(file, ("frequency_Hz",))[:, 0]
     bad = np.flatnonzero(values <= 0)
     if len(bad):
         raise InvalidInput(f"{file}, row {bad[0] + 2}, column frequency_Hz: {values[bad[0]]:g} Hz; it must be above 0")
@@ -743,7 +828,7 @@ def _prepare_head(fleet: Fleet, head: Head, m: np.ndarray, draws: Draws, value: 
     which = which + heads.HEADS * heads.OSCILLATORS.index(head.oscillator)
     for index in set(which.tolist()):
         heads.table(index)
-    index = np.full(len(m), heads.measured(head.table)) if head.table else which
+    index = np.full(len(m), measured_head(head.table)) if head.table else which
     fleet.set("start.head", m, index.astype(float))
     fleet.set("job.most_frequency", m, heads.beyond(index))
     fleet.replay(signal(head.signal) if head.signal else None)
@@ -943,13 +1028,39 @@ def _suite(name: str) -> tuple[tuple[str, Scenario], ...]:
 @functools.cache
 def _shipped(group: str, name: str) -> Scenario:
     # Without pydantic, so that a start does without it; tests compare this with what :func:`read` makes of the file.
-    return Scenario(**tomllib.loads((_SUITES / group / f"{name}.toml").read_text(encoding="utf-8")))
+    return Scenario(**files.toml(_SUITES / group / f"{name}.toml"))
 
 
 @functools.cache
 def rules(name: str) -> dict[str, Any]:
     """What a suite's file says beside its scenarios: ``score``, ``reference``, ``controllers``."""
-    return tomllib.loads((_SUITES / f"{name}.toml").read_text(encoding="utf-8"))
+    return checked_rules(_SUITES / f"{name}.toml")
+
+
+_RULES: dict[str, type] = {
+    "version": int, "scenarios": list, "core": list, "slot": str, "environment": str, "seeds": int,
+}  # fmt: skip
+_MORE_RULES: dict[str, type] = {"score": str, "reference": str, "controllers": list, "along": str}
+
+
+def checked_rules(file: Path) -> dict[str, Any]:
+    """What the file of a suite says.
+
+    Raises:
+        InvalidInput: a key is missing, unknown or of the wrong kind.
+    """
+    found = files.toml(file)
+    known = {**_RULES, **_MORE_RULES}
+    for key, value in found.items():
+        if key not in known:
+            raise InvalidInput(f"{file}: unknown key '{key}'; {did_you_mean(key, known)}")
+        texts = isinstance(value, list) and all(isinstance(each, str) for each in value)
+        if type(value) is not known[key] or (known[key] is list and not texts):
+            kind = "list of texts" if known[key] is list else known[key].__name__
+            raise InvalidInput(f"{file}: {key} = {str(value)[:80]!r} is no {kind}")
+    if missing := [key for key in _RULES if key not in found]:
+        raise InvalidInput(f"{file}: '{missing[0]}' is missing")
+    return found
 
 
 @functools.cache
@@ -970,7 +1081,7 @@ def load(name: str | Path | Scenario) -> Scenario:
     if own and group in suites() and own in rules(group)["scenarios"]:
         return _shipped(group, own)
     for group in suites():
-        if (_SUITES / group / f"{name}.toml").is_file():
+        if str(name) in rules(group)["scenarios"]:
             return _shipped(group, str(name))
     if str(name).endswith(".toml") or Path(name).is_file():
         return read(name)

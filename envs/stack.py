@@ -18,12 +18,15 @@ import inspect
 import math
 import re
 import sys
-import tomllib
-from collections.abc import Callable
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
+from . import consent, files, secrets
 from .plant import calibration, filters, idle, planning, sensor, supervisor
 from .plant.controller import INFORMATION, SLOTS, Law, make_law, source_of
 from .plant.fleet import Fleet
@@ -355,33 +358,45 @@ def tuned(path: str) -> tuple[str, dict[str, Any], dict[str, Any]]:
     """What a ``tuned.toml`` holds: the controller it started from, the parameters that differ, how they were found.
 
     Raises:
-        InvalidInput: no such file, not TOML, or not what ``kerfgym tune`` writes.
+        InvalidInput: no such file, not TOML, not what ``kerfgym tune`` writes, or it names Python code and the user
+            has not agreed to run it (:mod:`consent`).
     """
-    try:
-        data = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InvalidInput(f"cannot read '{path}': {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InvalidInput(f"{path}: not valid TOML: {error}") from None
+    data = files.toml(path)
     base, parameters = data.get("controller"), data.get("parameters")
     if not isinstance(base, str) or not isinstance(parameters, dict) or base.endswith(".toml"):
         raise InvalidInput(f"{path}: not a tuned controller; it needs 'controller', a name, and a table [parameters]")
+    consent.required(base, f"{path}: controller")
     return base, parameters, recorded(data.get("provenance", {}), f"{path}: provenance")
 
 
 def recorded(record: Any, where: str) -> dict[str, Any]:
-    """The record of how a stack was tuned, as a file or a user's class gives it; empty if there is none.
+    """The record of how a stack was tuned, as a file or a user's class gives it, without passwords; empty if there is
+    none.
 
     Raises:
-        InvalidInput: it is no table, or its trials, steps or CPU-seconds are no numbers from 0 on.
+        InvalidInput: it is no table, its trials, steps or CPU-seconds are no numbers from 0 on, or its seeds no seeds.
     """
     if not isinstance(record, dict):
         raise InvalidInput(f"{where}: {record!r} is no table such as {{'trials': 40, 'tune_seeds': '0-31'}}")
-    for key in ("trials", "simulated_steps", "cpu_seconds"):
+    for key in ("trials", "simulated_steps", "steps", "training_steps", "cpu_seconds"):
         value = record.get(key, 0)
         if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < math.inf:
             raise InvalidInput(f"{where}: {key} is {value!r}; allowed: a number from 0 on")
-    return record
+    for key in ("seeds", "tune_seeds", "checked_on"):
+        _check_seeds(record.get(key, ""), f"{where}: {key}")
+    for key in ("policy", "ledger", "start", *SLOTS):
+        if key in record:
+            recorded(record[key], f"{where}.{key}")
+    found: dict[str, Any] = secrets.everywhere(record)
+    return found
+
+
+def _check_seeds(seeds: Any, where: str) -> None:
+    """Raises :class:`InvalidInput` unless it is text such as ``0-31``, whole numbers, or a table of such."""
+    for each in seeds.values() if isinstance(seeds, dict) else [seeds]:
+        whole = [each] if isinstance(each, int) else each if isinstance(each, list | tuple) else []
+        if not isinstance(each, str | int | list | tuple) or not all(isinstance(n, int) and n >= 0 for n in whole):
+            raise InvalidInput(f"{where} is {each!r}; allowed: text such as '0-31', or whole numbers from 0 on")
 
 
 def _tuned_stack(path: str) -> Stack:
@@ -389,9 +404,27 @@ def _tuned_stack(path: str) -> Stack:
     if is_team(base):
         raise InvalidInput(f"'{path}' is a team ({base}); it does jobs, such as those of the suite cutting")
     try:
-        return replace(resolve(base).varied(parameters, name=path), provenance=provenance)
+        with _within(path):
+            return replace(resolve(base).varied(parameters, name=path), provenance=provenance)
     except InvalidInput as error:
         raise InvalidInput(f"{path}: {error}") from None
+
+
+_READING: ContextVar[tuple[str, ...]] = ContextVar("reading", default=())
+"""Files that are being resolved, each of which named the next."""
+
+
+@contextmanager
+def _within(path: str) -> Iterator[None]:
+    """Guards against a file that names itself, or one that names it."""
+    mine = str(Path(path).resolve())
+    if mine in _READING.get():
+        raise InvalidInput(f"'{path}' names itself as the controller it started from")
+    before = _READING.set((*_READING.get(), mine))
+    try:
+        yield
+    finally:
+        _READING.reset(before)
 
 
 def _overrides(text: str, spec: str) -> dict[str, Any]:
@@ -410,7 +443,10 @@ def _overrides(text: str, spec: str) -> dict[str, Any]:
 def _of_folder(text: str) -> Stack | None:
     """The stack that a folder holds; None if it is a controller's name."""
     folder = shelved().get(text) or Path(text)
-    if not text or text in names() or not folder.is_dir():
+    try:
+        if not text or text in names() or not folder.is_dir():
+            return None
+    except OSError:  # longer than any path
         return None
     for loader in FOLDERS:
         module, function = loader.split(":")
@@ -422,31 +458,60 @@ def _of_folder(text: str) -> Stack | None:
 
 def _import(module: str, attribute: str) -> Stack:
     """A user's controller: a Stack, a law namespace, or a plain-Python class."""
+    if not module or not attribute:
+        raise InvalidInput(
+            f"'{module}:{attribute}': nothing stands {'after' if module else 'before'} the colon; "
+            "a controller of your own is file.py:Class or module:Class, changed parameters are pid:law.kp=80"
+        )
+    file = Path(module) if module.endswith(".py") else None
+    if module.startswith("."):
+        raise InvalidInput(f"'{module}' is no module's name; a file is named with its suffix: mine.py:Mine")
     try:
-        if module.endswith(".py"):
-            space = _import_file(Path(module))
+        if file is not None:
+            space = _import_file(file)
         else:
             if "" not in sys.path:
-                sys.path.insert(0, "")  # the user's own folder
+                # The user's own folder, last: what lies in it must not take the place of a library that is imported
+                # later.
+                sys.path.append("")
             space = importlib.import_module(module)
+    except InvalidInput:
+        raise
     except ModuleNotFoundError as error:
         raise InvalidInput(f"cannot import '{module}': {error}") from None
+    except Exception as error:  # whatever a user's code raises is the user's to mend, and none of it is ours
+        raise InvalidInput(f"cannot import '{module}': {_told(error, file)}") from None
     if not hasattr(space, attribute):
         public = [n for n in vars(space) if not n.startswith("_")]
         raise InvalidInput(f"module '{module}' has no '{attribute}'; {did_you_mean(attribute, public)}")
     return as_stack(getattr(space, attribute), f"{Path(module).stem}:{attribute}")
 
 
+def _told(error: Exception, file: Path | None) -> str:
+    """What a user's code raised, and where in it."""
+    if isinstance(error, SyntaxError):
+        return f"{error.filename or file}, line {error.lineno}: {error.msg}"
+    frames = [f for f in traceback.extract_tb(error.__traceback__) if "importlib" not in f.filename]
+    own = [f for f in frames if file is not None and Path(f.filename) == file]
+    at = (own or frames)[-1]
+    return f"{at.filename}, line {at.lineno}: {type(error).__name__}: {error}"
+
+
 def _import_file(path: Path) -> Any:
-    if not path.is_file():
+    if not path.exists():
         raise InvalidInput(f"no file '{path}'")
+    files.checked(path, files.SETTINGS)
     spec = importlib.util.spec_from_file_location(f"kerfgym_user_{path.stem}", path)
     assert spec
     assert spec.loader
     space = importlib.util.module_from_spec(spec)
     # Under a name of its own: a user's json.py must not take the place of the library's.
     sys.modules[spec.name] = space
-    spec.loader.exec_module(space)
+    try:
+        spec.loader.exec_module(space)
+    except BaseException:
+        del sys.modules[spec.name]
+        raise
     return space
 
 

@@ -17,8 +17,8 @@ from .material import Material, material
 from .paths import kerf, parts
 from .paths.checks import check_travel
 from .paths.drawing import Drawing
-from .paths.job import Job, Settings, plan
-from .paths.read import read
+from .paths.job import Job, Settings, driven
+from .paths.route import Cutting, Route, routed
 from .plant import heads, spot
 from .plant.fleet import Fleet
 from .plant.gantry import Recipe
@@ -28,7 +28,11 @@ from .stack import Stack, Team
 
 
 @functools.lru_cache(maxsize=32)
-def drawing_of(job: scenarios.Job, travel: tuple[float, float]) -> Drawing:
+def drawing_of(
+    job: scenarios.Job,
+    travel: tuple[float, float],
+    reading: scenarios.Reading = scenarios.Reading(),  # noqa: B008
+) -> Drawing:
     """The drawing that a scenario's job cuts, moved so that it begins at x = y = 0, kerf compensated.
 
     Raises:
@@ -38,13 +42,32 @@ def drawing_of(job: scenarios.Job, travel: tuple[float, float]) -> Drawing:
         sizes = {next(iter(parts.sizes(job.part))): job.size} if job.size else {}
         drawing = parts.part(job.part, **sizes)
     elif Path(job.part).suffix:
-        drawing = read(job.part, layers=job.layers or None, units=job.units)
+        drawing = scenarios.drawn(job.part, reading)
     else:
         drawing = parts.part(job.part)  # an error that names the nearest
     drawing = kerf.compensated(drawing, job.kerf)
     check_travel(drawing, travel)
     corner = np.concatenate(drawing.pieces).min(axis=0)
     return replace(drawing, pieces=[piece - corner for piece in drawing.pieces])
+
+
+def route_of(scenario: Scenario) -> Route:
+    """The route through the part of a scenario's job, whoever drives it; the same object for the same question.
+
+    Raises:
+        InvalidInput: the scenario has no job, or what :func:`drawing_of` finds.
+    """
+    try:
+        return _route(_job(scenario), (scenario.gantry.travel_x, scenario.gantry.travel_y), scenario.drawing)
+    except InvalidInput as error:
+        raise InvalidInput(f"scenario '{scenario.name}': {error}") from None
+
+
+@functools.lru_cache(maxsize=32)
+def _route(job: scenarios.Job, travel: tuple[float, float], reading: scenarios.Reading) -> Route:
+    kerf = job.kerf or material(job.material, job.thickness or None).kerf
+    cutting = Cutting(job.lead_in, kerf, job.joints, job.joint_spacing, job.joint_width)
+    return routed(drawing_of(job, travel, reading), cutting)
 
 
 def material_of(scenario: Scenario) -> Material:
@@ -61,11 +84,13 @@ def programme(scenario: Scenario, team: Team) -> Job:
     """
     axes, feed = team.xy.part("plan"), team.process.part("plan").feed
     _check_dither(scenario, team.process)
-    return _programme(scenario.name, _job(scenario), scenario.gantry, tuple(axes), float(feed))
+    return _programme(scenario.name, _job(scenario), scenario.drawing, scenario.gantry, tuple(axes), float(feed))
 
 
 @functools.lru_cache(maxsize=32)
-def _programme(name: str, job: scenarios.Job, gantry: scenarios.Gantry, axes: tuple, feed: float) -> Job:
+def _programme(
+    name: str, job: scenarios.Job, reading: scenarios.Reading, gantry: scenarios.Gantry, axes: tuple, feed: float
+) -> Job:
     from .plant.planning import Axes
 
     plan_of, steel, limits = (
@@ -75,16 +100,17 @@ def _programme(name: str, job: scenarios.Job, gantry: scenarios.Gantry, axes: tu
     )
     settings = Settings(
         feed=feed or job.feed or steel.feed, rapid=limits.speed, speed=limits.speed, acceleration=plan_of.acceleration,
-        jerk=plan_of.jerk, jump=plan_of.corner_jump, corners=plan_of.corners > 0.5, lead_in=job.lead_in,
-        pierce=steel.pierce if job.pierce else (), standoff=steel.standoff, clearance=job.clearance,
-        frog_leap=job.frog_leap, most_speed=limits.speed, most_acceleration=limits.acceleration,
+        jerk=plan_of.jerk, jump=plan_of.corner_jump, corners=plan_of.corners > 0.5,
+        as_programmed=not (feed or job.feed), pierce=steel.pierce if job.pierce else (), standoff=steel.standoff,
+        clearance=job.clearance, frog_leap=job.frog_leap, most_speed=limits.speed,
+        most_acceleration=limits.acceleration,
     )  # fmt: skip
     if plan_of.acceleration > limits.acceleration:
         raise InvalidInput(
             f"plan.acceleration = {plan_of.acceleration:g} mm/s² is beyond the axes' {limits.acceleration:g} mm/s²"
         )
     try:
-        return plan(drawing_of(job, (gantry.travel_x, gantry.travel_y)), settings)
+        return driven(_route(job, (gantry.travel_x, gantry.travel_y), reading), settings)
     except InvalidInput as error:
         raise InvalidInput(f"scenario '{name}': {error}") from None
 

@@ -10,7 +10,6 @@
 """
 
 import hashlib
-import json
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,9 +17,9 @@ from typing import Any
 import pandas as pd
 
 from .. import __version__
-from ..envs import scenarios, workshop
+from ..envs import files, scenarios, workshop
 from ..envs.plant.quantity import InvalidInput, did_you_mean
-from . import runs
+from . import runs, stored, tabular
 from .jobs import JobResults
 from .results import Results
 
@@ -30,7 +29,9 @@ FORMAT = 2
 PARTS = "parts"
 """Where a run that is not finished keeps what is done."""
 
-TABLES = {"following": ("traces", "sensitivity", "margins", "blame", "headroom", "detuned"), "jobs": ("traces",)}
+TABLES = {
+    "following": ("traces", "sensitivity", "margins", "blame", "headroom", "detuned"), "jobs": ("traces", "plans"),
+}  # fmt: skip
 """Tables of a grid of either kind, beside ``runs``; each may be absent."""
 
 
@@ -53,7 +54,7 @@ class Archive:
 
 def place(folder: Path, name: str, several: bool) -> Path:
     """Where the tables of a grid are."""
-    return folder / name if several else folder
+    return files.within(folder, name, "suite") if several else folder
 
 
 def save_tables(
@@ -73,7 +74,7 @@ def save_tables(
         for table in TABLES[kind]:
             frame = getattr(results, table)
             if len(frame):
-                runs.write_table(at, table, frame, csv=table != "traces")
+                runs.write_table(at, table, frame, csv=table not in ("traces", "plans"))
         results.meta["tables"] = {file.stem: _hash(file) for file in sorted(at.glob("*.parquet"))}
         for scenario, text in texts.get(name, {}).items():
             with runs.atomic(at / "scenarios" / f"{scenario}.toml") as part:
@@ -129,7 +130,7 @@ def load(folder: str | Path) -> Archive:
     for name, entry in entries.items():
         try:
             grids[name] = _grid(folder, name, entry, meta, notes)
-            texts[name] = _texts(folder / entry["folder"] / "scenarios")
+            texts[name] = _texts(files.within(folder, entry["folder"], "folder") / "scenarios")
         except InvalidInput as error:
             notes.append(f"Suite {name} of run {folder.name} is left out: {error}.")
     if not grids:
@@ -152,18 +153,16 @@ def _record(folder: Path) -> dict[str, Any]:
         if (folder / PARTS).is_dir() or (folder / runs.BEGUN).is_file():
             raise InvalidInput(f"run '{folder}' was interrupted; {resumption(folder)} finishes it")
         raise InvalidInput(f"'{folder}' is not a run folder: it has no run.json")
-    try:
-        record = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InvalidInput(f"cannot read '{file}': {error}") from None
+    record = files.json_(file)
     if not isinstance(record, dict):
         raise InvalidInput(f"'{file}' is not a run's record")
     written = record.get("format", 1)
-    if not isinstance(written, int) or written > FORMAT:
+    if not isinstance(written, int) or not 1 <= written <= FORMAT:
         raise InvalidInput(
             f"run '{folder}' has format {written}, made by kerfgym {record.get('kerfgym')}; "
             f"kerfgym {__version__} reads formats up to {FORMAT}"
         )
+    record = stored.run(record, f"'{file}'")
     if written == 1:
         record = _from_format_1(folder, record)
     if not isinstance(record.get("grids"), dict):
@@ -199,7 +198,8 @@ def _grid(folder: Path, name: str, entry: Any, meta: dict[str, Any], notes: list
         InvalidInput: its record is incomplete, or its runs cannot be read.
     """
     try:
-        kind, at = entry["kind"], folder / entry["folder"]
+        entry = stored.grid(entry, name, f"'{folder / 'run.json'}': grids.{name}")
+        kind, at = entry["kind"], files.within(folder, entry["folder"], "folder")
         kept = entry.get("tables", {})
         frames = {table: _table(at, table, kept.get(table), notes) for table in TABLES[kind]}
         if "headroom" in frames:  # what version 0.1 called a bound is a reference
@@ -214,6 +214,7 @@ def _grid(folder: Path, name: str, entry: Any, meta: dict[str, Any], notes: list
             return JobResults(
                 rows, frames["traces"], own, entry["metric"], entry["reference"], core, tuple(entry["labels"]),
                 tuple((material, thickness) for material, thickness in entry["materials"]), entry["summaries"],
+                frames["plans"],
             )  # fmt: skip
         return Results(
             rows, frames["traces"], frames["sensitivity"], own, core, tuple(entry["exempt"]), entry["summaries"],
@@ -226,7 +227,7 @@ def _grid(folder: Path, name: str, entry: Any, meta: dict[str, Any], notes: list
 
 
 def _texts(folder: Path) -> dict[str, str]:
-    return {file.stem: file.read_text(encoding="utf-8") for file in sorted(folder.glob("*.toml"))}
+    return {file.stem: files.text(file, files.SETTINGS) for file in sorted(folder.glob("*.toml"))}
 
 
 def _table(at: Path, name: str, stamp: str | None, notes: list[str], needed: bool = False) -> pd.DataFrame:
@@ -249,16 +250,16 @@ def _table(at: Path, name: str, stamp: str | None, notes: list[str], needed: boo
             return pd.DataFrame()
     else:
         try:
-            frame = pd.read_parquet(parquet)
-        except (OSError, ValueError) as error:
-            why = f"'{parquet}' cannot be read ({str(error).splitlines()[0].rstrip('.')})"
+            frame = tabular.read_parquet(parquet)
+        except InvalidInput as error:
+            why = str(error)
         else:
             if stamp and _hash(parquet) != stamp:
                 notes.append(f"'{parquet}' was changed after the run.")
             return frame
     try:
-        frame = pd.read_csv(csv)
-    except (OSError, ValueError):
+        frame = tabular.read_csv(csv)
+    except InvalidInput:
         if needed:
             raise InvalidInput(why) from None
         notes.append(f"{why}: what it held is not shown.")

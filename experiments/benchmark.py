@@ -1,7 +1,6 @@
 """Benchmark: controllers × scenarios × seeds in compiled roll-outs over the cores, then tables, plots and a report."""
 
 import hashlib
-import json
 import threading
 import time
 from pathlib import Path
@@ -9,12 +8,12 @@ from typing import Any
 
 import pandas as pd
 
-from ..envs import scenarios, workshop
+from ..envs import files, scenarios, workshop
 from ..envs import stack as stacks
 from ..envs.plant import kernels
 from ..envs.plant.quantity import InvalidInput
 from ..envs.scenarios import Scenario
-from . import archive, decisions, detuned, digest, jobs, plants, pool, rollout, runs
+from . import archive, decisions, detuned, digest, jobs, plans, plants, pool, rollout, runs
 from .bars import Bars
 from .bounds import recorded
 from .grids import Grid, resolved
@@ -101,8 +100,7 @@ def run_grids(
         }
         return sorted(left.values(), key=lambda task: _quickness(*task[1:]))
 
-    with runs.at_work(folder, overwrite, resume), Bars(quiet) as bars:
-        runs.sweep(folder)
+    with runs.at_work(folder, overwrite, resume, spent=[archive.PARTS]), Bars(quiet) as bars:
         stacks_of = {(case.controller, case.with_job): stack for _, case, stack in missing()}
         for stack in bars.each("compiling", stacks_of.values(), len(stacks_of)):
             _warm(stack)
@@ -137,7 +135,6 @@ def run_grids(
             digest.write(folder, found, record)
             write_report(folder, found, record)
             runs.write_json(folder / "run.json", written)
-            _clear(parts)
     return found
 
 
@@ -151,8 +148,9 @@ def _gathered(keys: list[str], parts: Path) -> dict[str, pd.DataFrame]:
     """The tasks' tables, joined by name."""
     tables: dict[str, list[pd.DataFrame]] = {}
     for key in keys:
-        for name in json.loads((parts / f"{key}.json").read_text(encoding="utf-8")):
-            tables.setdefault(name, []).append(pd.read_parquet(parts / f"{key}.{name}.parquet"))
+        for name in files.json_(parts / f"{key}.json"):
+            part = files.checked(files.within(parts, f"{key}.{name}.parquet", "table"), files.NUMBERS)
+            tables.setdefault(name, []).append(pd.read_parquet(part))
     return {name: pd.concat(frames, ignore_index=True) for name, frames in tables.items()}
 
 
@@ -188,7 +186,7 @@ def _results(
         return jobs.JobResults(
             frame, traces, meta, rules.get("score", "contour_rms"), rules.get("reference", "wu-tuned"), core,
             tuple(dict.fromkeys(m.label for m in materials)),
-            tuple(dict.fromkeys((m.name, m.thickness) for m in materials)), summaries,
+            tuple(dict.fromkeys((m.name, m.thickness) for m in materials)), summaries, plans.table(grid.scenarios),
         )  # fmt: skip
     empty = pd.DataFrame({"controller": [], "frequency": [], "magnitude": []})
     return Results(
@@ -200,12 +198,6 @@ def _results(
 def _digest(program: list[str]) -> str:
     """What tells a controller's program from any other."""
     return hashlib.sha256("\n".join(program).encode()).hexdigest()[:16]
-
-
-def _clear(parts: Path) -> None:
-    for file in parts.iterdir():
-        file.unlink()
-    parts.rmdir()
 
 
 def _time_decisions(

@@ -1,25 +1,42 @@
 """The ``kerfgym`` command."""
 
+import atexit
+import contextlib
 import errno
 import os
+import select
 import sys
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
-from tyro.conf import Positional, UseAppendAction, arg
+from tyro.conf import OmitArgPrefixes, Positional, UseAppendAction, arg
 
 from .. import __version__
+from ..envs import consent
 from ..envs.plant.quantity import InvalidInput, did_you_mean
 from . import typed
+from .drawings import Options, tell
 
 DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES)
 """What a disk says when it is full or closed."""
+
+PIPE_CLOSED = 128 + 13
+"""What a shell says of a program that wrote into a pipe without a reader."""
 
 TRAINING = ("torch", "stable_baselines3", "sb3_contrib", "tensorboard")
 """Packages that only trainings need; policies run without."""
 
 KINDS = ("environments", "scenarios", "controllers", "metrics")
+
+
+def _agree(allowed: bool) -> None:
+    """Lets files name Python code, here and in the processes that this one starts, until the command is over."""
+    if allowed and not consent.given():
+        os.environ[consent.VARIABLE] = "1"
+        later = typed.AFTERWARDS.get()
+        if later is not None:
+            later.callback(os.environ.pop, consent.VARIABLE, None)
 
 
 def list_(kind: Annotated[Positional[str], arg(metavar="KIND")] = "all") -> None:
@@ -71,6 +88,12 @@ def benchmark(
     suite: Annotated[UseAppendAction[list[str]], arg(metavar="NAME")] = [],  # noqa: B006
     shipped: bool = False,
     path: Annotated[Path | None, arg(metavar="FILE")] = None,
+    drawing: OmitArgPrefixes[Options] = Options(),  # noqa: B008
+    lead_in: Annotated[float | None, arg(metavar="MM")] = None,
+    kerf: Annotated[float | None, arg(metavar="MM")] = None,
+    joints: Annotated[int | None, arg(metavar="N")] = None,
+    joint_spacing: Annotated[float | None, arg(metavar="MM")] = None,
+    joint_width: Annotated[float | None, arg(metavar="MM")] = None,
     extrapolate: bool = False,
     seeds: int | None = None,
     split: str = "test",
@@ -83,6 +106,7 @@ def benchmark(
     blame: bool = True,
     detuned: bool = True,
     markdown: bool = False,
+    allow_code: bool = False,
     overwrite: bool = False,
     resume: bool = False,
 ) -> None:
@@ -99,6 +123,12 @@ def benchmark(
             --suite on following, contour and cutting.
         path: drawing or programme (DXF, SVG, G-code). In the suites contour and cutting it is the part that is cut; in
             following the nozzle travels its contours, on a wavy, tilted sheet unless --scenario says otherwise.
+        drawing: how the drawing is read.
+        lead_in: of jobs, longest way from the scrap into a contour; 0: pierced on the contour. Default: the scenario's.
+        kerf: of jobs, compensated: the path lies half of it beside the drawing, in the scrap.
+        joints: of jobs, micro-joints that hold each part.
+        joint_spacing: of jobs, mm from joint to joint.
+        joint_width: of jobs, mm of sheet that a joint leaves. Default: 0.5.
         extrapolate: process settings may leave those that were published; such figures are marked
             and not ranked.
         seeds: how many seeds of the split. Default: what each suite says, 200 for followers, 20 for jobs and drawings.
@@ -113,20 +143,25 @@ def benchmark(
         blame: ask what each stage of the machine costs the reference and the best controller.
         detuned: ask how much worse the best shipped presets get when one of their parameters is 20 % off.
         markdown: print the summary as Markdown, for an issue, instead of the tables; it is also in summary.md.
+        allow_code: run Python code that a file names, such as the controller of a tuned.toml; --controller itself may
+            name any.
         overwrite: replace an existing run folder.
         resume: finish what another command began; what the same command began goes on without.
     """
+    _agree(allow_code)
     from . import archive, grids, runs
     from . import benchmark as bench
 
+    reading = drawing.reading()
+    how = cut_as(lead_in, kerf, joints, joint_spacing, joint_width)
     planned = grids.plan(
-        suite, controller, scenario, path=path, seeds=seeds, split=split, everything=shipped, extrapolate=extrapolate
-    )
+        suite, controller, scenario, path=path, reading=reading, seeds=seeds, split=split, everything=shipped,
+        extrapolate=extrapolate, cut_as=how,
+    )  # fmt: skip
     if path is not None:
-        from ..envs.scenarios import drawn
-
-        for note in drawn(str(path)).notes:
-            print(f"kerfgym: {path}: {note}", file=sys.stderr)
+        tell(path, reading)
+    for note in grids.planning(planned):
+        print(f"kerfgym: {note}", file=sys.stderr)
     folder = runs.named(name, resume=resume)
     try:
         results = bench.run_grids(
@@ -137,6 +172,14 @@ def benchmark(
         print(f"\nkerfgym: interrupted; {archive.resumption(folder)} goes on", file=sys.stderr)
         raise SystemExit(130) from None
     _show(folder, results, markdown)
+
+
+def cut_as(
+    lead_in: float | None, kerf: float | None, joints: int | None, spacing: float | None, width: float | None
+) -> dict[str, float]:
+    """What was asked for, by the keys of a scenario's job."""
+    keys = ("lead_in", "kerf", "joints", "joint_spacing", "joint_width")
+    return {k: v for k, v in zip(keys, (lead_in, kerf, joints, spacing, width), strict=True) if v is not None}
 
 
 def _show(folder: Path, grids: dict[str, Any], markdown: bool) -> None:
@@ -188,6 +231,7 @@ def blame(
     split: str = "test",
     name: str | None = None,
     threads: int = 2,
+    allow_code: bool = False,
     overwrite: bool = False,
     resume: bool = False,
 ) -> None:
@@ -201,9 +245,12 @@ def blame(
         split: test, tune or reserve.
         name: of the run folder. Default: blame- and date and time.
         threads: worker threads.
+        allow_code: run Python code that a file names, such as the controller of a tuned.toml; --controller itself may
+            name any.
         overwrite: replace an existing run folder.
         resume: finish what another command began; what the same command began goes on without.
     """
+    _agree(allow_code)
     from ..envs import scenarios
     from . import runs
     from .bars import progress
@@ -230,9 +277,17 @@ def render(
     seconds: float | None = None,
     slow: float | None = None,
     path: Annotated[Path | None, arg(metavar="FILE")] = None,
+    drawing: OmitArgPrefixes[Options] = Options(),  # noqa: B008
     colour: str = "standoff",
+    allow_code: bool = False,
+    plan: Annotated[str | None, arg(metavar="FILE|PART")] = None,
+    lead_in: Annotated[float | None, arg(metavar="MM")] = None,
+    kerf: Annotated[float | None, arg(metavar="MM")] = None,
+    joints: Annotated[int | None, arg(metavar="N")] = None,
+    joint_spacing: Annotated[float | None, arg(metavar="MM")] = None,
+    joint_width: Annotated[float | None, arg(metavar="MM")] = None,
 ) -> None:
-    """Write one episode as MP4 or GIF, or its last moment as PNG.
+    """Write one episode as MP4 or GIF, or its last moment as PNG; or, before anything is cut, the plan of a job.
 
     Args:
         out: file to write; .mp4, .gif or .png.
@@ -242,11 +297,32 @@ def render(
         seconds: of the episode to show. Default: all of it.
         slow: how many times slower than real. Default: 10, of jobs 0.2, which is five times faster.
         path: drawing or programme that is cut or travelled instead of the scenario's path.
+        drawing: how the drawing is read.
         colour: of a job's kerf: standoff, contour, dross or roughness.
+        allow_code: run Python code that a file names, such as the controller of a tuned.toml; --controller itself may
+            name any.
+        plan: drawing, programme or built-in part whose plan is drawn instead: contours, pierce points, lead-ins, order,
+            rapids, joints, warnings; with --scenario as that would cut it.
+        lead_in: of jobs, longest way from the scrap into a contour; 0: pierced on the contour. Default: the scenario's.
+        kerf: of jobs, compensated: the path lies half of it beside the drawing, in the scrap.
+        joints: of jobs, micro-joints that hold each part.
+        joint_spacing: of jobs, mm from joint to joint.
+        joint_width: of jobs, mm of sheet that a joint leaves. Default: 0.5.
     """
+    _agree(allow_code)
+    how = cut_as(lead_in, kerf, joints, joint_spacing, joint_width)
+    if plan is not None:
+        from .plans import draw
+
+        for note in draw(out, plan, scenario, how, drawing.reading()):
+            print(f"kerfgym: {note}", file=sys.stderr)
+        print(out)
+        return
     from .film import film
 
-    film(out, controller, scenario, seed, seconds, slow, path, colour)
+    film(out, controller, scenario, seed, seconds, slow, path, colour, drawing.reading(), how)
+    if path is not None:
+        tell(path, drawing.reading())
     print(out)
 
 
@@ -307,6 +383,7 @@ def tune(
     storage: Annotated[str | None, arg(metavar="URL")] = None,
     extrapolate: bool = False,
     name: str | None = None,
+    allow_code: bool = False,
     overwrite: bool = False,
     resume: bool = False,
 ) -> None:
@@ -342,9 +419,12 @@ def tune(
             journal in the run folder.
         extrapolate: process settings may leave those that were published; the result says so.
         name: of the run folder and of the study. Default: tune- and date and time.
+        allow_code: run Python code that a file names, such as the controller of a tuned.toml; --controller itself may
+            name any.
         overwrite: replace an existing run folder.
         resume: finish what another command began; what the same command began goes on without.
     """
+    _agree(allow_code)
     from . import runs
     from .bars import progress
     from .tune import command
@@ -387,6 +467,7 @@ def train(
     device: str = "cpu",
     threads: int = 1,
     ms: bool = True,
+    allow_code: bool = False,
     overwrite: bool = False,
     resume: bool = False,
 ) -> None:
@@ -405,9 +486,11 @@ def train(
         device: of torch: cpu, cuda, cuda:1.
         threads: of torch; more than one seldom helps such small networks.
         ms: measure the height follower's sensitivity peak Ms by injection.
+        allow_code: run Python code that the preset names as base controller; --set may name any.
         overwrite: replace an existing run folder.
         resume: finish what another command began; what the same command began goes on without.
     """
+    _agree(allow_code)
     from .training import train as run
 
     folder = run(algorithm, env, steps, seed, set_, name, device, threads, ms, overwrite, resume, preset)
@@ -463,11 +546,15 @@ def main(arguments: list[str] | None = None) -> None:
     if words == ["--version"]:
         print(f"kerfgym {__version__}")
         return
-    before = typed.TYPED.set(("kerfgym", *words))
+    before, closing = typed.TYPED.set(("kerfgym", *words)), contextlib.ExitStack()
+    after = typed.AFTERWARDS.set(closing)
+    if arguments is None:  # a process of its own: its runs are over when it is, at the very last
+        atexit.register(closing.close)
     try:
         tyro.extras.subcommand_cli_from_dict(
             COMMANDS, prog="kerfgym", description="Testbed for laser-cutting machine control.", args=words
         )
+        sys.stdout.flush()
     except InvalidInput as error:
         print(f"kerfgym: error: {error}", file=sys.stderr)
         raise SystemExit(2) from None
@@ -480,6 +567,8 @@ def main(arguments: list[str] | None = None) -> None:
         )  # fmt: skip
         raise SystemExit(2) from None
     except OSError as error:
+        if isinstance(error, BrokenPipeError) and _unread():
+            raise SystemExit(PIPE_CLOSED) from None
         if error.errno not in DISK:
             raise
         where = f"'{error.filename}'" if error.filename else "a file of the run"
@@ -493,6 +582,22 @@ def main(arguments: list[str] | None = None) -> None:
         raise SystemExit(130) from None
     finally:
         typed.TYPED.reset(before)
+        typed.AFTERWARDS.reset(after)
+        if arguments is not None:
+            closing.close()
+
+
+def _unread() -> bool:
+    """Whether nobody reads what is printed any more, as behind ``| head -1``; then nothing more is."""
+    try:
+        ends = select.poll()
+        ends.register(sys.stdout.fileno(), 0)
+        closed = any(event & select.POLLERR for _, event in ends.poll(0))
+    except (OSError, ValueError):  # it is no file
+        return False
+    if closed:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return closed
 
 
 if __name__ == "__main__":

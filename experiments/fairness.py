@@ -16,13 +16,14 @@ from typing import Any
 import pandas as pd
 
 from ..envs import evidence
+from ..envs.job_metrics import DONE
 from ..envs.scenarios import SPLITS
 from . import comparison
 from .budgets import faults, measures, slots
 from .ledger import ranges
 
-_RANGE = re.compile(r"(\d+)(?:-(\d+))?")
-_FROM = re.compile(r"from (\d+)")
+_RANGE = re.compile(r"(\d{1,18})(?:-(\d{1,18}))?")
+_FROM = re.compile(r"from (\d{1,18})")
 
 
 def standings(results: Any, why: dict[str, list[str]] | None = None, typical: bool = True) -> pd.DataFrame:
@@ -105,6 +106,7 @@ def in_any_metric(results: Any) -> dict[str, list[str]]:
             *overlaps(record, {int(seed) for seed in runs["seed"]}),
             *(words for _, words in faults(record, of_slots)),
             *_not_run(results, runs),
+            *_all_failed(results, runs),
         ]
     return out
 
@@ -161,6 +163,27 @@ def _not_run(results: Any, runs: pd.DataFrame) -> list[str]:
     ran = set(runs["scenario"].unique())
     missing = [scenario for scenario in results.scored if scenario not in ran]
     return [f"not run in {', '.join(missing)}"] if missing else []
+
+
+def _all_failed(results: Any, runs: pd.DataFrame) -> list[str]:
+    """Whether nothing is left to compare, and why."""
+    lost = comparison.failures(results).reindex(runs.index) & runs["scenario"].isin(results.scored)
+    here = runs[runs["scenario"].isin(results.scored)]
+    if not len(here) or int(lost.sum()) < len(here):
+        return []
+    return [f"all of its {len(here)} runs failed: {why_failed(here)}"]
+
+
+def why_failed(runs: pd.DataFrame) -> str:
+    """What went wrong in failed runs, in words, the most frequent first."""
+    touched = runs["collision"] > 0 if "collision" in runs else pd.Series(False, index=runs.index)
+    undone = runs["covered"] < DONE if "covered" in runs else pd.Series(False, index=runs.index)
+    counts = {
+        "the nozzle touched the sheet": int(touched.sum()), "the job was not finished": int((undone & ~touched).sum()),
+        "nothing was scored, or a number was not finite": int((~touched & ~undone).sum()),
+    }  # fmt: skip
+    said = sorted((words for words, n in counts.items() if n), key=lambda words: -counts[words])
+    return "; ".join(f"{words} ({counts[words]})" if len(said) > 1 else words for words in said)
 
 
 def _note(results: Any, name: str, frame: pd.DataFrame) -> str:

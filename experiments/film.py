@@ -1,7 +1,7 @@
 """Films of one episode."""
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +13,10 @@ from ..envs.film import Film
 from ..envs.kerf_film import KerfFilm
 from ..envs.kerf_picture import QUANTITIES
 from ..envs.plant.quantity import InvalidInput, did_you_mean
-from ..envs.scenarios import Scenario
+from ..envs.scenarios import Reading, Scenario
 from . import rollout
 from .bars import Bars
+from .grids import cut
 from .jobs import LONGEST
 from .runs import atomic
 
@@ -34,6 +35,8 @@ def film(
     slow: float | None = None,
     path: Path | None = None,
     colour: str = "standoff",
+    reading: Reading | None = None,
+    cut_as: Mapping[str, float] | None = None,
 ) -> None:
     """Writes an episode as MP4 or GIF, or its last frame as PNG; of a job the part with its kerf.
 
@@ -48,7 +51,9 @@ def film(
         raise InvalidInput("--slow and --seconds must be above 0")
     case = scenarios.load(scenario)
     if path is not None:
-        case = case.varied(job={"part": str(path), "size": 0.0}) if case.job else case.along(path)
+        case = case.along(path, reading)
+    if cut_as:
+        case = cut(case, cut_as)
     if case.job:
         _film_job(out, case, stacks.team(controller), seed, seconds, slow or 0.2, colour)
         return

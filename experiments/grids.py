@@ -1,15 +1,14 @@
 """Grids: what is run against what. A suite's scenarios × the controllers that can do them × seeds make one table."""
 
-import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from ..agents.policy import DOCUMENT
-from ..envs import scenarios, workshop
+from ..envs import files, scenarios, workshop
 from ..envs import stack as stacks
 from ..envs.plant.quantity import InvalidInput, did_you_mean
-from ..envs.scenarios import Scenario
+from ..envs.scenarios import Reading, Scenario
 
 DEFAULT = ("xi2023-ma", "xi2023-improved", "xi2023-tuned", "pid", "observer", "preview-5ms")
 """Controllers of a suite that names none."""
@@ -71,10 +70,12 @@ def plan(
     named: Iterable[str | Path | Scenario] = (),
     *,
     path: Path | None = None,
+    reading: Reading | None = None,
     seeds: int | None = None,
     split: str = "test",
     everything: bool = False,
     extrapolate: bool = False,
+    cut_as: Mapping[str, float] | None = None,
 ) -> list[Grid]:
     """The grids that a user's words ask for, one a suite.
 
@@ -86,10 +87,12 @@ def plan(
         controllers: without any, the suite's standard ones (:func:`standard`).
         named: scenarios, in place of the whole suite.
         path: drawing that replaces the scenarios' path or part.
+        reading: how it is read; without, as the scenarios say.
         seeds: how many of the split; without, what the suite says.
         split: of the seeds.
         everything: all shipped controllers and policies of each suite's slot, besides ``controllers``.
         extrapolate: process settings may leave those that were published.
+        cut_as: keys of the jobs that are set otherwise, such as ``{"lead_in": 5.0}``.
 
     Raises:
         InvalidInput: unknown names, a controller or scenario that fits no suite, or a suite that nothing fits.
@@ -109,11 +112,16 @@ def plan(
         rules, core = scenarios.rules(suite), scenarios.core(suite)
         chosen = dealt[suite] or list(scenarios.suite(suite).values())
         if path is not None:
-            chosen, rules = along(path, dealt[suite], suite), {**rules, "seeds": scenarios.rules("drawing")["seeds"]}
+            chosen, rules = (
+                along(path, dealt[suite], suite, reading),
+                {**rules, "seeds": scenarios.rules("drawing")["seeds"]},
+            )
             core = tuple(s.name for s in chosen)
         if extrapolate:
             chosen = [s.varied(job={"extrapolate": True}) if s.job else s for s in chosen]
         with_jobs = all(s.job is not None for s in chosen)
+        if cut_as and (with_jobs or len(given) == 1):
+            chosen = [cut(s, cut_as) for s in chosen]
         mine = [name for name in words if len(given) == 1 or can_do(name, with_jobs)]
         mine += [name for name in (shipped(suite) if everything else ()) if name not in mine]
         if words and not mine:
@@ -183,7 +191,7 @@ def shipped(suite: str) -> list[str]:
 def _environment(folder: Path) -> str | None:
     """The environment that a policy was made for; None if the folder holds none."""
     document = folder / DOCUMENT
-    return json.loads(document.read_text(encoding="utf-8")).get("environment") if document.is_file() else None
+    return files.json_(document).get("environment") if document.is_file() else None
 
 
 def resolved(name: str, with_jobs: bool) -> stacks.Stack | stacks.Team:
@@ -216,14 +224,36 @@ def split_seeds(count: int, split: str = "test") -> range:
     return seeds[:count]
 
 
-def along(path: Path, given: list[Scenario], suite: str) -> list[Scenario]:
+def along(path: Path, given: list[Scenario], suite: str, reading: Reading | None = None) -> list[Scenario]:
     """Scenarios along a drawing: the given ones, or the suite's, with the drawing as their part or path.
 
     Raises:
         InvalidInput: the drawing cannot be read, or lies outside what scenario and machine allow.
     """
     found = given or [scenarios.load(scenarios.rules(suite).get("along", "drawing"))]
-    return [
-        s.varied(name=f"{s.name}@{path.stem}", job={"part": str(path), "size": 0.0}) if s.job else s.along(path)
-        for s in found
-    ]
+    return [s.along(path, reading) for s in found]
+
+
+def cut(scenario: Scenario, how: Mapping[str, float]) -> Scenario:
+    """A scenario with some keys of its job set otherwise.
+
+    Raises:
+        InvalidInput: it has no job, or a value is out of range.
+    """
+    if scenario.job is None:
+        options = ", ".join(f"--{key.replace('_', '-')}" for key in how)
+        raise InvalidInput(
+            f"{options}: scenario '{scenario.name}' cuts nothing; allowed: scenarios with a job, such as those of the "
+            "suites contour and cutting"
+        )
+    return scenario.varied(job=dict(how))
+
+
+def planning(grids: Iterable[Grid]) -> list[str]:
+    """What a user should know about how parts are cut: of what he drew, not of what is shipped."""
+    told: dict[str, None] = {}
+    for scenario in (s for grid in grids for s in grid.scenarios):
+        if scenario.job and Path(scenario.job.part).suffix:
+            name = Path(scenario.job.part).name
+            told |= {f"{name}: {warning}": None for warning in workshop.route_of(scenario).warnings}
+    return list(told)

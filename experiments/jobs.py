@@ -126,6 +126,7 @@ class JobResults(Comparison):
     labels: tuple[str, ...] = ()
     materials: tuple[tuple[str, float], ...] = ()  # with their thickness, mm
     summaries: dict[str, str] = field(default_factory=dict)
+    plans: pd.DataFrame = field(default_factory=pd.DataFrame)  # how the parts are cut, see plans.table
 
     def summary(self) -> pd.DataFrame:
         """One row per controller: score (the suite's metric, so the same as the column of its name) and ratio of the

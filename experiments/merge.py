@@ -122,6 +122,8 @@ def _joined(
         for table in (each.name for each in fields(first))
         if isinstance(getattr(first, table), pd.DataFrame)
     }
+    if len(tables.get("plans", ())):  # the same parts, cut in the same way: the scenarios are the same
+        tables["plans"] = tables["plans"].drop_duplicates("scenarios", ignore_index=True)
     lacking = sorted({c for g in grids.values() for c in tables["runs"].columns if c not in g.runs})
     if lacking:
         notes.append(f"Suite {suite}: not every run has {', '.join(lacking)}; it is missing where it was not measured.")
@@ -239,7 +241,7 @@ def _within(frame: pd.DataFrame, pairs: set[tuple[str, int]]) -> pd.DataFrame:
 
 def _part(frame: pd.DataFrame, names: dict[str, str], pairs: set[tuple[str, int]], shared: list[str]) -> pd.DataFrame:
     """What a table holds of the controllers that a run brings, in what is compared."""
-    if not len(frame):
+    if not len(frame) or "controller" not in frame:
         return frame
     frame = frame[frame["controller"].isin(list(names))]
     if "seed" in frame:

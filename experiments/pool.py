@@ -7,11 +7,13 @@ import contextlib
 import importlib.util
 import logging
 import os
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from ..envs import secrets
 from ..envs.plant.quantity import InvalidInput, did_you_mean
 
 BACKENDS = ("loky", "dask")
@@ -29,8 +31,9 @@ def check(backend: str, workers: int, scheduler: str | None) -> None:
     """
     if backend not in BACKENDS:
         raise InvalidInput(f"unknown backend '{backend}'; {did_you_mean(backend, BACKENDS)}")
-    if backend == "dask" and importlib.util.find_spec("distributed") is None:
-        raise InvalidInput("--backend dask needs the package distributed: pip install 'kerfgym[dask]'")
+    for package in ("distributed", "cryptography") if backend == "dask" else ():
+        if importlib.util.find_spec(package) is None:
+            raise InvalidInput(f"--backend dask needs the package {package}: pip install 'kerfgym[dask]'")
     if workers < 1:
         raise InvalidInput(f"--jobs {workers} is out of range; at least 1")
     if scheduler is not None and backend != "dask":
@@ -72,22 +75,44 @@ def _end_with(parent: int) -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
+def _certificates() -> Any:
+    """Of a cluster of this process alone, kept in memory."""
+    from distributed import Security
+
+    return Security.temporary()
+
+
 @contextlib.contextmanager
 def _cluster(workers: int, scheduler: str | None) -> Iterator[None]:
     """Makes joblib use a dask cluster: that of the scheduler, or one of its own with as many processes as asked for."""
+    import dask.config
     from distributed import Client, LocalCluster
     from joblib import parallel_config
 
     with contextlib.ExitStack() as stack:
         cluster: Any = scheduler
         if scheduler is None:
+            # Whoever can talk to a scheduler can have its workers run code. This one and its workers listen on this
+            # machine only, and talk TLS with certificates that are made now and never written down.
+            stack.enter_context(dask.config.set({
+                "distributed.scheduler.http.routes": [], "distributed.worker.http.routes": [],
+            }))  # fmt: skip
             cluster = stack.enter_context(LocalCluster(
-                n_workers=workers, threads_per_worker=1, dashboard_address=None, silence_logs=logging.ERROR
+                n_workers=workers, threads_per_worker=1, dashboard_address=None, silence_logs=logging.ERROR,
+                host="127.0.0.1", protocol="tls://", security=_certificates(),
             ))  # fmt: skip
+            cluster.scheduler.http_server.stop()  # it would serve nothing, but at port 8787
+        elif not scheduler.startswith("tls://"):
+            print(
+                f"kerfgym: warning: '{secrets.masked(scheduler)}' does not ask who talks to it: everybody who reaches "
+                "it can run code as the user of its workers. Use a tls:// address, or a network of your own",
+                file=sys.stderr,
+            )  # fmt: skip
         try:
             client = stack.enter_context(Client(cluster, timeout=PATIENCE))
             client.wait_for_workers(1, timeout=PATIENCE)
         except (OSError, ValueError, TimeoutError) as error:
-            raise InvalidInput(f"no dask workers at '{scheduler}': {error}") from None
+            at = secrets.masked(str(scheduler))
+            raise InvalidInput(f"no dask workers at '{at}': {secrets.without(str(error), str(scheduler))}") from None
         stack.enter_context(parallel_config(backend="dask", client=client))
         yield

@@ -7,12 +7,11 @@ import json
 import os
 import platform
 import re
-import shlex
 import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -20,11 +19,12 @@ from typing import Any
 import pandas as pd
 
 from .. import __version__
+from ..envs import files, names
 from ..envs.plant.quantity import InvalidInput
 from . import typed
 
 BEGUN = ".begun"
-"""File of a run that is not finished: holds the command, and is locked while that is at work."""
+"""File of a run whose command has not come to its end: holds the command, and is locked while that is at work."""
 
 UNFINISHED = (BEGUN, "parts", "study.journal")
 """What is found in the folder of a run that was interrupted."""
@@ -50,10 +50,15 @@ def atomic(path: Path) -> Iterator[Path]:
         Path(name).unlink(missing_ok=True)
 
 
+def is_temporary(file: Path) -> bool:
+    """Whether a write that was killed, see :func:`atomic`, has left this file."""
+    return file.is_file() and _TEMPORARY.fullmatch(file.name) is not None
+
+
 def sweep(folder: Path) -> None:
     """Removes what writes that were killed have left in a folder. Nobody else may be writing into it."""
     for file in folder.rglob(".*"):
-        if file.is_file() and _TEMPORARY.fullmatch(file.name):
+        if is_temporary(file):
             file.unlink()
 
 
@@ -70,6 +75,15 @@ def write_table(folder: Path, name: str, frame: pd.DataFrame, csv: bool = True) 
     if csv:
         with atomic(folder / f"{name}.csv") as part:
             frame.to_csv(part, index=False)
+
+
+def near(name: str) -> Path | None:
+    """A path that a record names, if it lies in the folder in which the user works. A record may come from somebody
+    else, and nothing outside is read because it says so."""
+    path = Path(name) if "\0" not in name else None
+    if path is None or not path.resolve().is_relative_to(Path.cwd()):
+        return None
+    return path
 
 
 def git_state() -> dict[str, Any]:
@@ -90,7 +104,7 @@ def git_state() -> dict[str, Any]:
 def record(command: list[str] | None = None) -> dict[str, Any]:
     """What every run records of itself: command, versions, git state, machine."""
     return {
-        "command": typed.line() if command is None else shlex.join(command),
+        "command": typed.line() if command is None else typed.joined(command),
         "kerfgym": __version__,
         "git": git_state(),
         "python": platform.python_version(),
@@ -111,10 +125,10 @@ def begun(folder: Path) -> list[str]:
     """The commands that have worked on an unfinished run, the one that began it first, without what tells them to go on
     or to begin anew; empty if unknown."""
     try:
-        found = json.loads((folder / BEGUN).read_text(encoding="utf-8"))["commands"]
-    except (OSError, ValueError, KeyError, TypeError):
+        found = files.json_(folder / BEGUN)["commands"]
+    except (InvalidInput, KeyError, TypeError):
         return []
-    return [str(command) for command in found]
+    return [str(command) for command in found] if isinstance(found, list) else []
 
 
 def _typed() -> str:
@@ -122,7 +136,9 @@ def _typed() -> str:
 
 
 def _finished(folder: Path) -> bool:
-    return (folder / "run.json").is_file()
+    """Whether a run's command came to its end. One that was killed after it had written the record did not: what it
+    should have removed is still there."""
+    return (folder / "run.json").is_file() and not (folder / BEGUN).exists()
 
 
 def _busy(folder: Path) -> bool:
@@ -140,6 +156,18 @@ def _busy(folder: Path) -> bool:
     return False
 
 
+def folder(name: str) -> Path:
+    """The run folder of a name, in ``runs/``; the user's own words may also lead into a folder within or elsewhere.
+
+    Raises:
+        InvalidInput: it is no name.
+    """
+    for part in Path(name).parts:
+        if part not in ("/", ".."):
+            names.checked(part, "--name")
+    return Path("runs") / name
+
+
 def named(name: str | None, kind: str = "", resume: bool = False) -> Path:
     """The run folder of a name. Without one it is that of the last run which the same command began and did not finish,
     or a new one, called after kind, date and time.
@@ -148,7 +176,7 @@ def named(name: str | None, kind: str = "", resume: bool = False) -> Path:
         InvalidInput: it is to be resumed, has no name, and no such run is there.
     """
     if name:
-        return Path("runs") / name
+        return folder(name)
     left = sorted(p for p in Path("runs").glob("*") if any((p / mark).exists() for mark in UNFINISHED))
     left = [p for p in left if not _finished(p)]
     mine = [p for p in left if _typed() in begun(p) and not _busy(p)]
@@ -171,11 +199,12 @@ def open_folder(path: Path, overwrite: bool = False, resume: bool = False, share
         raise InvalidInput(f"run folder '{path}' is a file; use another --name")
     if not shared and _busy(path):
         raise InvalidInput(f"another command is at work in '{path}'")
-    finished, there = _finished(path), path.exists() and any(path.iterdir())
+    commands = begun(path)
+    # A command that was killed in its first moment leaves a mark without a word in it.
+    finished, there = _finished(path), path.exists() and any(f.name != BEGUN or commands for f in path.iterdir())
     if resume and finished and not overwrite:
         raise InvalidInput(f"run folder '{path}' is finished; use --overwrite to replace it, or another --name")
     if there and not (overwrite or resume):
-        commands = begun(path)
         if finished or _typed() not in commands:
             hint = "" if finished else "--resume to finish it, "
             whose = f" and holds what '{commands[0]}' began" if commands and not finished else ""
@@ -186,7 +215,8 @@ def open_folder(path: Path, overwrite: bool = False, resume: bool = False, share
     if overwrite and there:
         if not (finished or any((path / mark).exists() for mark in UNFINISHED)):
             raise InvalidInput(f"'{path}' is not a run folder; it is not overwritten")
-        for file in path.iterdir():
+        # What makes it a run's folder goes last: a kill meanwhile leaves one that may be overwritten.
+        for file in sorted(path.iterdir(), key=lambda file: file.name in ("run.json", *UNFINISHED)):
             if file.is_dir() and not file.is_symlink():
                 shutil.rmtree(file)
             else:
@@ -196,8 +226,15 @@ def open_folder(path: Path, overwrite: bool = False, resume: bool = False, share
 
 
 @contextlib.contextmanager
-def at_work(path: Path, overwrite: bool = False, resume: bool = False, shared: bool = False) -> Iterator[Path]:
-    """A run folder that is ours until the block ends; with ``shared``, that of others who do the same too.
+def at_work(
+    path: Path, overwrite: bool = False, resume: bool = False, shared: bool = False, spent: Sequence[str] = ()
+) -> Iterator[Path]:
+    """A run folder that is ours until the command ends that was typed, or else the block.
+
+    Args:
+        path, overwrite, resume: as for :func:`open_folder`.
+        shared: with others who do the same.
+        spent: files and folders in it of which nobody needs anything once the command is over.
 
     Raises:
         InvalidInput: see :func:`open_folder`.
@@ -210,10 +247,28 @@ def at_work(path: Path, overwrite: bool = False, resume: bool = False, shared: b
         except BlockingIOError:
             raise InvalidInput(f"another command is at work in '{path}'") from None
         commands = dict.fromkeys([*begun(path), *filter(None, [_typed()])])
-        os.ftruncate(handle, 0)
-        os.pwrite(handle, json.dumps({"commands": list(commands)}).encode() + b"\n", 0)
+        words = json.dumps({"commands": list(commands)}).encode() + b"\n"
+        os.pwrite(handle, words, 0)  # more than was there, so that a kill before the next line leaves it whole
+        os.ftruncate(handle, len(words))
+        if not shared:
+            sweep(path)
         yield path
-    finally:
-        if _finished(path):
+    except BaseException:
+        os.close(handle)
+        raise
+    later = typed.AFTERWARDS.get()
+    if later is None:
+        _settle(path, handle, spent)
+    else:  # until it has shown what it found: if it is killed before, the same command does that
+        later.callback(_settle, path, handle, spent)
+
+
+def _settle(path: Path, handle: int, spent: Sequence[str]) -> None:
+    """Removes what a finished run does not need, its mark last."""
+    try:
+        if (path / "run.json").is_file():
+            for name in spent:
+                shutil.rmtree(path / name, ignore_errors=True)
             (path / BEGUN).unlink(missing_ok=True)
+    finally:
         os.close(handle)

@@ -33,7 +33,7 @@ def train(
         settings = presets.preset(algorithm, env or next(iter(presets.ENVIRONMENTS)), changes)
     untrained(settings, seed, device, threads)  # errors before anything is written
     short = presets.ENVIRONMENTS[settings.env][0]
-    folder = Path("runs") / (name or f"{short}-{algorithm}-{seed}")
+    folder = runs.folder(name or f"{short}-{algorithm}-{seed}")
     with runs.at_work(folder, overwrite, resume):
         return into(folder, settings, seed, device, threads, ms)
 

@@ -52,6 +52,25 @@ ALLOWED: dict[str, dict[str, str]] = {
         "viscous below 1 mm/s": "the default of z_axis.Params.creep",
         "under the tip (2 mm)": "sheet.FOOTPRINT",
     },
+    "docs/drawings.md": {
+        "of a DXF 1 to 255": "AutoCAD's colour index",
+        "without it 0.05": "the default of Reading.join",
+        "HATCH, SOLID, TRACE, 3DFACE": "names of DXF entities",
+        "leave their chords by 2 µm": "a constant of the reader",
+        "to 0.03 % of their radius": "what a cubic is off a quarter circle, a known constant",
+        "Ends within 1 nm": "a constant of joining",
+        "wider than 5 µm is listed": "a constant of joining",
+        "gap up to 20 times the tolerance": "a constant of joining",
+        "within 10 µm of each other": "a constant of cleaning",
+        "Curves shorter than 0.05 mm": "the default of Reading.join",
+        "4 million points, 10 km of path": "limits of the reader",
+        "coordinates up to 1000 km; a file 64 MB": "limits of the reader",
+        "a grid of 32 767 × 32 767": "the largest that DXF allows",
+        "may be 1 km long": "a limit of journeys",
+        "4 × 2 m for drawings": "the largest usual sheet",
+        "agree to 0.5 %": "what is asked, a limit of the corpus",
+    },
+    "docs/gcode.md": {"may run lines again 200 000 times": "gcode_flow.MOST_LINES"},
     "docs/blame.md": {"95 % intervals over seeds": LEVEL},
     "docs/results-following.md": {
         "95 % intervals over seeds": LEVEL,
@@ -99,6 +118,12 @@ ALLOWED: dict[str, dict[str, str]] = {
         "1 to 20 ms of dropouts": "a definition of the campaign",
         "impulses of 1 to 5 ms, ten times as many": "a definition of the campaign",
         "a count that says 10 mm for 20 ms": "an example from the definitions",
+    },
+    "docs/security.md": {
+        "1 MB for settings, 32 MB for a CSV table, 64 MB for a drawing": "limits, constants of envs.files",
+        "64 MB for a run's record": "a limit, a constant of envs.files",
+        "heights of at most ±1000 mm": "a limit, scenarios.MOST_HEIGHT",
+        "more than 300 million cells": "a limit, tabular.CELLS",
     },
 }
 """Words around numbers that no run makes, by page, and why they may stand there."""

@@ -8,6 +8,7 @@ and the vertices at which its own tangent jumps. They come from the curve and no
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -32,6 +33,9 @@ CORNER = np.radians(5.0)
 MOST = 100_000
 """Points of one curve; more are of no use, and a curve of astronomic size would have no end of them."""
 
+RUN = 500
+"""Bézier curves that are flattened together."""
+
 
 @dataclass(frozen=True)
 class Curve:
@@ -48,7 +52,7 @@ class Curve:
     end: complex
     closed: bool = False
 
-    @property
+    @cached_property
     def length(self) -> float:
         """mm."""
         return float(np.hypot(*np.diff(self.points, axis=0).T).sum())
@@ -144,6 +148,25 @@ def smooth(at: Callable[[npt.NDArray[np.float64]], Complex], breaks: npt.ArrayLi
     after, before = at(breaks[:-1] + step) - here[:-1], here[1:] - at(breaks[1:] - step)
     turned = np.abs(np.angle(after[1:] * before[:-1].conj())) > CORNER
     return _curve(z, np.searchsorted(t, breaks[1:-1][turned]), after[0], before[-1])
+
+
+def beziers(controls: npt.ArrayLike, chord: float = CHORD) -> Curve:
+    """Cubic Bézier curves that follow one another, of which each row of ``controls``, shape (n, 4), has the points."""
+    rows: Complex = np.asarray(controls, np.complex128)
+
+    def at(t: npt.NDArray[np.float64]) -> Complex:
+        i = np.minimum(t.astype(np.int64), last)
+        u = t - i
+        a, b, c, d = part[i].T
+        v = 1.0 - u
+        return v * v * v * a + 3.0 * v * v * u * b + 3.0 * v * u * u * c + u * u * u * d
+
+    curves = []
+    for first in range(0, len(rows), RUN):
+        part = rows[first : first + RUN]
+        last = len(part) - 1
+        curves.append(smooth(at, np.arange(len(part) + 1.0), chord))
+    return curves[0] if len(curves) == 1 else linked(curves)
 
 
 # Putting them together

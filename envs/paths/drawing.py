@@ -1,20 +1,36 @@
 """Drawing: the contours that are cut, whatever file they come from."""
 
-from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from ..plant.path import Contour, resample
 from ..plant.quantity import InvalidInput, did_you_mean
-from .curve import EXACT, Curve, Indices, Points, key
+from . import report
+from .cleaning import Cleaned, TooMany, without_doubles, without_overlaps
+from .collected import LENGTH_RANGE, Collected, listed
+from .contours import ordered
+from .curve import Curve, Indices, Points
+from .joining import Joints, joined
 
-LENGTH_RANGE = (1.0, 50e3)
-"""mm, of a journey with its moves between contours."""
+JOIN_RANGE = (0.0, 10.0)
+"""mm, of gaps that may be joined."""
 
-UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inches": 25.4}
+UNITS = {
+    "mm": 1.0, "cm": 10.0, "m": 1000.0, "inches": 25.4, "feet": 304.8, "yards": 914.4, "mils": 0.0254, "microns": 1e-3,
+    "dm": 100.0, "dam": 1e4, "hm": 1e5, "km": 1e6, "miles": 1609344.0, "microinches": 25.4e-6,
+    "US survey feet": 1200e3 / 3937, "US survey inches": 100e3 / 3937, "US survey yards": 3600e3 / 3937,
+}  # fmt: skip
 """mm of each unit that a file can be drawn in."""
+
+SHORT = {"in": "inches", "inch": "inches", "ft": "feet", "mil": "mils", "thou": "mils", "um": "microns", "yd": "yards"}
+"""Other names of units."""
+
+LONGEST_JOURNEY = 1e6
+"""mm that a nozzle can travel in one run: sampled, 1 km fills half a gigabyte."""
 
 
 @dataclass(frozen=True)
@@ -27,8 +43,12 @@ class Drawing:
 
     ``corners`` has for each piece the indices of its true corners: vertices at which the drawn tangent turns by more
     than 5°, 0 for one in the first and last point of a closed piece; all other vertices are chords of something
-    smooth. ``feeds`` are the programmed feeds in mm/s, nan where the programme leaves it to the machine, None where
-    there is no programme. ``warnings`` are sentences on what was read otherwise than a user may expect.
+    smooth. ``feeds`` are the programmed feeds in mm/s, the mean over each piece's time, nan where the programme leaves
+    it to the machine, None where there is no programme; ``leg_feeds`` are those of every segment, shape (n − 1,) for a
+    piece of n points. ``warnings`` are sentences on what was read otherwise than a user may expect.
+
+    ``engraved`` are pieces that a user wants engraved; the machine only cuts, so they are in no job. ``joints`` tells
+    which gaps were joined and which ends stay apart, ``cleaned`` what was there twice.
     """
 
     name: str
@@ -40,6 +60,11 @@ class Drawing:
     corners: list[Indices]
     feeds: list[float] | None = None
     warnings: list[str] = field(default_factory=list)
+    programmed: bool = False  # a programme's path: cut as it is, in its order, with nothing added
+    engraved: list[Points] = field(default_factory=list)
+    joints: Joints = field(default_factory=Joints)
+    cleaned: tuple[Cleaned, ...] = ()
+    leg_feeds: list[npt.NDArray[np.float64]] | None = None
 
     @property
     def cut_length(self) -> float:
@@ -59,8 +84,16 @@ class Drawing:
 
     @property
     def notes(self) -> list[str]:
-        """Everything a user should know about how the file was read: the warnings, and what was skipped."""
-        return [*self.warnings, *(f"{what} is left out ({n})" for what, n in self.skipped.items())]
+        """Everything a user should know about how the file was read: warnings, what was cleaned, joined and skipped."""
+        return [*self.warnings, *report.of(self), *(f"{what} is left out ({n})" for what, n in self.skipped.items())]
+
+    @property
+    def summary(self) -> str:
+        """What there is, in a line."""
+        (x, y), opened = self.bounds[1] - self.bounds[0], self.closed.count(False)
+        many = f"{len(self.pieces)} contours" if len(self.pieces) > 1 else "1 contour"
+        apart = f", {opened} open" if opened else ""
+        return f"{many}{apart}, {self.cut_length:.1f} mm to cut, {x:.2f} × {y:.2f} mm, read in {self.units}"
 
 
 def drawing(
@@ -84,8 +117,9 @@ def drawing(
         InvalidInput: nothing to cut, or a journey whose length is outside :data:`LENGTH_RANGE`.
     """
     if not contours:
-        left_out = ", ".join(f"{what} ({n})" for what, n in (skipped or {}).items()) or "nothing"
-        raise InvalidInput(f"{where}: nothing to cut in it; what is cut: {cuts}; skipped: {left_out}")
+        also = "".join(f"; {warning}" for warning in warnings or ())
+        left_out = listed(dict(skipped or {}))
+        raise InvalidInput(f"{where}: nothing to cut in it; what is cut: {cuts}; skipped: {left_out}{also}")
     found = Drawing(
         name, [c.points for c in contours], [c.closed for c in contours], units, list(layers or []),
         dict(skipped or {}), [c.corners for c in contours], feeds, list(warnings or []),
@@ -100,8 +134,51 @@ def drawing(
     return found
 
 
+def finished(file: Path, found: Collected, units: str, join: float, cuts: str) -> Drawing:
+    """The drawing of what a reader has collected: cleaned, joined, in cutting order.
+
+    Args:
+        file: where it stands, for its name and for messages.
+        units: the unit that it was read in, for messages.
+        join: mm, the largest gap between two ends that are joined.
+        cuts: what is cut in such files, for messages.
+
+    Raises:
+        InvalidInput: a gap that is out of range, or as :func:`drawing`.
+    """
+    low, high = JOIN_RANGE
+    if not low <= join <= high:
+        raise InvalidInput(f"join = {join:g} mm is out of range; allowed: {low:g} to {high:g} mm")
+    curves, steps = list(found.curves.values()), []
+    try:
+        curves, step = without_overlaps(curves)
+        contours, joints = joined(curves, join)
+        contours, doubles = without_doubles(contours)
+        steps = [step, doubles]
+    except TooMany:
+        found.warn("too many lines lie on one another to be cleaned: what is there twice is cut twice")
+        contours, joints = joined(curves, join)
+    made = drawing(
+        file, file.stem, ordered(contours), units, [layer for layer in found.layers if layer], found.skipped,
+        warnings=found.warnings(), cuts=cuts,
+    )  # fmt: skip
+    engraved = [curve.points for curve in joined(list(found.engraved.values()), join)[0]]
+    twice = Cleaned(length=found.doubled)
+    return replace(made, engraved=engraved, joints=joints, cleaned=(*steps, twice))
+
+
 def journey(drawing: Drawing) -> Contour:
-    """The whole drawing as one path, resampled, with the beam off between contours."""
+    """The whole drawing as one path, resampled, with the beam off between contours.
+
+    Raises:
+        InvalidInput: longer than :data:`LONGEST_JOURNEY`.
+    """
+    length = drawing.cut_length + drawing.move_length
+    if length > LONGEST_JOURNEY:
+        raise InvalidInput(
+            f"drawing '{drawing.name}': a journey of {length:g} mm is out of range; allowed: up to "
+            f"{LONGEST_JOURNEY:g} mm; it was read in {drawing.units}"
+        )
     return resample(drawing.name, list(drawing.pieces))
 
 
@@ -109,45 +186,9 @@ def unit(name: str) -> tuple[str, float]:
     """A unit that a user asked for: its name and its size in mm.
 
     Raises:
-        InvalidInput: not one of :data:`UNITS` (``in`` and ``inch`` are inches).
+        InvalidInput: not one of :data:`UNITS` or :data:`SHORT`.
     """
-    known = {"in": "inches", "inch": "inches"}.get(name, name)
+    known = name if name in UNITS else SHORT.get(name.lower(), name.lower())
     if known not in UNITS:
         raise InvalidInput(f"units = '{name}' is not known; {did_you_mean(name, UNITS)}")
     return known, UNITS[known]
-
-
-def chosen(where: object, layers: tuple[str, ...] | list[str] | str | None, known: list[str]) -> set[str] | None:
-    """The layers that a user asked for, in lower case; None where all are cut.
-
-    Raises:
-        InvalidInput: a layer that is not in the file; the nearest is offered.
-    """
-    if layers is None:
-        return None
-    wanted = [layers] if isinstance(layers, str) else list(layers)
-    if not wanted:
-        raise InvalidInput(f"{where}: layers is empty; name at least one of {', '.join(known) or '(there are none)'}")
-    for layer in wanted:
-        if layer.casefold() not in {k.casefold() for k in known}:
-            raise InvalidInput(f"{where}: no layer '{layer}'; {did_you_mean(layer, known)}")
-    return {layer.casefold() for layer in wanted}
-
-
-class Collected:
-    """The curves of a file as they are found, without those of no length and those that are there already."""
-
-    def __init__(self) -> None:
-        self.curves: dict[bytes, Curve] = {}
-        self.layers: dict[str, None] = {}
-        self.skipped: Counter[str] = Counter()
-
-    def add(self, kind: str, curve: Curve, layer: str) -> None:
-        """Takes a curve, or counts why not; ``kind`` is what a user calls it."""
-        if len(curve.points) < 2 or curve.length < EXACT:
-            self.skipped[f"{kind} of zero length"] += 1
-        elif (its_key := key(curve.points)) in self.curves:
-            self.skipped[f"duplicate {kind}"] += 1
-        else:
-            self.curves[its_key] = curve
-            self.layers[layer] = None

@@ -1,31 +1,41 @@
-"""Words of a G-code programme: lines, comments, numbers, parameters and expressions of RS274/NGC.
+"""Words of a G-code programme: one line of RS274/NGC, read once and evaluated as often as it is run.
 
 The package index has no reader that could be used: gcodeparser takes what stands in (comments) for commands, drops
 lines without a G and makes True of an expression; pygcode, from 2017, knows neither ``#<name>`` nor ``$0``; both would
 have to be watched more closely than these lines.
+
+As in LinuxCNC, letters are read in either case and blanks mean nothing, not even within a number: ``X 1 0`` is X10.
 """
 
-import math
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import NamedTuple
 
 from ..plant.quantity import InvalidInput
+from .gcode_arithmetic import FUNCTIONS, LEVELS, Evaluator, angle, chained, computed
+from .gcode_parameters import Key, Parameters, check
 
 NUMBER = re.compile(r"\d+\.?\d*|\.\d+")
-PARAMETER = re.compile(r"#\s*<\s*([^<>]*?)\s*>")
-OPERATORS: tuple[dict[str, Callable[[float, float], float]], ...] = (
-    {"+": lambda a, b: a + b, "-": lambda a, b: a - b},
-    {"*": lambda a, b: a * b, "/": lambda a, b: a / b, "MOD": lambda a, b: a % b},
-    {"**": lambda a, b: a**b},
-)
-"""From the loosest to the tightest; each from left to right."""
-FUNCTIONS: dict[str, Callable[[float], float]] = {
-    "ABS": abs, "SQRT": math.sqrt, "EXP": math.exp, "LN": math.log, "ROUND": round, "FIX": math.floor, "FUP": math.ceil,
-    "SIN": lambda a: math.sin(math.radians(a)), "ASIN": lambda a: math.degrees(math.asin(a)),
-    "COS": lambda a: math.cos(math.radians(a)), "ACOS": lambda a: math.degrees(math.acos(a)),
-    "TAN": lambda a: math.tan(math.radians(a)),
-}  # fmt: skip
+NAME = re.compile(r"<([^<>]*)>")
+PLAIN = re.compile(r"([a-z$@^])([+-]?(?:\d+\.?\d*|\.\d+))")
+ORDER = re.compile(r"(?:n[\d.]+)?o(?=[\d<\[#])")
+COMMENT = re.compile(r"[(;)]")
+LABEL = re.compile(r"\d+")
+LETTERS = frozenset("abcdefghijklmnpqrstuvwxyz$@^")
+KEYWORDS = (
+    "endsub", "endif", "endwhile", "endrepeat", "elseif", "else", "sub", "call", "return", "if", "while", "do",
+    "break", "continue", "repeat",
+)  # fmt: skip
+"""What may follow an O and its name; longer words before those that they begin with."""
+
+DEEPEST = 60
+"""Brackets within each other."""
+
+LONGEST = 4000
+"""Characters of a line without its comments and blanks."""
+
+SHOWN = 120
+"""Characters of a line that a message shows."""
 
 
 class Word(NamedTuple):
@@ -36,197 +46,249 @@ class Word(NamedTuple):
     text: str
 
 
-class Line(NamedTuple):
-    """A line that says something; ``number`` counts from 1."""
+class Order(NamedTuple):
+    """What an O word says: ``label`` is its text, ``name`` computes it; ``keyword`` is empty for a bare number."""
 
-    number: int
-    words: list[Word]
+    label: str
+    name: Callable[[Parameters], str]
+    keyword: str
+    values: list[Evaluator]
 
 
-class Programme:
-    """The lines of a programme, read in order, with the values of their parameters at that time.
+class Block:
+    """A line that has been read: its words with their evaluators, its settings, or its O word."""
 
-    Parameters may be set to expressions (``#1 = [#2 * 0.5]``, ``#<width> = 30``); ``#<_name>``, which is the machine's
-    own, is nan. Loops, conditions and subroutines (O words) are refused.
+    __slots__ = ("constant", "number", "order", "raw", "settings", "text", "words")
+
+    def __init__(self, raw: str, where: str, number: int) -> None:
+        self.number = number
+        self.raw = without_comments(raw, where)
+        self.text = "".join(self.raw.split()).lower()
+        self.words: list[tuple[str, Evaluator, str]] = []
+        self.settings: list[tuple[Callable[[Parameters], Key], Evaluator]] = []
+        self.order: Order | None = None
+        self.constant: list[Word] | None = None
+        text = self.text[1:] if self.text[:1] == "/" else self.text  # the switch for such lines is off: they are run
+        if len(text) > LONGEST:
+            raise InvalidInput(f"{where}: {len(text)} characters in a line; allowed: {LONGEST} without comments")
+        found = PLAIN.findall(text)
+        if sum(len(letter) + len(number) for letter, number in found) == len(text) and not ORDER.match(text):
+            self.constant = [Word(a.upper(), float(n), a.upper() + n) for a, n in found if a != "n"]
+            if all(a != "n" for a, _ in found[1:]) and "o" not in text:
+                return
+            self.constant = None
+        try:
+            _Reader(self, where).read()
+        except RecursionError:
+            raise InvalidInput(f"{where}: brackets are nested too deep") from None
+
+    def quoted(self, start: int, end: int) -> str:
+        """The part of the line from ``start`` to ``end``, which count characters without blanks, as it stands there."""
+        places = [i for i, c in enumerate(self.raw) if not c.isspace()]
+        return self.raw[places[start] : places[end - 1] + 1] if end > start else ""
+
+    def evaluated(self, parameters: Parameters) -> list[Word]:
+        """The words; parameters that the line sets have their new values from the next line on."""
+        if self.constant is not None:
+            return self.constant
+        found = [Word(letter, value(parameters), text) for letter, value, text in self.words]
+        new = []
+        for name, value in self.settings:
+            key = name(parameters)
+            parameters.declare(key)
+            new.append((key, value(parameters)))
+        for key, number in new:
+            parameters.set(key, number, self.number)
+        return found
+
+
+def without_comments(line: str, where: str) -> str:
+    """The line with blanks in place of ``(…)`` and without what follows ``;``.
+
+    Raises:
+        InvalidInput: a bracket without its other half.
     """
-
-    def __init__(self, file: object, text: str) -> None:
-        self.file = file
-        self.text = text
-        self.parameters: dict[str, float] = {}
-        self.set_in: dict[str, int] = {}
-        self.read: set[str] = set()
-
-    def __iter__(self) -> Iterator[Line]:
-        percents = 0
-        for number, raw in enumerate(re.split(r"\r\n|\r|\n", self.text), start=1):
-            text = _without_comments(raw, self.where(number))
-            if text.strip() == "%":
-                percents += 1
-                if percents == 2:
-                    return
-            elif text.strip():
-                try:
-                    words = _Reader(text, self, number).words()
-                except RecursionError:
-                    raise InvalidInput(f"{self.where(number)}: brackets are nested too deep") from None
-                if words:
-                    yield Line(number, words)
-
-    def where(self, number: int) -> str:
-        """«file, line 3», for messages."""
-        return f"{self.file}, line {number}"
-
-    def unused(self) -> list[str]:
-        """Warnings on parameters that mean something to another reader only."""
-        return [
-            f"line {line}: #{name} is set and not read by this programme"
-            for name, line in self.set_in.items()
-            if name not in self.read
-        ]
+    if "(" not in line and ";" not in line and ")" not in line:
+        return line
+    kept: list[str] = []
+    at = 0
+    while match := COMMENT.search(line, at):
+        kept.append(line[at : match.start()])
+        if match[0] == ";":
+            return "".join(kept)
+        at = line.find(")", match.end()) + 1
+        if match[0] == ")" or not at:
+            raise InvalidInput(f"{where}: '{shortened(line)}': a comment has only one of its brackets")
+        kept.append(" ")
+    return "".join([*kept, line[at:]])
 
 
-def _without_comments(line: str, where: str) -> str:
-    """The line with blanks in place of ``(…)`` and without what follows ``;``."""
-    kept, rest = "", line
-    while match := re.search(r"[(;)]", rest):
-        kept, mark, rest = kept + rest[: match.start()], match[0], rest[match.end() :]
-        if mark == ";":
-            return kept
-        if mark == ")" or ")" not in rest:
-            raise InvalidInput(f"{where}: '{line.strip()}': a comment has only one of its brackets")
-        kept, rest = kept + " ", rest.partition(")")[2]
-    return kept + rest
+def shortened(text: str) -> str:
+    """A line for a message."""
+    text = text.strip()
+    return text if len(text) <= SHOWN else f"{text[:SHOWN]}…"
 
 
 class _Reader:
     """One line, from left to right."""
 
-    def __init__(self, text: str, programme: Programme, number: int) -> None:
-        self.text, self.programme, self.number, self.at = text.upper(), programme, number, 0
-        self.original = text
+    def __init__(self, block: Block, where: str) -> None:
+        self.block, self.text, self.where, self.at, self.depth = block, block.text, where, 0, 0
 
-    def words(self) -> list[Word]:
-        """The words; parameters that the line sets have their new values from the next line on."""
-        first = self.text.strip()[:1]
-        if first == "O":
-            raise self.wrong(self.original.strip(), "O words (loops, conditions, subroutines) are not read")
-        if first == "/":
-            raise self.wrong("/", "lines that a switch of the machine skips are not read")
-        found: list[Word] = []
-        settings: list[tuple[str, float]] = []
-        while letter := self.next():
+    def read(self) -> None:
+        self.take("/")
+        if ORDER.match(self.text, self.at):
+            self.block.order = self.order()
+            return
+        numbered = False
+        while letter := self.text[self.at : self.at + 1]:
             start = self.at
-            if letter == "#":
-                settings.append(self.setting())
-                continue
-            if not (letter.isascii() and letter.isalpha()) and letter != "$":
-                raise self.wrong(letter, "not a word")
             self.at += 1
-            value = self.value(letter)
-            found.append(Word(letter, value, self.original[start : self.at].strip()))
-        for name, value in settings:
-            self.programme.parameters[name] = value
-            self.programme.set_in.setdefault(name, self.number)
-        return found
+            if letter == "#":
+                self.block.settings.append(self.setting())
+            elif letter == "n" and not numbered and not self.block.words and not self.block.settings:
+                numbered = True
+                self.value("N")
+            elif letter in LETTERS:
+                value = self.value(letter.upper())
+                self.block.words.append((letter.upper(), value, self.block.quoted(start, self.at)))
+            else:
+                raise self.wrong(letter, "not a word")
 
     def wrong(self, word: str, problem: str) -> InvalidInput:
-        return InvalidInput(f"{self.programme.where(self.number)}: '{word}': {problem}")
+        return InvalidInput(f"{self.where}: '{word}': {problem}")
 
-    def next(self) -> str:
-        """The next character that is not a blank; empty at the end."""
-        while self.at < len(self.text) and self.text[self.at].isspace():
-            self.at += 1
-        return self.text[self.at : self.at + 1]
+    def rest(self) -> str:
+        """What stands from here on up to the next blank."""
+        text = self.block.quoted(self.at, len(self.text)).split() if self.at < len(self.text) else []
+        return text[0] if text else ""
 
     def take(self, *texts: str) -> str:
         """Steps over the first of ``texts`` that comes next, if any."""
-        self.next()
         for text in texts:
             if self.text.startswith(text, self.at):
                 self.at += len(text)
                 return text
         return ""
 
-    def setting(self) -> tuple[str, float]:
-        name = self.name()
-        if not self.take("="):
-            raise self.wrong(f"#{name}", "a parameter stands alone; '=' is missing")
-        return name, self.value(f"#{name} =")
-
-    def name(self) -> str:
-        """What follows a ``#``: a number, or a name in ``<>``."""
-        self.next()
-        if match := PARAMETER.match(self.text, self.at):
+    def order(self) -> Order:
+        start = self.text.index("o", self.at)
+        self.at = start + 1
+        if match := NAME.match(self.text, self.at):
             self.at = match.end()
-            return f"<{''.join(match[1].lower().split())}>"
-        self.take("#")
-        index = self.value("#")
-        if not index.is_integer():
-            raise self.wrong(f"#{index:g}", "parameters have whole numbers")
-        return str(int(index))
-
-    def value(self, of: str) -> float:
-        """A number, a parameter, an expression in ``[]`` or a function of one."""
-        sign = self.take("+", "-")
-        first = self.next()
-        if sign and first and first in "+-":
-            return (-1.0 if sign == "-" else 1.0) * self.value(of)
-        if match := NUMBER.match(self.text, self.at):
+            label = match[1]
+            name = lambda _: label  # noqa: E731
+        elif match := LABEL.match(self.text, self.at):
             self.at = match.end()
-            value = float(match[0])
-        elif first == "#":
-            value = self.parameter()
-        elif first == "[":
-            value = self.bracket()
-        elif first.isalpha() and (name := self.take(*FUNCTIONS, "ATAN")):
-            value = self.function(name)
+            label = match[0].lstrip("0") or "0"
+            name = lambda _: label  # noqa: E731
         else:
-            rest = self.original[self.at :].split()
-            raise self.wrong(of + sign + (rest[0] if rest else ""), "a number is expected")
-        return -value if sign == "-" else value
+            number = self.value("O")
+            label = self.text[start + 1 : self.at]
+            name = lambda p: f"{number(p):.0f}"  # noqa: E731
+        keyword = self.take(*KEYWORDS)
+        values = []
+        while self.text[self.at : self.at + 1] == "[":
+            values.append(self.bracket())
+        if self.at < len(self.text):
+            raise self.wrong(shortened(self.block.raw), f"what stands after the O word is not read: '{self.rest()}'")
+        return Order(label, name, keyword, values)
 
-    def parameter(self) -> float:
-        name = self.name()
-        self.programme.read.add(name)
-        if name in self.programme.parameters:
-            return self.programme.parameters[name]
-        if name.startswith("<_"):
-            return math.nan
-        raise self.wrong(f"#{name}", "a parameter that has no value yet")
+    def setting(self) -> tuple[Callable[[Parameters], Key], Evaluator]:
+        start = self.at - 1
+        name = self.name(write=True)
+        if not self.take("="):
+            raise self.wrong(self.block.quoted(start, self.at), "a parameter stands alone; '=' is missing")
+        return name, self.value(f"{self.block.quoted(start, self.at - 1)} =")
 
-    def bracket(self) -> float:
+    def name(self, write: bool = False) -> Callable[[Parameters], Key]:
+        """What follows a ``#``: a number, or a name in ``<>``."""
+        if match := NAME.match(self.text, self.at):
+            self.at = match.end()
+            named = f"<{match[1]}>"
+            return lambda _: named
+        index, where = self.value("#"), self.where
+
+        def numbered(parameters: Parameters) -> Key:
+            value = index(parameters)
+            if not float(value).is_integer():
+                raise InvalidInput(f"{where}: '#{value:g}': parameters have whole numbers")
+            check(int(value), where, write)
+            return int(value)
+
+        return numbered
+
+    def value(self, of: str) -> Evaluator:
+        """A number, a parameter, an expression in ``[]`` or a function of one."""
+        self.depth += 1
+        if self.depth > DEEPEST:
+            raise RecursionError
+        try:
+            sign = self.take("+", "-")
+            first = self.text[self.at : self.at + 1]
+            value: Evaluator
+            if sign and first and first in "+-":
+                value = self.value(of)
+            elif match := NUMBER.match(self.text, self.at):
+                self.at = match.end()
+                number = float(match[0])
+                if number == float("inf"):
+                    raise self.wrong(f"{match[0][:20]}…", "it is too large")
+                value = lambda _: number  # noqa: E731
+            elif first == "#":
+                self.at += 1
+                value = self.parameter()
+            elif first == "[":
+                value = self.bracket()
+            elif name := self.take(*FUNCTIONS, "atan", "exists"):
+                value = self.function(name)
+            else:
+                raise self.wrong(of + sign + self.rest(), "a number is expected")
+        finally:
+            self.depth -= 1
+        if sign == "-":
+            return lambda p: -value(p)
+        return value
+
+    def parameter(self) -> Evaluator:
+        name, where = self.name(), self.where
+        return lambda p: p.get(name(p), where)
+
+    def bracket(self) -> Evaluator:
         if not self.take("["):
-            raise self.wrong(self.next() or self.original.strip(), "'[' is expected")
+            raise self.wrong(self.rest() or shortened(self.block.raw), "'[' is expected")
         value = self.sum(0)
         if not self.take("]"):
-            raise self.wrong(self.next() or self.original.strip(), "an operator (+ - * / ** MOD) or ']' is expected")
+            raise self.wrong(
+                self.rest()[:1] or shortened(self.block.raw),
+                "an operator (+ - * / ** MOD EQ NE GT GE LT LE AND OR XOR) or ']' is expected",
+            )
         return value
 
-    def sum(self, level: int) -> float:
+    def sum(self, level: int) -> Evaluator:
         """Operators of that precedence and tighter ones."""
-        if level == len(OPERATORS):
+        if level == len(LEVELS):
             return self.value("[")
-        value = self.sum(level + 1)
-        while operator := self.take(*OPERATORS[level]):
-            value = self.computed(operator, OPERATORS[level][operator], value, self.sum(level + 1))
-        return value
+        first = self.sum(level + 1)
+        rest: list[tuple[str, Evaluator]] = []
+        while word := self.take(*LEVELS[level]):
+            rest.append((word, self.sum(level + 1)))
+        return chained(first, LEVELS[level], rest, self.where) if rest else first
 
-    def function(self, name: str) -> float:
-        if name != "ATAN":
-            return self.computed(name, FUNCTIONS[name], self.bracket())
+    def function(self, name: str) -> Evaluator:
+        if name == "exists":
+            return self.exists()
+        if name != "atan":
+            return computed(name.upper(), FUNCTIONS[name], self.where, self.bracket())
         over = self.bracket()
         if not self.take("/"):
             raise self.wrong("ATAN", "it reads ATAN[y]/[x]")
-        return self.computed(name, lambda y, x: math.degrees(math.atan2(y, x)), over, self.bracket())
+        return computed("ATAN", angle, self.where, over, self.bracket())
 
-    def computed(self, name: str, function: Callable[..., float], *values: float) -> float:
-        if any(map(math.isnan, values)):
-            return math.nan
-        try:
-            value = float(function(*values))
-        except (ArithmeticError, ValueError, TypeError):  # TypeError: a complex power
-            value = math.inf
-        if not math.isfinite(value):
-            raise self.wrong(name, f"cannot be computed of {' and '.join(f'{v:g}' for v in values)}")
-        return value
+    def exists(self) -> Evaluator:
+        if not self.take("[#"):
+            raise self.wrong("EXISTS", "it reads EXISTS[#<name>]")
+        name = self.name()
+        if not self.take("]"):
+            raise self.wrong("EXISTS", "it reads EXISTS[#<name>]")
+        return lambda p: float(p.exists(name(p)))

@@ -12,11 +12,12 @@ import numpy as np
 import numpy.typing as npt
 
 from ..plant.quantity import InvalidInput
-from .contours import holes
 from .curve import Points
 from .drawing import Drawing
+from .feeds import breaks, of_piece
 from .lift import duration, leap, rise
 from .profile import MILLISECOND, Limits, at_constant_feed, stretches, timed
+from .route import Cutting, Route, routed
 
 Floats = npt.NDArray[np.float64]
 
@@ -33,6 +34,13 @@ HIGHEST = 6.0
 """mm above the cutting height, as far as a height follower can still see the sheet well enough."""
 
 
+SMOOTH = np.zeros(0, np.int64)
+"""Corners of what has none."""
+
+LONGEST = 5400.0
+"""s of a job at a feed override of 1: with all that is kept of each millisecond it fills 2 GB."""
+
+
 @dataclass(frozen=True)
 class Settings:
     """How a drawing becomes a job; mm, s, mm/s."""
@@ -45,6 +53,7 @@ class Settings:
     jump: float = 1.0  # mm/s in corners
     corners: bool = True  # acceleration, deceleration and slow corners; off: constant feed
     lead_in: float = 3.0  # mm; 0: pierce on the contour
+    as_programmed: bool = True  # a programme's feeds prevail
     pierce: tuple[tuple[float, float], ...] = ((3.0, 0.3), (1.5, 0.2))  # mm above the sheet, s
     standoff: float = 1.0  # mm, nominal
     clearance: float = 4.0  # mm above the cutting height in rapids
@@ -64,8 +73,6 @@ class Settings:
                     f"pierce stage ({height:g} mm, {seconds:g} s): heights above 0 and up to "
                     f"{self.standoff + HIGHEST:g} mm, times of 0 s and more are allowed"
                 )
-        if self.lead_in < 0:
-            raise InvalidInput(f"lead_in = {self.lead_in:g} mm; it must be 0 or more")
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +82,8 @@ class Job:
     ``x``, ``y``: commanded position of the carrier, mm; ``s``: way along the whole programme, mm; ``cut_s``: mm cut so
     far; ``feed``: planned speed, mm/s; ``tx``, ``ty``: unit tangent; ``beam``: 1 where the laser is on; ``phase``: into
     :data:`PHASES`; ``lift``: mm by which the set height lies above the cutting height; ``most``: largest feed
-    override at which speed and acceleration of the axes still suffice. ``contours``: rows (first, last sample of the
-    contour's lead-in and cut). ``outlines``: the contours as drawn, for pictures.
+    override at which speed and acceleration of the axes still suffice. ``contours``: rows (first, last sample of a
+    cut and its lead-in), one for each of the route's cuts. ``outlines``: the contours as drawn, for pictures.
     """
 
     name: str
@@ -95,11 +102,8 @@ class Job:
     settings: Settings
     outlines: list[Points] = field(repr=False)
     warnings: list[str] = field(default_factory=list)
-
-    @property
-    def cut_feed(self) -> float:
-        """mm/s that the cuts were planned with."""
-        return self.settings.feed
+    route: Route | None = field(default=None, repr=False)
+    cut_feed: float = 0.0  # mm/s that the cuts were planned with, of several their mean by length
 
     @property
     def patience(self) -> float:
@@ -122,6 +126,7 @@ class _Tape:
 
     def __init__(self, start: Floats) -> None:
         self.rows: list[dict[str, Any]] = []
+        self.count = 0  # samples
         self.here, self.lift, self.tangent = np.asarray(start, float), 0.0, np.array([1.0, 0.0])
 
     def stand(self, seconds: float, phase: int, beam: float, lift: float) -> None:
@@ -157,33 +162,31 @@ class _Tape:
             return
         self.rows.append({"at": positions, "t": tangents, "phase": phase, "beam": beam, "lift": lift})
         self.here, self.tangent, self.lift = positions[-1], tangents[-1], float(lift[-1])
-
-    @property
-    def count(self) -> int:
-        return sum(len(row["at"]) for row in self.rows)
+        self.count += len(positions)
 
 
 def plan(drawing: Drawing, settings: Settings) -> Job:
     """The job that cuts ``drawing``, which begins above its first pierce point.
 
     Raises:
-        InvalidInput: a feed beyond the limits, or a contour that cannot be travelled.
+        InvalidInput: a feed beyond the limits, a contour that cannot be travelled, or a job beyond :data:`LONGEST`.
     """
+    return driven(routed(drawing, Cutting(settings.lead_in)), settings)
+
+
+def driven(route: Route, settings: Settings) -> Job:
+    """The job that follows a route; see :func:`plan`."""
     s = settings
     cutting = Limits(s.speed, s.acceleration, s.jerk, s.jump)
     moving, limits = Limits(s.rapid, s.acceleration, s.jerk, s.jump), (s.lift_speed, s.lift_acceleration)
-    begun = [
-        _lead_in(piece, closed, hole, s.lead_in)
-        for piece, closed, hole in zip(
-            drawing.pieces, drawing.closed, holes(drawing.pieces, drawing.closed), strict=True
-        )
-    ]
-    tape, contours = _Tape(begun[0][0]), []
+    feeds, warnings = _feeds(route, s)
+    _check_duration(route, feeds, s)
+    tape, contours = _Tape(route.cuts[0].way[0]), []
     tape.lift = s.clearance
     tape.stand(0.02, RAPID, 0.0, s.clearance)
     travel = timed if s.corners else at_constant_feed
-    for number, (piece, lead, corners) in enumerate(zip(drawing.pieces, begun, drawing.corners, strict=True)):
-        start = lead[0]
+    for number, (cut, feed) in enumerate(zip(route.cuts, feeds, strict=True)):
+        start = cut.way[0]
         if np.hypot(*(start - tape.here)) > 1e-6:
             positions, tangents, _ = timed(stretches(np.array([tape.here, start])), s.rapid, moving)
             first = (s.pierce[0][0] if s.pierce else s.standoff) - s.standoff
@@ -196,40 +199,65 @@ def plan(drawing: Drawing, settings: Settings) -> Job:
         tape.stand(SETTLE, APPROACH, 0.0, 0.0)
         first_sample = tape.count
         try:
-            path = stretches(piece, corners)
-            into = stretches(lead) if len(lead) > 1 else []
-            positions, tangents, way = travel([*into, *path], s.feed, cutting)
+            legs = of_piece(route.drawing, cut.contour, s.feed, s.speed) if s.as_programmed else None
+            path = stretches(cut.path, breaks(cut.path, cut.corners, legs))
+            into = stretches(cut.way, SMOOTH) if len(cut.way) > 1 else []
+            positions, tangents, way = travel([*into, *path], feed, cutting, legs)
         except InvalidInput as error:
-            raise InvalidInput(f"'{drawing.name}', contour {number + 1}: {error}") from None
+            raise InvalidInput(f"'{route.drawing.name}', contour {cut.contour + 1}: {error}") from None
         led = int(np.searchsorted(way, sum(x.length for x in into), side="right")) if into else 1
         if led > 1:
             tape.move(positions[:led], tangents[:led], LEAD_IN, 1.0)
         tape.move(positions[max(led - 1, 0) :], tangents[max(led - 1, 0) :], CUT, 1.0)
         tape.stand(HALT, CUT, 1.0, tape.lift)
         contours.append((first_sample, tape.count - 1))
-        if number == len(drawing.pieces) - 1 or not s.frog_leap:
+        if number == len(route.cuts) - 1 or not s.frog_leap:
             tape.lifted(s.clearance, LIFT, limits)
     tape.stand(0.05, RAPID, 0.0, tape.lift)
-    return _job(drawing, settings, tape, np.array(contours))
+    return _job(route, settings, tape, np.array(contours), _mean(route, feeds), warnings)
 
 
-def _lead_in(piece: Points, closed: bool, hole: bool, length: float) -> Points:
-    """A straight way of up to ``length`` mm into the start of a closed contour, from the waste: within a hole or
-    outside a part. In a hole it is at most 0.7 of the way to the middle."""
-    if not closed or length <= 0:
-        return piece[:1]
-    leg = piece[1] - piece[0]
-    t = leg / np.hypot(*leg)
-    x, y = (piece - piece[0]).T
-    area = 0.5 * float(x[:-1] @ y[1:] - x[1:] @ y[:-1])
-    outward = np.array([t[1], -t[0]]) * (1.0 if area > 0 else -1.0)
-    if hole:
-        room = 0.7 * abs(area) / (0.5 * np.hypot(*np.diff(piece, axis=0).T).sum())  # of a circle: 0.7 radii
-        return np.array([piece[0] - outward * min(length, room), piece[0]])
-    return np.array([piece[0] + outward * length, piece[0]])
+def _feeds(route: Route, s: Settings) -> tuple[list[float], list[str]]:
+    """mm/s of each cut: as programmed, at most what the axes do; and what a user should know about that."""
+    if not s.as_programmed:
+        return [s.feed] * len(route.cuts), []
+    wanted = [cut.feed if np.isfinite(cut.feed) and cut.feed > 0 else s.feed for cut in route.cuts]
+    legs = [leg[np.isfinite(leg)].max(initial=0.0) for leg in route.drawing.leg_feeds or []]
+    fastest = float(max([*wanted, *legs]))
+    if fastest <= s.speed or fastest == s.feed:  # a feed that a user asked for is an error, not reduced
+        return wanted, []
+    note = f"feeds of up to {fastest:g} mm/s are programmed; the axes go at {s.speed:g} mm/s at most"
+    return [min(feed, s.speed) for feed in wanted], [note]
 
 
-def _job(drawing: Drawing, settings: Settings, tape: _Tape, contours: npt.NDArray[np.int64]) -> Job:
+def _mean(route: Route, feeds: list[float]) -> float:
+    if len(set(feeds)) == 1:
+        return feeds[0]
+    lengths = [np.hypot(*np.diff(cut.path, axis=0).T).sum() for cut in route.cuts]
+    return float(np.average(feeds, weights=lengths))
+
+
+def _check_duration(route: Route, feeds: list[float], s: Settings) -> None:
+    """Before a minute is spent on it.
+
+    Raises:
+        InvalidInput: the job takes longer than :data:`LONGEST`.
+    """
+    lengths = [sum(np.hypot(*np.diff(p, axis=0).T).sum() for p in (cut.way, cut.path)) for cut in route.cuts]
+    pierces = len(route.cuts) * (SETTLE + sum(seconds for _, seconds in s.pierce))
+    seconds = float(np.divide(lengths, feeds).sum()) + route.move_length / s.rapid + pierces
+    if seconds > LONGEST:
+        raise InvalidInput(
+            f"'{route.drawing.name}': a job of at least {seconds:.0f} s ({len(route.cuts)} cuts, "
+            f"{route.cut_length / 1000:.1f} m) is out of range; allowed: {LONGEST:.0f} s, of which each millisecond is "
+            "simulated; cut fewer contours, or faster"
+        )
+
+
+def _job(
+    route: Route, settings: Settings, tape: _Tape, contours: npt.NDArray[np.int64], feed: float, warnings: list[str]
+) -> Job:
+    drawing = route.drawing
     at, t = (np.concatenate([row[key] for row in tape.rows]) for key in ("at", "t"))
     phase, beam = (
         np.concatenate([np.full(len(row["at"]), float(row[key])) for row in tape.rows]) for key in ("phase", "beam")
@@ -247,5 +275,5 @@ def _job(drawing: Drawing, settings: Settings, tape: _Tape, contours: npt.NDArra
         drawing.name, at[:, 0].copy(), at[:, 1].copy(), np.cumsum(steps), np.cumsum(np.where(cutting, steps, 0.0)),
         speed,
         t[:, 0].copy(), t[:, 1].copy(), beam, phase, lift, most, contours, settings, list(drawing.pieces),
-        drawing.notes,
+        [*drawing.notes, *route.warnings, *warnings], route, feed,
     )  # fmt: skip

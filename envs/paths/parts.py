@@ -8,9 +8,9 @@ import numpy as np
 
 from ..plant.quantity import InvalidInput, did_you_mean
 from . import bspline
-from .contours import ordered
 from .curve import Curve, Points
 from .drawing import Drawing, drawing
+from .order import ordered
 from .profile import corners_of
 
 _STEP = np.deg2rad(1.0)
@@ -130,7 +130,9 @@ def part(name: str, **dimensions: Any) -> Drawing:
             raise InvalidInput(f"part '{name}': unknown size '{size}'; {did_you_mean(size, known)}")
         if not value > 0:
             raise InvalidInput(f"part '{name}': {size} = {value}; it must be above 0")
-    return drawing(f"part '{name}'", name, ordered([_closed(points) for points in PARTS[name](**dimensions)]))
+    contours = [_closed(points) for points in PARTS[name](**dimensions)]
+    # The suites were frozen with each contour the nearest to the one before; a shorter order would be another job.
+    return drawing(f"part '{name}'", name, ordered(contours, shorten=False))
 
 
 def _closed(points: Points) -> Curve:

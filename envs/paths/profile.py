@@ -23,6 +23,7 @@ from ..plant.quantity import InvalidInput
 from . import scurve
 from .curve import CHORD, Indices
 from .driven import Driven, Place, joined, smooth
+from .feeds import of_spans
 
 Floats = npt.NDArray[np.float64]
 
@@ -98,21 +99,33 @@ def turns(legs: Floats) -> Floats:
     return np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], (a * b).sum(axis=1))
 
 
-def timed(path: list[Driven], feed: float, limits: Limits) -> tuple[Floats, Floats, Floats]:
+def timed(path: list[Driven], feed: float, limits: Limits, legs: Floats | None = None) -> tuple[Floats, Floats, Floats]:
     """Positions (n, 2), unit tangents (n, 2) and way (n,), one each millisecond, from rest to rest.
+
+    ``legs``: mm/s of each segment of the polyline, in place of ``feed``; see :mod:`.feeds`.
 
     Raises:
         InvalidInput: feed not above 0, or above the limit of speed.
     """
-    check_feed(feed, limits)
     curve = joined(path)
+    if legs is not None:
+        most = of_spans(curve, legs)
+        check_feed(float(most.max()), limits)
+        return _sampled(curve, plan(curve, replace(limits, speed=float(most.max())), most))
+    check_feed(feed, limits)
     return _sampled(curve, plan(curve, replace(limits, speed=feed)))
 
 
-def at_constant_feed(path: list[Driven], feed: float, limits: Limits) -> tuple[Floats, Floats, Floats]:
+def at_constant_feed(
+    path: list[Driven], feed: float, limits: Limits, legs: Floats | None = None
+) -> tuple[Floats, Floats, Floats]:
     """The same without acceleration, deceleration or care for corners (Wu's uncorrected case)."""
-    check_feed(feed, limits)
     curve = joined(path)
+    if legs is not None:
+        most = of_spans(curve, legs)
+        check_feed(float(most.max()), limits)
+        return _sampled(curve, scurve.steps(np.diff(curve.starts), most))
+    check_feed(feed, limits)
     return _sampled(curve, scurve.steady(curve.length, feed))
 
 
@@ -128,26 +141,29 @@ def _sampled(curve: Driven, motion: scurve.Motion) -> tuple[Floats, Floats, Floa
     return place.xy, place.tangent, way
 
 
-def plan(curve: Driven, limits: Limits) -> scurve.Motion:
-    """The motion along ``curve`` from rest to rest."""
-    best = _fastest(curve, limits)
+def plan(curve: Driven, limits: Limits, most: Floats | None = None) -> scurve.Motion:
+    """The motion along ``curve`` from rest to rest; ``most``: mm/s of each span, at most."""
+    best = _fastest(curve, limits, most)
     while True:
         # A speed that short bends hardly let it reach costs more than it brings.
         limits = replace(limits, speed=0.5 * limits.speed)
-        slower = _fastest(curve, limits)
+        slower = _fastest(curve, limits, most)
         if slower.duration >= best.duration:
             return best
         best = slower
 
 
-def _fastest(curve: Driven, limits: Limits) -> scurve.Motion:
+def _fastest(curve: Driven, limits: Limits, most: Floats | None) -> scurve.Motion:
     """The fastest of the motions through different blocks."""
+    full = limits.speed if most is None else np.minimum(most, limits.speed)
+    changes = np.zeros(0, np.int64) if most is None else np.flatnonzero(np.diff(most)) + 1
     tried: list[scurve.Motion] = []
     for ease in EASE:
-        allowed = _along(curve, limits, ease)
-        starts = {starts.tobytes(): starts for starts in (_blocks(curve, limits, allowed, steps) for steps in STEPS)}
+        allowed = _along(curve, limits, full, ease)
+        found = (_blocks(curve, limits, allowed, changes, steps) for steps in STEPS)
+        starts = {starts.tobytes(): starts for starts in found}
         tried += [_through(curve, limits, allowed, each) for each in starts.values()]
-        if (allowed[0] >= limits.speed).all():
+        if (allowed[0] >= full).all():
             break
     return min(tried, key=lambda motion: motion.duration)
 
@@ -165,24 +181,31 @@ def vectors(place: Place, v: Floats, a: Floats, j: Floats) -> tuple[Floats, Floa
     return np.hypot(a, k * v**2), np.hypot(j - k**2 * v**3, 3.0 * k * v * a + rate * v**3)
 
 
-def _along(curve: Driven, limits: Limits, ease: float) -> tuple[Floats, Floats, Floats]:
-    """Limits of speed, acceleration and jerk along the path, for each span; slower by ``ease`` where it bends."""
+def _along(curve: Driven, limits: Limits, full: float | Floats, ease: float) -> tuple[Floats, Floats, Floats]:
+    """Limits of speed, acceleration and jerk along the path, for each span; slower by ``ease`` where it bends.
+
+    ``full``: mm/s, the speed where it does not bend.
+    """
     k, rate = (np.maximum(q, 1e-15) for q in curve.bends())
     a, jerk = limits.acceleration, limits.jerk
-    v = np.minimum(limits.speed, np.sqrt(ACROSS * a / k))
+    v = np.minimum(full, np.sqrt(ACROSS * a / k))
     v = np.minimum(v, np.minimum(np.cbrt(TWIST[0] * jerk / rate), np.cbrt(TWIST[2] * jerk / k**2)))
-    v = np.where(v < limits.speed, ease * v, v)
+    v = np.where(v < full, ease * v, v)
     along = np.minimum(np.sqrt(a**2 - (k * v**2) ** 2), TWIST[1] * jerk / (3.0 * k * v))
     across = rate * v**3 + 3.0 * k * v * along
     return v, along, np.sqrt(jerk**2 - across**2) - k**2 * v**3
 
 
-def _blocks(curve: Driven, limits: Limits, allowed: tuple[Floats, ...], steps: tuple[float, float]) -> Indices:
-    """First spans of the blocks: where a limit (as a share of the full one) enters another step, and at corners."""
+def _blocks(
+    curve: Driven, limits: Limits, allowed: tuple[Floats, ...], changes: Indices, steps: tuple[float, float]
+) -> Indices:
+    """First spans of the blocks: where a limit (as a share of the full one) enters another step, at corners, and at
+    ``changes`` of the programmed feed."""
     full = limits.speed, limits.acceleration, limits.jerk
     begins = np.zeros(len(curve.first), bool)
     begins[0] = True
     begins[curve.corners] = True
+    begins[changes] = True
     for limit, most, ratio in zip(allowed, full, (steps[0], steps[1], steps[1]), strict=True):
         step = np.ceil(np.log(np.maximum(limit / most, 1e-12)) / np.log(ratio) - 1e-9)
         begins[1:] |= step[1:] != step[:-1]

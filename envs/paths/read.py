@@ -3,7 +3,9 @@
 from importlib import import_module
 from pathlib import Path
 
+from .. import files
 from ..plant.quantity import InvalidInput, did_you_mean
+from .choice import Rules
 from .drawing import Drawing
 
 FORMATS = {
@@ -11,28 +13,51 @@ FORMATS = {
 }  # fmt: skip
 """Suffix: the module that reads it; they are imported when they are needed, for their libraries are slow."""
 
+PROGRAMMES = ("gcode",)
+"""What is cut as it was programmed."""
+
 
 def read(
-    path: str | Path, *, layers: tuple[str, ...] | list[str] | str | None = None, units: str | None = None
+    path: str | Path,
+    *,
+    layers: Rules = None,
+    units: str | None = None,
+    colours: Rules = None,
+    join: float | None = None,
+    text: bool = False,
+    hatches: bool = False,
 ) -> Drawing:
     """The drawing in a DXF, SVG or G-code file.
 
     Args:
         path: the file; its suffix tells the format.
-        layers: names of the layers that are cut; None: all.
-        units: mm, cm, m or inches, instead of what the file says or is taken to mean (G20 and G21 prevail).
+        layers: what becomes of which layer, such as ``("cut=OUTLINE,HOLES", "ignore=DIM*")`` (:mod:`.choice`); None:
+            all are cut.
+        units: mm, cm, m, inches or another of :data:`.drawing.UNITS`, instead of what the file says or is taken to mean
+            (G20 and G21 prevail).
+        colours: the same for colours (DXF) and strokes (SVG).
+        join: mm, the largest gap between two ends of a drawing that are joined; None: :data:`.contours.GAP`.
+        text: cut the letters of a drawing as outlines.
+        hatches: cut the filled areas of a DXF as outlines.
 
     Returns:
-        its contours in cutting order, with ``warnings`` and ``skipped`` for everything that a user should know.
+        its contours in cutting order, with ``notes`` on everything that a user should know.
 
     Raises:
-        InvalidInput: no such file, an unknown suffix, or whatever is wrong in it, where, and what is allowed.
+        InvalidInput: no such file, not a plain file or too large a one, an unknown suffix, or whatever is wrong in it,
+            where, and what is allowed.
     """
     file = Path(path)
-    if not file.is_file():
+    if not file.exists():
         raise InvalidInput(f"{file}: no such file")
     suffix = file.suffix.lower()
     if suffix not in FORMATS:
         raise InvalidInput(f"{file}: '{file.suffix}' files cannot be read; {did_you_mean(suffix, FORMATS)}")
+    files.checked(file, files.DRAWING)
     module = FORMATS[suffix]
-    return getattr(import_module(f".{module}", __package__), f"read_{module}")(file, layers=layers, units=units)
+    reader = getattr(import_module(f".{module}", __package__), f"read_{module}")
+    drawn = {"colours": colours, "join": join, "text": text or None, "hatches": hatches or None}
+    given = {name: value for name, value in drawn.items() if value is not None}
+    if module in PROGRAMMES and given:
+        raise InvalidInput(f"{file}: a programme has no {next(iter(given))}; that is for drawings (DXF, SVG)")
+    return reader(file, layers=layers, units=units, **given)

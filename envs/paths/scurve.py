@@ -124,6 +124,13 @@ def steady(way: float, speed: float) -> Motion:
     return Motion(np.array([0.0, way / speed]), zero, np.full(1, speed), zero, zero, way)
 
 
+def steps(ways: Array, speeds: Array) -> Motion:
+    """One constant speed after the other, each for its way."""
+    s, zero = np.insert(np.cumsum(ways), 0, 0.0), np.zeros(len(ways))
+    t = np.insert(np.cumsum(ways / speeds), 0, 0.0)
+    return Motion(t, s[:-1], np.asarray(speeds, float), zero, zero, float(s[-1]))
+
+
 def _ramp(change: Array, acceleration: Array, jerk: Array) -> tuple[Array, Array, Array]:
     """s, with rising, steady and falling acceleration."""
     dv = np.abs(change)

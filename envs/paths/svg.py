@@ -1,102 +1,138 @@
-"""SVG: the outlines of a picture, as curves.
+"""SVG: the outlines of a picture, as contours in cutting order.
 
 Path data and lists of transforms are read by svgpathtools, which is kept up; svgelements reads whole documents, but
 passes over commands it does not know without a word. The document is walked here, as svgpathtools knows neither view
 boxes, units and ``use`` nor where in the file a mistake is.
 """
 
-import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from .contours import joined, ordered
-from .drawing import Collected, Drawing, chosen, drawing, unit
+from ..plant.quantity import InvalidInput
+from . import svg_style
+from .choice import Choice, Rules, merged
+from .collected import Collected
+from .colours import NONE, of_css, painted
+from .contours import GAP
+from .drawing import Drawing, finished, unit
 from .svg_shapes import CUT, Matrix, curves
-from .svg_tree import PIXEL, Node, tree
+from .svg_text import letters
+from .svg_tree import DEEPEST, PIXEL, Mistake, Node, tree
 
 GROUPS = ("g", "a", "svg", "switch", "use")
 
 NOT_DRAWN = (
     "defs", "symbol", "clipPath", "mask", "marker", "pattern", "linearGradient", "radialGradient", "filter", "style",
     "script", "metadata", "title", "desc", "view", "cursor", "animate", "animateTransform", "animateMotion", "set",
+    "animateColor", "font", "font-face", "color-profile", "solidColor", "meshgradient", "tspan", "textPath",
 )  # fmt: skip
 """Elements that show nothing where they stand."""
 
 IGNORED = {
-    "clip-path": "clips nothing: whole shapes are cut",
-    "mask": "hides nothing: whole shapes are cut",
-    "stroke-dasharray": "is left out: dashes are cut as one line",
+    "clip-path": "clip-path clips nothing, whole shapes are cut",
+    "mask": "mask hides nothing, whole shapes are cut",
+    "stroke-dasharray": "stroke-dasharray is left out, dashes are cut as one line",
 }
 """Attributes that change what is seen and not what is cut."""
+
+MOST_DATA, MOST_STEPS, MOST_TRANSFORMS = 5_000_000, 500_000, 1000
+"""Characters of path data and letters among them, those that are used several times counted as often; parts of one
+transform."""
 
 NESTING = 64
 """Groups within groups; more means that something uses itself."""
 
-STYLED = re.compile(r"\b(display|visibility|transform|clip-path|mask)\s*:")
-
 
 @dataclass(frozen=True)
 class Place:
-    """Where in the picture an element is: its axes in mm, the size of the viewport in its units, its layer."""
+    """Where in the picture an element is: its axes in mm, the size of the viewport in its units, its layer, the colour
+    of its stroke."""
 
     matrix: Matrix
     width: float
     height: float
     layer: str = ""
+    stroke: str = NONE
     shown: bool = True
     depth: int = 0
 
 
 def read_svg(
-    path: str | Path, *, layers: tuple[str, ...] | list[str] | str | None = None, units: str | None = None
+    path: str | Path,
+    *,
+    layers: Rules = None,
+    units: str | None = None,
+    colours: Rules = None,
+    join: float = GAP,
+    text: bool = False,
+    hatches: bool = False,
 ) -> Drawing:
     """The contours of an SVG picture, inner ones before those that contain them, otherwise the nearest next.
 
     Cut are the outlines of paths and basic shapes, whatever their stroke and fill. The y axis is turned up, so that the
     page's lower left corner is the origin. Layers are Inkscape's, or in files without them the outermost groups that
-    have an id.
+    have an id. An element that cannot be read is left out and named with its line.
 
     Args:
         path: an SVG file.
-        layers: names of the layers that are cut, in any case; None: all.
+        layers: what becomes of which layer (:mod:`.choice`); None: all are cut.
         units: what one unit of the view box is, instead of what follows from the size of the page.
+        colours: what becomes of which stroke: a name, #rrggbb, or none; None: all are cut.
+        join: mm, the largest gap between two ends that are joined.
+        text: the outlines of letters are cut.
+        hatches: for drawings of other formats; here the outlines of filled areas are always cut.
 
     Raises:
-        InvalidInput: not an SVG file, unknown units or layer, an element that cannot be read (with its line), nothing
-            to cut, or a journey whose length is out of range.
+        InvalidInput: not an SVG file, unknown units, layer or colour, nothing to cut, or more than a drawing may have.
     """
-    return _Picture(Path(path), layers, units).drawing()
+    return _Picture(Path(path), layers, units, colours, text).drawing(join)
 
 
 class _Picture:
     """An SVG file on its way to a drawing."""
 
-    def __init__(self, file: Path, layers: tuple[str, ...] | list[str] | str | None, units: str | None) -> None:
-        self.file = file
+    def __init__(self, file: Path, layers: Rules, units: str | None, colours: Rules, text: bool) -> None:
+        self.file, self.text, self.data, self.steps = file, text, 0, 0
+        self.layer_choice, self.colour_choice = Choice("layer", layers), Choice("colour", colours, painted)
         self.root = tree(file)
+        self.found = Collected(file)
+        for node, selector in svg_style.apply(self.root):
+            self.found.warn("style sheet: some rules are not read", f"'{selector}' in line {node.line}")
         self.named = {n.attributes["id"]: n for n in self.root.all() if "id" in n.attributes}
         self.inkscape = any(n.attributes.get("inkscape:groupmode") == "layer" for n in self.root.all())
         groups = self.root.all() if self.inkscape else self.root.children
         self.layer_of = {id(n): name for n in groups if (name := self._own_layer(n))}
-        self.wanted = chosen(file, layers, list(dict.fromkeys(self.layer_of.values())))
-        self.warnings: dict[str, list[int]] = {}
-        self.found = Collected()
+        self.layer_choice.check(file, dict.fromkeys(self.layer_of.values()))
         self.units, self.page = self._page(units)
 
-    def drawing(self) -> Drawing:
-        for node in self.root.all():
-            if node.tag == "style" and (styled := STYLED.search(node.text)):
-                self._warn(node, f"style sheet: '{styled[1]}' is not read")
-        self._group(self.root, self.page)
-        contours = ordered(joined(list(self.found.curves.values())))
-        warnings = [f"{text} (line {', '.join(map(str, lines))})" for text, lines in self.warnings.items()]
-        layers = [layer for layer in self.found.layers if layer]
-        return drawing(
-            self.file, self.file.stem, contours, self.units, layers, self.found.skipped, warnings=warnings,
-            cuts=", ".join(CUT),
-        )  # fmt: skip
+    def drawing(self, join: float) -> Drawing:
+        self.found.room_for(self._count(self.root, {}, 0))
+        self._group(self.root, replace(self.page, stroke=self._stroke(self.root, NONE)))
+        self.colour_choice.check(self.file, self.colour_choice.seen)
+        if not self.text and not self.found.curves and "text" in self.found.skipped:
+            self.found.warn("--text cuts letters as outlines")
+        return finished(self.file, self.found, self.units, join, ", ".join(CUT))
+
+    def _count(self, node: Node, known: dict[int, int], depth: int) -> int:
+        """How many elements there are within an element and what it uses: a bomb is known before it goes off."""
+        if id(node) not in known:
+            if depth > DEEPEST:
+                self._endless(node)
+            target = self._target(node) if node.tag == "use" else None
+            within = node.children if target is None else [*node.children, target]
+            known[id(node)] = 1 + sum(self._count(child, known, depth + 1) for child in within)
+        return known[id(node)]
+
+    def _endless(self, node: Node) -> None:
+        problem = f"{node.tag}: nested more than {NESTING} deep; does something use itself?"
+        raise InvalidInput(f"{self.file}, line {node.line}: {problem}")
+
+    def _target(self, node: Node) -> Node | None:
+        """What a ``use`` refers to, if it is in the file."""
+        link = node.attributes.get("href", node.attributes.get("xlink:href", "")).strip()
+        return self.named.get(link[1:]) if link.startswith("#") else None
 
     # The document
 
@@ -107,7 +143,7 @@ class _Picture:
         return node.attributes.get("inkscape:label", node.attributes.get("id", ""))
 
     def _warn(self, node: Node, text: str) -> None:
-        self.warnings.setdefault(text, []).append(node.line)
+        self.found.warn(text, f"line {node.line}")
 
     def _page(self, units: str | None) -> tuple[str, Place]:
         """Name of the file's unit, and the page with its y axis up."""
@@ -122,7 +158,7 @@ class _Picture:
             return name, Place(_scaled(scale, -scale, 0.0, scale * height) @ fit, width, height)
         name = "px"
         if sizes == [None, None]:
-            self._warn(root, "no usable size of the page, px read as 1/96 inch; units= reads them otherwise")
+            self._warn(root, "no usable size of the page, px read as 1/96 inch; --units reads them otherwise")
             width, height = box[2:] if box else (0.0, 0.0)
         else:
             if box:  # one side gives the other
@@ -135,9 +171,9 @@ class _Picture:
             name = next((n for n in ("mm", "cm", "in", "pt", "pc", "Q") if n in given), "px")
             name = {"in": "inches"}.get(name, name)
             if name == "px":
-                self._warn(root, "size of the page in px, read as 1/96 inch; units= reads them otherwise")
+                self._warn(root, "size of the page in px, read as 1/96 inch; --units reads them otherwise")
             elif not box:
-                self._warn(root, "no viewBox: coordinates are px, read as 1/96 inch; units= reads them otherwise")
+                self._warn(root, "no viewBox: coordinates are px, read as 1/96 inch; --units reads them otherwise")
         up = _scaled(PIXEL, -PIXEL, 0.0, PIXEL * height) @ self._transform(root)
         return name, self._viewport(root, Place(up, width, height), width, height)
 
@@ -177,40 +213,85 @@ class _Picture:
     def _element(self, node: Node, place: Place) -> None:
         if node.tag in NOT_DRAWN or ":" in node.tag:
             return
+        self.found.entity()
+        if place.depth > NESTING:
+            self._endless(node)
         shown = {"visible": True, "hidden": False, "collapse": False}.get(node.get("visibility"), place.shown)
-        layer = self.layer_of.get(id(node), place.layer)
-        if node.get("display") == "none" or (not shown and node.tag not in GROUPS):
+        named = self.layer_choice.named(self.layer_of.get(id(node), ""))  # who names a hidden layer wants it cut
+        if (node.get("display") == "none" and not named) or (not shown and node.tag not in GROUPS):
             self.found.skipped[f"hidden {node.tag}"] += 1
             return
-        if place.depth > NESTING:
-            raise node.wrong(f"nested more than {NESTING} deep; does something use itself?")
         for name, consequence in IGNORED.items():
             if node.get(name, "none") not in ("none", ""):
-                self._warn(node, f"{name} {consequence}")
-        matrix = place.matrix @ self._transform(node)
-        inside = Place(matrix, place.width, place.height, layer, shown, place.depth + 1)
+                self._warn(node, consequence)
+        try:
+            self._shown(node, replace(place, shown=shown, depth=place.depth + 1))
+        except Mistake as error:
+            self.found.skipped[f"{node.tag} that cannot be read"] += 1
+            self.found.warn("elements that cannot be read are left out", error.plain)
+
+    def _shown(self, node: Node, place: Place) -> None:
+        layer, stroke = self.layer_of.get(id(node), place.layer), self._stroke(node, place.stroke)
+        place = replace(place, matrix=place.matrix @ self._transform(node), layer=layer, stroke=stroke)
         if node.tag in ("g", "a", "switch"):
-            self._group(node, inside)
+            self._group(node, place)
         elif node.tag == "svg":
-            self._nested(node, inside, node)
+            self._nested(node, place, node)
         elif node.tag == "use":
-            self._use(node, inside)
-        elif self.wanted is not None and layer.casefold() not in self.wanted:
-            self.found.skipped[f"{node.tag} on layer '{layer}'" if layer else f"{node.tag} on no layer"] += 1
-        elif node.tag not in CUT:
-            self.found.skipped[node.tag] += 1
+            self._use(node, place)
         else:
-            found = list(curves(node, matrix, place.width, place.height))
+            self._shape(node, place)
+
+    def _shape(self, node: Node, place: Place) -> None:
+        skipped = self.found.skipped
+        by_layer, by_colour = self.layer_choice.role(place.layer), self.colour_choice.role(place.stroke)
+        role = merged(by_layer, by_colour)
+        if node.tag not in CUT and not (node.tag == "text" and self.text):
+            skipped[node.tag] += 1
+        elif role == "ignore":
+            where = f"on layer '{place.layer}'" if place.layer else "on no layer"
+            skipped[f"{node.tag} {where if by_layer == 'ignore' else f'with stroke {place.stroke}'}"] += 1
+        elif node.tag == "text":
+            for curve in letters(node, place.matrix, self.found):
+                self.found.add("letter", curve, place.layer, role)
+        else:
+            self._heavy(node)
+            found = list(curves(node, place.matrix, place.width, place.height))
             for curve in found:
-                self.found.add(node.tag, curve, layer)
+                self.found.add(node.tag, curve, place.layer, role)
             if not found and node.attributes.get("d") != "":
-                self.found.skipped[f"{node.tag} of zero length"] += 1
+                skipped[f"{node.tag} of zero length"] += 1
+
+    def _heavy(self, node: Node) -> None:
+        """Counts what path data come to before they are read: each lift of the pen is an entity."""
+        data = node.attributes.get("d", "") if node.tag == "path" else ""
+        self.data += len(data)
+        self.steps += sum(map(data.count, "LlHhVvCcSsQqTtAaZz"))
+        self.found.room_for(data.count("M") + data.count("m"))
+        self.found.entities += max(data.count("M") + data.count("m") - 1, 0)
+        if self.data > MOST_DATA or self.steps > MOST_STEPS:
+            raise InvalidInput(
+                f"{self.file}, line {node.line}: path data of more than {MOST_DATA / 1e6:g} million characters or "
+                f"{MOST_STEPS} steps, out of range; allowed: fewer"
+            )
+
+    def _stroke(self, node: Node, around: str) -> str:
+        """The colour of an element's stroke: ``#rrggbb``, none, or as the file has it, such as ``url(#gradient)``."""
+        own = node.get("stroke")
+        if own in ("", "inherit"):
+            return around
+        if own.lower() == "currentcolor":
+            own = node.inherited("color", "black")
+        return of_css(own) or own
 
     def _transform(self, node: Node) -> Matrix:
         from svgpathtools import parse_transform  # slow
 
+        count = node.get("transform").count("(")
+        if count > MOST_TRANSFORMS:
+            raise node.wrong(f"a transform of {count} parts, out of range; allowed: {MOST_TRANSFORMS}")
         try:
-            return parse_transform(node.get("transform"), strict=True)
+            return parse_transform(node.get("transform").replace("none", ""), strict=True)
         except ValueError as error:
             raise node.wrong(f"transform cannot be read: {error}") from None
 
@@ -223,9 +304,9 @@ class _Picture:
         self._group(node, self._viewport(node, moved, width, height))
 
     def _use(self, node: Node, place: Place) -> None:
-        link = node.attributes.get("href", node.attributes.get("xlink:href", "")).strip()
-        target = self.named.get(link[1:]) if link.startswith("#") else None
+        target = self._target(node)
         if target is None:
+            link = node.attributes.get("href", node.attributes.get("xlink:href", "")).strip()
             raise node.wrong(f"href = '{link}' is nothing in this file")
         if target.tag == "symbol":
             return self._nested(target, place, node)

@@ -5,6 +5,7 @@ they mirror and turn, so points are transformed here and not arcs.
 """
 
 import re
+import warnings
 from collections.abc import Iterator
 from itertools import groupby
 from typing import Any
@@ -12,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .curve import Complex, Curve, linked, polyline, smooth
+from .curve import Complex, Curve, beziers, linked, polyline, smooth
 from .svg_tree import NUMBER, Node, short
 
 CUT = ("path", "rect", "circle", "ellipse", "line", "polyline", "polygon")
@@ -119,7 +120,9 @@ def _segments(node: Node, data: str) -> list[Any]:
     if not match or match.end() < len(data):
         raise node.wrong(f"path data cannot be read from '{short(data[match.end() :] if match else data)}'")
     try:
-        return [s for s in parse_path(data) if not (isinstance(s, Line) and s.start == s.end)]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # that an arc without radius is a line is known
+            return [s for s in parse_path(data) if not (isinstance(s, Line) and s.start == s.end)]
     except Exception as error:  # it raises whatever the mistake leads to
         problem = str(error) or "an arc that ends where it begins"
         raise node.wrong(f"path data cannot be read: {problem}") from None
@@ -139,33 +142,41 @@ def _strokes(segments: list[Any]) -> Iterator[list[Any]]:
 
 def _flat(segments: list[Any], matrix: Matrix) -> Curve:
     """Connected segments as one curve in mm."""
-    from svgpathtools import Line
 
     def image(z: npt.ArrayLike) -> Complex:
         z = np.asarray(z, complex)
-        x, y = matrix[:2, :2] @ [z.real, z.imag] + matrix[:2, 2:]
-        return x + 1j * y
+        ahead, up, origin = (complex(*column) for column in matrix[:2].T)
+        return np.asarray(z.real * ahead + z.imag * up + origin)
 
     curves = []
-    for straight, run in groupby(segments, lambda segment: isinstance(segment, Line)):
-        if straight:
+    for kind, run in groupby(segments, _kind):
+        if kind == "line":
             lines = list(run)
             curves.append(polyline(image([lines[0].start, *(line.end for line in lines)])))
-        else:
+        elif kind == "arc":
             curves += [smooth(lambda t, s=s: image(_at(s, t)), [0.0, 1.0]) for s in run]  # type: ignore[misc]
+        else:
+            curves.append(beziers(image([_cubic(segment.bpoints()) for segment in run])))
     return linked(curves)
 
 
-def _at(segment: Any, t: npt.NDArray[np.float64]) -> Complex:
-    """Points of a Bézier curve or an elliptic arc."""
-    from svgpathtools import Arc
+def _kind(segment: Any) -> str:
+    from svgpathtools import Arc, Line
 
-    if isinstance(segment, Arc):
-        angle = np.radians(segment.theta + segment.delta * t)
-        rx, ry = segment.radius.real, segment.radius.imag
-        z = segment.center + (rx * np.cos(angle) + 1j * ry * np.sin(angle)) * np.exp(1j * segment.phi)
-        return np.where(t == 0.0, segment.start, np.where(t == 1.0, segment.end, z))
-    points, u = segment.bpoints(), 1.0 - t
-    while len(points) > 1:  # de Casteljau
-        points = [u * a + t * b for a, b in zip(points, points[1:], strict=False)]
-    return np.asarray(points[0])
+    return "line" if isinstance(segment, Line) else "arc" if isinstance(segment, Arc) else "bezier"
+
+
+def _cubic(points: tuple[complex, ...]) -> tuple[complex, ...]:
+    """The control points of a quadratic or cubic Bézier curve as those of a cubic one."""
+    if len(points) == 4:
+        return points
+    a, b, c = points
+    return a, a + 2 / 3 * (b - a), c + 2 / 3 * (b - c), c
+
+
+def _at(arc: Any, t: npt.NDArray[np.float64]) -> Complex:
+    """Points of an elliptic arc."""
+    angle = np.radians(arc.theta + arc.delta * t)
+    rx, ry = arc.radius.real, arc.radius.imag
+    z = arc.center + (rx * np.cos(angle) + 1j * ry * np.sin(angle)) * np.exp(1j * arc.phi)
+    return np.where(t == 0.0, arc.start, np.where(t == 1.0, arc.end, z))

@@ -1,14 +1,16 @@
 """The elements of an SVG file, each with its line, and what their attributes say."""
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-from xml.sax import SAXException, SAXParseException, handler, make_parser
+from xml.parsers import expat
 
 import numpy as np
 
 from ..plant.quantity import InvalidInput
+from .collected import MOST_ENTITIES
 
 PIXEL = 25.4 / 96.0
 """mm of a user unit that nothing else is said about. [P] CSS"""
@@ -18,6 +20,12 @@ PIXELS = {
 }  # fmt: skip
 """Pixels of each unit of length. [P] CSS"""
 
+OF_FONT = {"em": 1.0, "rem": 1.0, "ex": 0.5, "ch": 0.5}
+"""Of the font's size. [P] CSS; ex and ch as for a font that does not say."""
+
+FONT = 16.0
+"""px, the size of a font that nothing is said about. [P] CSS: medium"""
+
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 NUMBERS = re.compile(rf"[\s,]*(?:{NUMBER}[\s,]*)*")
 LENGTH = re.compile(rf"\s*({NUMBER})\s*([a-zA-Z%]*)\s*")
@@ -25,35 +33,69 @@ LENGTH = re.compile(rf"\s*({NUMBER})\s*([a-zA-Z%]*)\s*")
 DEEPEST = 200
 """Elements within elements."""
 
+LONGEST_ENTITY = 10_000
+"""Characters that an entity of the file's own may stand for; Illustrator's are addresses."""
+
 SPACES = {
-    None: "", "": "", "http://www.w3.org/2000/svg": "", "http://www.w3.org/1999/xlink": "xlink:",
+    "": "", "http://www.w3.org/2000/svg": "", "http://www.w3.org/1999/xlink": "xlink:",
     "http://www.inkscape.org/namespaces/inkscape": "inkscape:",
 }  # fmt: skip
 """Prefixes in the names of elements and attributes; all other names begin with "other:"."""
 
+USUAL = {"svg": "", "xlink": "xlink:", "inkscape": "inkscape:"}
+"""What prefixes stand for that a file uses without saying so; none of others."""
+
+TEXTS = ("style", "text", "tspan", "textPath")
+"""Elements whose text is kept."""
+
+
+class Mistake(InvalidInput):
+    """An element that cannot be read; ``plain`` says so without the file."""
+
+    def __init__(self, file: Path, plain: str) -> None:
+        super().__init__(f"{file}, {plain}")
+        self.plain = plain
+
 
 @dataclass(eq=False)
 class Node:
-    """An element of ``file``, in line ``line``."""
+    """An element of ``file``, in line ``line``; ``css`` is what style sheets say about it."""
 
     file: Path
     tag: str
     attributes: dict[str, str]
     line: int
+    parent: "Node | None" = None
     children: list["Node"] = field(default_factory=list)
-    text: str = ""
+    texts: list[tuple[int, str]] = field(default_factory=list)
+    css: dict[str, str] = field(default_factory=dict)
 
-    def wrong(self, problem: str) -> InvalidInput:
+    def wrong(self, problem: str) -> Mistake:
         """An error that names the element."""
-        return InvalidInput(f"{self.file}, line {self.line}: {self.tag}: {problem}")
+        return Mistake(self.file, f"line {self.line}: {self.tag}: {problem}")
+
+    @property
+    def text(self) -> str:
+        """Its own text, without that of the elements within it."""
+        return "".join(text for _, text in self.texts)
 
     def get(self, name: str, default: str = "") -> str:
-        """An attribute, as such or in the ``style``, which wins."""
+        """An attribute: as such, in a style sheet, which wins, or in the ``style``, which wins over both."""
         for item in self.attributes.get("style", "").split(";"):
             key, _, value = item.partition(":")
             if key.strip() == name:
-                return value.strip()
-        return self.attributes.get(name, default).strip()
+                return value.replace("!important", "").strip()
+        return self.css.get(name, self.attributes.get(name, default)).strip()
+
+    def inherited(self, name: str, default: str = "") -> str:
+        """An attribute of its own, or else of the nearest element around it that has one."""
+        here: Node | None = self
+        while here is not None:
+            value = here.get(name)
+            if value and value != "inherit":
+                return value
+            here = here.parent
+        return default
 
     def unit(self, name: str) -> str:
         """The unit in which a length is given; empty if there is none."""
@@ -64,10 +106,23 @@ class Node:
         """A length in px; ``whole`` is what 100 % are."""
         text = self.get(name, default) or default
         match = LENGTH.fullmatch(text)
+        if match and match[2] in OF_FONT:
+            return float(match[1]) * OF_FONT[match[2]] * (FONT if match[2] == "rem" else self.font_size())
         if not match or match[2] not in (*PIXELS, "%") or not np.isfinite(float(match[1])):
-            allowed = ", ".join(unit for unit in PIXELS if unit)
-            raise self.wrong(f"{name} = '{text}' is not a length; allowed: a number with {allowed} or %")
+            allowed = ", ".join(unit for unit in (*PIXELS, *OF_FONT) if unit)
+            raise self.wrong(f"{name} = '{short(text)}' is not a length; allowed: a number with {allowed} or %")
         return float(match[1]) * (whole / 100.0 if match[2] == "%" else PIXELS[match[2]])
+
+    def font_size(self) -> float:
+        """px of the font's em."""
+        match = LENGTH.fullmatch(self.get("font-size"))
+        around = self.parent.font_size() if self.parent is not None else FONT
+        if not match:
+            return around
+        if match[2] in OF_FONT or match[2] == "%":
+            of = FONT if match[2] == "rem" else around
+            return float(match[1]) * OF_FONT.get(match[2], 0.01) * of
+        return float(match[1]) * PIXELS.get(match[2], 1.0)
 
     def numbers(self, name: str) -> list[float]:
         """A list of numbers."""
@@ -86,71 +141,106 @@ class Node:
             raise self.wrong(f"viewBox = '{self.attributes['viewBox']}' is not x, y, width > 0, height > 0")
         return box
 
-    def all(self) -> list["Node"]:
+    def all(self) -> Iterator["Node"]:
         """The element and all within it, in the order of the file."""
-        found = [self]
+        yield self
         for child in self.children:
-            found += child.all()
-        return found
+            yield from child.all()
 
 
 def tree(file: Path) -> Node:
     """The outermost element of an SVG file.
 
     Raises:
-        InvalidInput: not XML, or not SVG.
+        InvalidInput: not XML, not SVG, or more elements or longer entities than a drawing may have.
     """
-    builder, parser = _Builder(file), make_parser()
-    parser.setFeature(handler.feature_namespaces, True)
-    parser.setContentHandler(builder)
+    builder = _Builder(file)
     try:
-        with file.open("rb") as stream:
-            parser.parse(stream)
-    except SAXParseException as error:
-        problem = f"{file}, line {error.getLineNumber()}: cannot be read as SVG: {error.getMessage()}"
-        raise InvalidInput(problem) from None
-    except (SAXException, ValueError, OSError) as error:
+        # All at once: expat looks at a long attribute anew for each piece of the file that it is given.
+        builder.parser.Parse(file.read_bytes(), True)
+    except expat.ExpatError as error:
+        said = expat.ErrorString(error.code)
+        raise InvalidInput(f"{file}, line {error.lineno}: cannot be read as SVG: {said}") from None
+    except (ValueError, LookupError, OSError) as error:
+        if isinstance(error, InvalidInput):
+            raise
         raise InvalidInput(f"{file}: cannot be read as SVG: {error}") from None
     if builder.root is None or builder.root.tag != "svg":
         raise InvalidInput(f"{file}: cannot be read as SVG: its outermost element is no svg")
     return builder.root
 
 
-class _Builder(handler.ContentHandler):
-    """Makes the tree, with the line of every element, which other readers of XML do not tell."""
+class _Builder:
+    """Makes the tree, with the line of every element, which other readers of XML do not tell.
+
+    Prefixes are resolved here, since the parser would refuse a file that uses one without declaring it.
+    """
 
     def __init__(self, file: Path) -> None:
         self.file = file
         self.open: list[Node] = []
+        self.spaces: list[dict[str, str]] = [USUAL]
         self.root: Node | None = None
-        self.locator: Any = None
+        self.count = 0
+        self.parser: Any = expat.ParserCreate()
+        self.parser.buffer_text = True
+        self.parser.StartElementHandler = self.start
+        self.parser.EndElementHandler = self.end
+        self.parser.CharacterDataHandler = self.characters
+        self.parser.EntityDeclHandler = self.entity
 
-    def setDocumentLocator(self, locator: Any) -> None:
-        self.locator = locator
+    def wrong(self, problem: str) -> InvalidInput:
+        return InvalidInput(f"{self.file}, line {self.parser.CurrentLineNumber}: cannot be read as SVG: {problem}")
 
-    def startElementNS(self, name: Any, qname: Any, attrs: Any) -> None:
-        attributes = {_name(*key): value for key, value in attrs.items()}
-        node = Node(self.file, _name(*name), attributes, self.locator.getLineNumber())
+    def entity(self, name: str, parameter: bool, value: str | None, *_: Any) -> None:
+        if value is not None and (len(value) > LONGEST_ENTITY or "&" in value):
+            raise self.wrong(
+                f"its entity '{name}' stands for others or for more than {LONGEST_ENTITY} characters; allowed: plain "
+                "short text"
+            )
+
+    def start(self, name: str, attributes: dict[str, str]) -> None:
+        self.count += 1
+        if self.count > MOST_ENTITIES:
+            raise self.wrong(f"more than {MOST_ENTITIES} elements; allowed: no more")
         if len(self.open) > DEEPEST:
-            raise SAXException(f"elements lie more than {DEEPEST} deep within each other")
-        if self.open:
-            self.open[-1].children.append(node)
+            raise self.wrong(f"elements lie more than {DEEPEST} deep within each other")
+        own = {
+            key.partition(":")[2]: SPACES.get(value, "other:")
+            for key, value in attributes.items()
+            if key.partition(":")[0] == "xmlns"
+        }
+        spaces = {**self.spaces[-1], **own} if own else self.spaces[-1]
+        named = {
+            _name(spaces, key, "") if ":" in key else key: value
+            for key, value in attributes.items()
+            if key.partition(":")[0] != "xmlns"
+        }
+        parent = self.open[-1] if self.open else None
+        node = Node(self.file, _name(spaces, name, spaces.get("", "")), named, self.parser.CurrentLineNumber, parent)
+        if parent is not None:
+            parent.children.append(node)
         else:
             self.root = node
         self.open.append(node)
+        self.spaces.append(spaces)
 
-    def endElementNS(self, name: Any, qname: Any) -> None:
+    def end(self, name: str) -> None:
         self.open.pop()
+        self.spaces.pop()
 
     def characters(self, content: str) -> None:
-        self.open[-1].text += content
+        node = self.open[-1]
+        if node.tag in TEXTS:
+            node.texts.append((len(node.children), content))
 
 
-def _name(space: str | None, local: str) -> str:
-    return SPACES.get(space, "other:") + local
+def _name(spaces: dict[str, str], name: str, default: str) -> str:
+    prefix, colon, local = name.rpartition(":")
+    return (spaces.get(prefix, "other:") if colon else default) + local
 
 
 def short(text: str) -> str:
     """The beginning of a text, for messages."""
-    text = " ".join(text.split())
+    text = " ".join(text[:200].split())
     return text if len(text) <= 30 else f"{text[:30]}…"

@@ -1,7 +1,6 @@
 """``kerfgym blame`` from start to end, and the part of it that a benchmark's report shows."""
 
 import hashlib
-import shutil
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -63,7 +62,7 @@ def blame(
     for scenario in grid.scenarios:
         game.check(scenario, stages)
     started, ledger = time.time(), Ledger()
-    with runs.at_work(folder, overwrite, resume):
+    with runs.at_work(folder, overwrite, resume, spent=[PARTS]):
         found = _all(stacks, grid.scenarios, grid.seeds, stages, threads, folder / PARTS, told, ledger)
         shares, headroom = tables.shares(found), tables.headroom(found)
         _write(folder, found, shares, headroom, grid.scenarios)
@@ -75,7 +74,6 @@ def blame(
             "parameters": {s.name: {k: p.value for k, p in s.parameters().items()} for s in stacks},
         }  # fmt: skip
         runs.write_json(folder / "run.json", meta)
-        shutil.rmtree(folder / PARTS)
     return shares, headroom
 
 

@@ -26,6 +26,7 @@ from . import (
     kerfs,
     limits,
     out_of_distribution,
+    plan,
     profile,
     quality,
     scope,
@@ -102,7 +103,7 @@ def page(folder: Path, grids: dict[str, Results | JobResults], meta: dict[str, A
     )  # fmt: skip
     return loader.get_template("report.html").render(
         chapters=chapters, matrix=answer.matrix({c.suite.name: c.cards for c in chapters}), labels=labels, look=look,
-        several=len(suites) > 1, what=what_ran(suites),
+        several=len(suites) > 1, what=what_ran(suites), plans=plan.shown(suites),
         warnings=[*map(str, meta.get("notes") or ()), *warnings(suites)],
         command=" ".join(map(str, command)) if isinstance(command, list | tuple) else str(command),
         spectra=_there([spectra.figure(suites, look, labels)]),

@@ -1,13 +1,15 @@
 """Training curves of the policies that took part."""
 
-import json
-from pathlib import Path
+import contextlib
 from typing import Any
 
 import pandas as pd
 import plotly.graph_objects as go
 
+from ...envs import files
+from ...envs.plant.quantity import InvalidInput
 from ...envs.stack import shelved
+from .. import runs, tabular
 from .figure import Figure, line
 from .palette import Look
 
@@ -23,14 +25,19 @@ def curves(controllers: list[str]) -> dict[str, tuple[pd.DataFrame, dict[str, An
     out, shipped = {}, shelved()
     for name in controllers:
         own = name.rpartition("=")[2] if name.startswith(("z=", "xy=", "process=")) else name
-        folder = shipped.get(own, Path(own))
+        folder = shipped.get(own) or runs.near(own)
+        if folder is None:
+            continue
         for place in (folder, folder.parent):
-            table = place / "evaluations.csv"
-            if (folder / "policy.json").is_file() and table.is_file():
-                frame, record = pd.read_csv(table), place / "run.json"
-                if {"steps", "score"} <= set(frame) and len(frame):
-                    out[name] = (frame, json.loads(record.read_text(encoding="utf-8")) if record.is_file() else {})
-                break
+            table, record = place / "evaluations.csv", place / "run.json"
+            if not (folder / "policy.json").is_file() or not table.is_file():
+                continue
+            with contextlib.suppress(InvalidInput):  # a curve that cannot be read is not shown
+                frame = tabular.read_csv(table)
+                about = files.json_(record) if record.is_file() else {}
+                if {"steps", "score"} <= set(frame) and frame["score"].notna().any() and isinstance(about, dict):
+                    out[name] = (frame, about)
+            break
     return out
 
 

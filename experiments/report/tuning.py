@@ -1,10 +1,12 @@
 """What tuning left behind: how much worse a tuned controller gets when one of its parameters is 20 % off."""
 
-from pathlib import Path
+import contextlib
 
 import pandas as pd
 import plotly.graph_objects as go
 
+from ...envs.plant.quantity import InvalidInput
+from .. import runs, tabular
 from .figure import Figure
 from .heat import SHOWN
 from .numbers import fixed
@@ -16,11 +18,12 @@ def studies(controllers: list[str]) -> dict[str, pd.DataFrame]:
     """Sensitivity tables (:func:`tune.outcome.sensitivity`) of those controllers that ``kerfgym tune`` made."""
     out = {}
     for name in controllers:
-        path = Path(name.rpartition("=")[2] if name.count("=") == 1 and ":" not in name else name.split(":")[0])
-        table = path.parent / "sensitivity.parquet"
-        if path.suffix == ".toml" and table.is_file():
-            frame = pd.read_parquet(table)
-            if {"parameter", "side", "moved"} <= set(frame) and len(frame):
+        path = runs.near(name.rpartition("=")[2] if name.count("=") == 1 and ":" not in name else name.split(":")[0])
+        if path is None or path.suffix != ".toml" or not (table := path.parent / "sensitivity.parquet").is_file():
+            continue
+        with contextlib.suppress(InvalidInput):  # a table that cannot be read is not shown
+            frame = tabular.read_parquet(table)
+            if list(frame.columns[:4]) == ["parameter", "value", "side", "moved"] and len(frame) and frame.shape[1] > 4:
                 out[name] = frame
     return out
 

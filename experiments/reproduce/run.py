@@ -1,6 +1,5 @@
 """Runs studies in worker processes; each leaves its rows and figures in the run folder, so that a run can go on."""
 
-import json
 import math
 import time
 import traceback
@@ -11,11 +10,12 @@ from typing import Any
 
 from joblib import Parallel, delayed
 
+from ...envs import files
 from ...envs.plant.quantity import InvalidInput
 from .. import runs
 from ..report.pictures import png
 from . import page
-from .claims import Estimate, Evidence, Row, Study, Trial, studies
+from .claims import VERDICTS, Estimate, Evidence, Row, Study, Trial, studies
 
 PARTS, FIGURES = "parts", "figures"
 
@@ -72,13 +72,16 @@ def _file(folder: Path, name: str) -> Path:
 
 
 def _kept(folder: Path, s: Study, stamp: dict[str, Any]) -> dict[str, Any] | None:
-    """What an interrupted run of the same version and seeds found."""
+    """What an interrupted run of the same version and seeds found; what is not as we wrote it is found anew."""
     try:
-        part = json.loads(_file(folder, s.name).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        part = files.json_(_file(folder, s.name))
+        whole = all(files.within(folder / FIGURES, Path(d["file"]).name, "figure").is_file() for d in part["drawings"])
+        mine = part["study"] == s.name and part["stamp"] == stamp and not part["error"]
+        mine &= all(d["file"] == f"{FIGURES}/{s.document}-{d['name']}.png" for d in part["drawings"])
+        mine &= all(row["verdict"] in VERDICTS for row in part["rows"])
+    except (InvalidInput, KeyError, TypeError):
         return None
-    whole = all((folder / d["file"]).is_file() for d in part["drawings"])
-    return part if part["stamp"] == stamp and whole and not part["error"] else None
+    return part if mine and whole else None
 
 
 def _one(name: str, folder: Path, seeds: int, stamp: dict[str, Any]) -> dict[str, Any]:

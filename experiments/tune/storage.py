@@ -18,10 +18,13 @@ from typing import Any, cast
 
 import optuna
 from optuna.storages import BaseStorage, JournalStorage, RDBStorage
-from optuna.storages.journal import JournalFileBackend
+from optuna.storages.journal import BaseJournalBackend, JournalFileBackend
 from optuna.storages.journal._file import BaseJournalFileLock
+from optuna.storages.journal._storage import JournalOperation
 
+from ...envs import files, secrets
 from ...envs.plant.quantity import InvalidInput
+from . import soundness
 
 JOURNAL = "study.journal"
 SPACE = "space"
@@ -68,22 +71,22 @@ def opened(url: str) -> BaseStorage:
         InvalidInput: unreachable, or a driver is missing.
     """
     if is_file(url):
-        return JournalStorage(_journal(Path(url)))
+        return _replayed(_journal(Path(url)), Path(url))
     # SQLAlchemy takes psycopg2 unless told otherwise; what is installed here is psycopg.
     url = re.sub(r"^postgres(ql)?://", "postgresql+psycopg://", url)
     with reachable(url):
         if url.startswith("redis"):
             from optuna.storages.journal import JournalRedisBackend
 
-            return JournalStorage(JournalRedisBackend(url))
+            return JournalStorage(_WithoutSnapshots(JournalRedisBackend(url)))
         if url.startswith("postgresql"):
             return _postgresql(url)
         return _again(lambda: RDBStorage(url))
 
 
 def hidden(url: str) -> str:
-    """The URL without its password."""
-    return re.sub(r"(://[^:/@]*):[^@]*@", r"\1:…@", url)
+    """The URL without its passwords."""
+    return secrets.masked_word(url)
 
 
 @contextlib.contextmanager
@@ -95,10 +98,13 @@ def reachable(url: str) -> Iterator[None]:
     """
     import sqlalchemy.exc
 
+    def said(error: Any) -> str:
+        return secrets.without(str(error), url)
+
     try:
         yield
     except (ModuleNotFoundError, ImportError) as error:
-        raise InvalidInput(f"storage '{hidden(url)}': a driver is missing: {error}") from None
+        raise InvalidInput(f"storage '{hidden(url)}': a driver is missing: {said(error)}") from None
     except sqlalchemy.exc.ArgumentError:
         raise InvalidInput(
             f"storage '{hidden(url)}' is not a URL such as postgresql://user@host/database or sqlite:///file"
@@ -107,16 +113,48 @@ def reachable(url: str) -> Iterator[None]:
         cause = error.__cause__ or error.__context__ or error
         line = str(getattr(cause, "orig", cause)).strip().splitlines()
         raise InvalidInput(
-            f"storage '{hidden(url)}' cannot be used: {line[0] if line else type(cause).__name__}; "
+            f"storage '{hidden(url)}' cannot be used: {said(line[0]) if line else type(cause).__name__}; "
             "trials that it took are kept"
         ) from None
     except (ConnectionError, TimeoutError) as error:
-        raise InvalidInput(f"storage '{hidden(url)}' cannot be reached: {error}") from None
+        raise InvalidInput(f"storage '{hidden(url)}' cannot be reached: {said(error)}") from None
     except OSError as error:
         raise InvalidInput(
-            f"cannot write '{error.filename or url}': {error.strerror or error}; what is there is kept, "
+            f"cannot write '{error.filename or hidden(url)}': {error.strerror or error}; what is there is kept, "
             "and the same command goes on"
         ) from None
+
+
+class _WithoutSnapshots(BaseJournalBackend):
+    """A journal whose entries alone are read. Its snapshots are pickles, and whoever can write into the database could
+    have them run code."""
+
+    def __init__(self, backend: Any) -> None:
+        self._backend = backend
+
+    def read_logs(self, log_number_from: int) -> Any:
+        return self._backend.read_logs(log_number_from)
+
+    def append_logs(self, logs: list[dict[str, Any]]) -> None:
+        self._backend.append_logs(logs)
+
+
+def _replayed(journal: JournalFileBackend, file: Path) -> JournalStorage:
+    """A study as its journal tells it.
+
+    Raises:
+        InvalidInput: its entries do not fit each other; they were changed, or lost.
+    """
+    try:
+        return JournalStorage(journal)
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError, AssertionError, OverflowError) as error:
+        what = f"{type(error).__name__}: {error}".rstrip(": ").split("\n")[0][:200]
+    except (optuna.exceptions.OptunaError, RuntimeError) as error:
+        what = str(error).split("\n")[0][:200]
+    raise InvalidInput(
+        f"'{file}' cannot be read on: its entries do not fit each other ({what}); was it edited? Use another --name, "
+        "or --overwrite to begin anew"
+    )
 
 
 def _journal(file: Path) -> JournalFileBackend:
@@ -136,19 +174,28 @@ def repair(file: Path) -> None:
     Raises:
         InvalidInput: the file is damaged elsewhere too, or is no journal.
     """
-    if not file.is_file():
+    if not file.exists():
         return
-    whole = file.read_bytes()
+    whole = files.data(file, files.NUMBERS)
     kept = whole[: whole.rfind(b"\n") + 1]
+    made = {"study_id": 0, "trial_id": 0}
     for number, line in enumerate(kept.splitlines(), 1):
         try:
             entry = json.loads(line)
-        except ValueError:
+        except (ValueError, RecursionError):
             entry = None
         if not isinstance(entry, dict) or "op_code" not in entry:
             raise InvalidInput(
                 f"'{file}', line {number}: not a journal of a study; move it away, or use another --name"
             )
+        # The library passes over what it does not know, and a study would go on without it.
+        for key, many in made.items():
+            if key in entry and not (type(entry[key]) is int and 0 <= entry[key] < many):
+                raise InvalidInput(f"'{file}', line {number}: there is no {key} {entry[key]!r}; was it edited?")
+        if not isinstance(entry.get("study_name", ""), str):
+            raise InvalidInput(f"'{file}', line {number}: study_name = {entry['study_name']!r} is no text")
+        made["study_id"] += entry["op_code"] == JournalOperation.CREATE_STUDY
+        made["trial_id"] += entry["op_code"] == JournalOperation.CREATE_TRIAL
     if len(kept) < len(whole):
         with file.open("r+b") as handle:
             handle.truncate(len(kept))
@@ -225,11 +272,14 @@ def study_of(url: str, name: str, directions: list[str], words: list[str], attri
         raise InvalidInput(
             f"the study '{name}' in '{hidden(url)}' is another one ({_difference(there, words)}); use another --name"
         )
+    soundness.check(study, hidden(url))
     return study
 
 
-def _difference(there: list[str], words: list[str]) -> str:
+def _difference(there: Any, words: list[str]) -> str:
     """How two studies differ; that of what is not searched is named where it is the only one."""
+    if not isinstance(there, list) or not all(isinstance(word, str) for word in there):
+        return f"{SPACE} is {str(there)[:80]!r}, no list of words"
     sides = [[w for w in mine if w not in other] for mine, other in ((there, words), (words, there))]
     plain = [[w for w in side if not w.startswith(FIXED)] for side in sides]
     if not any(plain):

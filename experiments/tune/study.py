@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import optuna
-from optuna.trial import Trial
+from optuna.trial import FrozenTrial, Trial
 
 from ...envs import stack as stacks
 from ...envs.plant.quantity import InvalidInput
@@ -139,6 +139,16 @@ class Task:
         return *told, f"best {best:.4g} {unit}".rstrip(" 1")
 
 
+def _measured(trials: list[FrozenTrial]) -> dict[str, tuple[bool, int]]:
+    """What finished trials have measured of each candidate: whether its Ms, and how many parts of the scenarios."""
+    found: dict[str, tuple[bool, int]] = {}
+    for trial in trials:
+        word = trial.user_attrs.get("candidate", "")
+        peak, parts = found.get(word, (False, 0))
+        found[word] = peak or "ms" in trial.user_attrs, max(parts, trial.user_attrs.get("parts", 0))
+    return found
+
+
 def controller(spec: str) -> Stack | Team:
     """A stack or, if the words name several slots, a team."""
     return stacks.team(spec) if stacks.is_team(spec) else stacks.resolve(spec)
@@ -163,16 +173,27 @@ class RollOuts(Work):
         self.evaluator = task.evaluator(threads=threads)
         self.validation = Ledger()
         self._known: dict[str, _Known] = {}
+        self._again, self._lost = 0, {}
+        if not task.url or storage.is_file(task.url):
+            self._lost = _measured(done(self.study))
 
     def one(self, trial: Trial) -> None:
-        """One trial from candidate to value."""
+        """One trial from candidate to value.
+
+        Its steps are those that the study needed for it. What an earlier process of the same study had measured, and
+        took with it, is measured again but does not count, or a study with a budget would end with fewer trials for
+        having been interrupted.
+        """
         ledger = self.evaluator.ledger
-        steps, seconds = ledger.steps, ledger.cpu_seconds
+        steps, seconds, self._again = ledger.steps, ledger.cpu_seconds, 0
         try:
             values = self._values(trial)
         except optuna.TrialPruned:
             values = None
-        self.over(trial, values, steps=ledger.steps - steps, cpu_seconds=round(ledger.cpu_seconds - seconds, 4))
+        self.over(
+            trial, values, steps=ledger.steps - steps - self._again,
+            cpu_seconds=round(ledger.cpu_seconds - seconds, 4),
+        )  # fmt: skip
 
     def _values(self, trial: Trial) -> list[float]:
         task, limits, first = self.task, self.task.limits, trial.number == 0
@@ -182,10 +203,14 @@ class RollOuts(Work):
         except InvalidInput:  # what is in range alone may be impossible together
             trial.set_constraint("possible", goals.FAR)
             raise optuna.TrialPruned from None
-        known = self._known.setdefault(str(sorted(values.items())), _Known())
+        known = self._known.setdefault(word := str(sorted(values.items())), _Known())
+        lost, ledger = self._lost.get(word, (False, 0)), self.evaluator.ledger
+        trial.set_user_attr("candidate", word)
         if math.isfinite(limits.ms):
             if known.peak is None:
+                before = ledger.steps
                 known.peak = self.evaluator.peak(candidate)
+                self._again += (ledger.steps - before) * lost[0]
             peak = known.peak
             trial.set_user_attr("ms", told_number(peak))
             broken = limits.peak(peak)
@@ -196,8 +221,11 @@ class RollOuts(Work):
         core = self.evaluator.core
         for i in range(self.evaluator.parts):
             if i == len(known.parts):
+                before = ledger.steps
                 try:
                     known.parts.append(self.evaluator.part(i, candidate, task.wanted))
+                    trial.set_user_attr("parts", len(known.parts))
+                    self._again += (ledger.steps - before) * (i < lost[1])
                 except InvalidInput:  # a feed that the axes cannot do, a dither that the optics cannot
                     trial.set_constraint("possible", goals.FAR)
                     raise optuna.TrialPruned from None

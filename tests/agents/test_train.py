@@ -1,11 +1,13 @@
 """Training: every algorithm on every environment, killed and resumed, and what it says to bad input."""
 
 import csv
+import errno
 import json
 import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 import tomllib
 
@@ -20,7 +22,7 @@ from kerfgym.agents import checkpoint, settings
 from kerfgym.agents.evaluation import Evaluator
 from kerfgym.agents.learner import environment, falling, learner
 from kerfgym.agents.spread import SpreadPolicy
-from kerfgym.agents.train import CHECKPOINT, train
+from kerfgym.agents.train import CHECKPOINT, curves_are_written, train
 from kerfgym.envs import scenarios
 from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.experiments import cli
@@ -158,6 +160,34 @@ def test_killed_in_earnest_the_same_command_goes_on_to_the_same_policy(tmp_path)
     record = json.loads((tmp_path / "runs" / "x" / "run.json").read_text())
     assert record["ledger"]["training_steps"] == 4096
     assert record["settings"]["algorithm.n_steps"] == 16
+
+
+def test_a_checkpoint_that_holds_something_else_is_refused(tmp_path):
+    train(tiny("ppo"), tmp_path)
+    whole = checkpoint.read(tmp_path / CHECKPOINT)
+    for key in ("identity", "model", "best", "rows"):
+        content = {name: value for name, value in whole.items() if name != key}
+        checkpoint.write(tmp_path / CHECKPOINT, content)
+        with pytest.raises(InvalidInput, match="does not fit its training"):
+            train(tiny("ppo"), tmp_path, resume=True)
+
+
+def test_curves_that_the_disk_does_not_take_are_one_line(tmp_path, capfd):
+    def fails():
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    def writes():
+        with curves_are_written(tmp_path / "curves"):
+            thread = threading.Thread(target=fails)  # as tensorboard's, which raises it once more where it is flushed
+            thread.start()
+            thread.join()
+            fails()
+
+    before = threading.excepthook
+    with pytest.raises(InvalidInput, match=r"cannot write '.*curves': No space left on device; nothing written before"):
+        writes()
+    assert capfd.readouterr().err == ""
+    assert threading.excepthook is before
 
 
 def test_a_checkpoint_of_another_training_is_refused(tmp_path):

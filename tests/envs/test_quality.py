@@ -347,7 +347,7 @@ def test_100_micrometres_of_following_error_show_on_thin_sheet_and_hardly_on_10_
 
 def test_every_material_cuts_through_at_its_recipe():
     for name in materials.names():
-        low, high = materials._read(name)["thickness"]
+        low, high = materials._read(materials.FOLDER / f"{name}.toml")["thickness"]
         for thickness in np.linspace(low, high, 4):
             steel = materials.material(name, float(thickness))
             figures = streaming(steel, length=20.0)

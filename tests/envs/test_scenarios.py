@@ -204,7 +204,12 @@ def test_every_number_of_the_following_suites_is_the_frozen_one(group, name):
     shipped = asdict(suite(group)[name])
     for table in ("head", "sheet"):
         assert all(shipped[table].pop(name, None) is None for name in ("table", "signal", "map"))
-    unused = {"job": None, "gantry": asdict(scenarios.Gantry()), "optics": asdict(scenarios.Optics())}
+    unused = {
+        "job": None,
+        "drawing": asdict(scenarios.Reading()),
+        "gantry": asdict(scenarios.Gantry()),
+        "optics": asdict(scenarios.Optics()),
+    }
     assert {key: value for key, value in shipped.items() if key not in ("name", "summary")} == {**frozen, **unused}
     assert suite(group)[name].name == name
 
@@ -646,7 +651,7 @@ def test_a_bad_profile_is_named_by_file_row_and_column(measured, text, message):
 
 def test_a_profile_that_does_not_exist_is_named(tmp_path):
     (tmp_path / "measured.toml").write_text(PROFILE, encoding="utf-8")
-    with pytest.raises(InvalidInput, match=r"surface\.csv: No such file"):
+    with pytest.raises(InvalidInput, match=r"surface\.csv': No such file"):
         load(tmp_path / "measured.toml")
 
 
@@ -657,7 +662,7 @@ def test_a_profile_that_does_not_exist_is_named(tmp_path):
     ("name", "message"),
     [
         ("wavvy", r"unknown scenario 'wavvy'; did you mean 'wavy'\? \(known: .*tip-up.*\), or a path to a TOML file"),
-        ("nowhere.toml", r"cannot read scenario file nowhere\.toml: .*No such file"),
+        ("nowhere.toml", r"cannot read 'nowhere\.toml': No such file"),
     ],
 )
 def test_an_unknown_scenario_is_answered_with_the_nearest(name, message):

@@ -99,6 +99,17 @@ def test_an_unknown_kind_is_answered_with_the_nearest(capsys):
     assert "unknown kind 'metric'; did you mean 'metrics'?" in refused(capsys, "list", "metric")
 
 
+def test_a_reader_that_has_seen_enough_is_no_error(here):
+    process = subprocess.Popen(
+        [sys.executable, "-m", "kerfgym.experiments.cli", "list"], cwd=here, stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert process.stdout.readline() == "environments:\n"
+    process.stdout.close()
+    assert process.stderr.read() == ""
+    assert process.wait(60) == 141  # as a shell says of a program that a closed pipe has ended
+
+
 def test_the_version_is_the_packages(capsys):
     main(["--version"])
     assert capsys.readouterr().out == f"kerfgym {kerfgym.__version__}\n"
@@ -256,6 +267,11 @@ def test_the_standard_benchmark_is_the_whole_suite_with_200_test_seeds(asked):
         (["-c", "xy=pid"], "controller 'pid' drives slot 'z', not 'xy'"),
         (["-c", "mine.py:Mien"], "module 'mine.py' has no 'Mien'; did you mean 'Mine'?"),
         (["-c", "yours.py:Mine"], "no file 'yours.py'"),
+        (["-c", ":x"], "':x': nothing stands before the colon"),
+        (["-c", "pid:"], "'pid:': nothing stands after the colon"),
+        (["-c", ".mine:Mine"], "'.mine' is no module's name"),
+        (["-c", "torn.py:Mine"], "torn.py, line 2: "),
+        (["-c", "fails.py:Mine"], "fails.py, line 2: ZeroDivisionError: division by zero"),
         (["-s", "wavvy"], "unknown scenario 'wavvy'; did you mean 'wavy'?"),
         (["-s", "broken.toml"], "broken.toml: not valid TOML"),
         (["-s", "misspelt.toml"], "misspelt.toml, line 5: unknown key 'sheet.tlit'; did you mean 'tilt'?"),
@@ -280,6 +296,8 @@ def test_the_standard_benchmark_is_the_whole_suite_with_200_test_seeds(asked):
 )
 def test_bad_input_is_named_and_leaves_nothing_behind(here, capsys, words, message):
     (here / "broken.toml").write_text("name = = 3\n", encoding="utf-8")
+    (here / "torn.py").write_text("class Mine:\n    def control(self:\n", encoding="utf-8")
+    (here / "fails.py").write_text("def f():\n    return 1 / 0\nf()\n", encoding="utf-8")
     (here / "misspelt.toml").write_text(SHORT.replace("tilt", "tlit"), encoding="utf-8")
     assert message in refused(capsys, "benchmark", *words)
     assert not (here / "runs").exists()

@@ -523,7 +523,8 @@ def test_a_follower_along_a_drawing_has_a_kerf_too(made_up):
     assert np.isfinite(values["dross"]).sum() == (results.traces["scored"] > 0.5).sum() / 2
 
 
-def test_studies_and_trainings_are_found_beside_their_controllers(tmp_path):
+def test_studies_and_trainings_are_found_beside_their_controllers(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # nothing outside of it is read because a record names it
     tuned = pd.DataFrame({
         "parameter": ["law.kp"], "value": [50.0], "side": [1], "moved": [60.0], "rms_true": [1.1], "ms": [2.0],
     })  # fmt: skip

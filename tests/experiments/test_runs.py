@@ -228,9 +228,73 @@ def test_without_a_name_the_same_command_finds_what_it_began(types, tmp_path):
     assert named(None, "x-") != first
     with pytest.raises(InvalidInput, match=f"--resume needs --name; unfinished in runs/: {first.name}"):
         named(None, resume=True)
-    write_json(first / "run.json", {})
     types(*BENCHMARK)
+    with at_work(first):
+        write_json(first / "run.json", {})
     assert named(None, "x-") != first
+
+
+def test_a_command_that_was_killed_after_its_record_comes_to_its_end_with_the_same_command(types, tmp_path, capsys):
+    folder = tmp_path / "runs" / "x"
+    types(*BENCHMARK)
+    interrupted(folder)
+    write_json(folder / "run.json", {"figures": 1})
+    (folder / ".runs.parquet.a1b2c3d4").write_bytes(b"half of a table")
+    types("kerfgym", "benchmark")
+    with pytest.raises(InvalidInput, match=r"x' exists and holds what .* began; use --resume to finish it"):
+        open_folder(folder)
+    types(*BENCHMARK)
+    assert named(None, "x-").resolve() == folder
+    with at_work(folder, spent=["parts"]):
+        assert contents(folder) == [".begun", "parts", "parts/1.json", "run.json"]  # nothing is lost by going on
+    assert contents(folder) == ["run.json"]
+
+
+def test_a_run_is_over_when_the_command_is(types, tmp_path):
+    """What it shows at its end is part of it: killed there, the same command shows it."""
+    types(*BENCHMARK)
+    closing = contextlib.ExitStack()
+    before = typed.AFTERWARDS.set(closing)
+    with at_work(tmp_path / "x", spent=["parts"]):
+        write_json(tmp_path / "x" / "parts" / "1.json", [])
+        write_json(tmp_path / "x" / "run.json", {})
+    typed.AFTERWARDS.reset(before)
+    assert contents(tmp_path / "x") == [".begun", "parts", "parts/1.json", "run.json"]
+    with pytest.raises(InvalidInput, match="another command is at work"):
+        open_folder(tmp_path / "x")
+    closing.close()
+    assert contents(tmp_path / "x") == ["run.json"]
+
+
+def test_a_command_that_was_killed_in_its_first_moment_left_nothing_to_go_on_with(types, tmp_path):
+    (tmp_path / "x").mkdir()
+    (tmp_path / "x" / ".begun").touch()
+    types(*BENCHMARK)
+    with at_work(tmp_path / "x"):
+        assert begun(tmp_path / "x") == ["kerfgym benchmark -s 'my sheet.toml'"]
+
+
+@pytest.mark.parametrize("last", ["run.json", "parts"])
+def test_overwriting_that_was_killed_may_be_repeated(unfinished, monkeypatch, last):
+    """What makes it a run's folder is removed last."""
+    write_json(unfinished / "run.json", {})
+    (unfinished / "a.csv").touch()
+    (unfinished / "z.csv").touch()
+    remove, monkeypatched = os.unlink, []
+
+    def dies(path, *rest, **more):
+        if os.path.basename(path) == last or (last == "parts" and os.path.basename(path) == "0123.json"):
+            monkeypatched.append(path)
+            raise KeyboardInterrupt
+        remove(path, *rest, **more)
+
+    with monkeypatch.context() as patch:
+        patch.setattr("os.unlink", dies)
+        with pytest.raises(KeyboardInterrupt):
+            open_folder(unfinished, overwrite=True)
+    assert monkeypatched
+    open_folder(unfinished, overwrite=True)
+    assert contents(unfinished) == []
 
 
 def test_a_folder_in_which_a_command_is_at_work_is_nobody_elses(types, tmp_path):

@@ -376,6 +376,31 @@ def test_an_unfinished_search_with_a_budget_goes_on_to_the_same_end(here, plain)
     assert told(done(whole)) == told(done(cut))
 
 
+def test_candidates_that_come_again_cost_a_killed_search_no_more_than_one_that_was_not(here, few, plain):
+    """A whole number has few values, and what is known is not run again; what a killed process knew must not be paid
+    for twice, or its study ends with fewer trials."""
+    task = replace(
+        TASK, what=("filter.window=3..8",), budget=6_000_000, limits=Limits(2.5), trials=30, sampler="random"
+    )
+    tune(task, Path("runs/whole"), threads=1)
+    study = replace(task, url=str(storage.url_of(None, Path("runs/cut"))), name="cut")
+    Path("runs/cut").mkdir()
+    for more in (2, 4, 5):  # a process each
+        replace(study, trials=more).work(1).run([])
+    tune(task, Path("runs/cut"), threads=1, resume=True)
+    whole, cut = (
+        done(replace(task, url=str(storage.url_of(None, Path("runs") / n)), name=n).open()) for n in ("whole", "cut")
+    )
+    assert told(whole) == told(cut)
+    assert [t.user_attrs["steps"] for t in whole] == [t.user_attrs["steps"] for t in cut]
+    after = [t.params["filter.window"] for t in whole[5:]]
+    assert set(after) & {t.params["filter.window"] for t in whole[:5]}  # some came again after the cut
+    assert len(whole) < 30
+    bodies = [tomllib.loads(Path(f"runs/{n}/tuned.toml").read_text(encoding="utf-8")) for n in ("whole", "cut")]
+    assert bodies[0]["parameters"] == bodies[1]["parameters"]
+    assert bodies[0]["provenance"]["simulated_steps"] == bodies[1]["provenance"]["simulated_steps"]
+
+
 def test_several_metrics_give_a_front(here, few):
     task = Task("xi2023-improved", ("law.kv",), metrics=("rms_true", "jitter"), limits=Limits(2.0), sampler="nsga2",
                 seeds=1, trials=40)  # fmt: skip

@@ -152,7 +152,7 @@ def test_the_best_settings_can_be_trained_with(whole, here, capsys):
         (["sac", "--preset", str(file)], "is for algorithm 'ppo', not 'sac'"),
         (["ppo", "--preset", str(file), "--env", CUTTING], f"is for environment '{HEIGHT}', not '{CUTTING}'"),
         (["ppo", "--preset", "nowhere.toml"], "cannot read 'nowhere.toml': No such file"),
-        (["ppo", "--preset", str(whole / "plots/history.png")], "is not TOML"),
+        (["ppo", "--preset", str(whole / "plots/history.png")], "is not UTF-8 (byte 0x89)"),
     ):
         with pytest.raises(SystemExit):
             main(["train", *words, "--name", "z"])

@@ -1,5 +1,6 @@
 """DXF: contours in cutting order, with lengths from closed forms."""
 
+import re
 from itertools import pairwise
 
 import ezdxf
@@ -8,11 +9,11 @@ import pytest
 from scipy.interpolate import BSpline
 from scipy.special import ellipe
 
-from kerfgym.envs.paths import dxf
 from kerfgym.envs.paths.contours import GAP
 from kerfgym.envs.paths.curve import CHORD
 from kerfgym.envs.paths.drawing import journey
 from kerfgym.envs.paths.dxf import read_dxf
+from kerfgym.envs.paths.dxf_walk import NESTING
 from kerfgym.envs.plant.path import SPACING
 from kerfgym.envs.plant.quantity import InvalidInput
 
@@ -315,7 +316,7 @@ def test_a_file_without_header_is_in_mm_and_says_so(tmp_path):
     drawing = read_dxf(tmp_path / "bare.dxf")
     assert (drawing.name, drawing.units) == ("bare", "mm")
     assert drawing.cut_length == pytest.approx(50.0)
-    assert drawing.warnings == ["no unit in the header, read as mm; units= reads it otherwise"]
+    assert drawing.warnings == ["no unit in the header, read as mm; --units reads it otherwise"]
 
 
 def test_a_measurement_that_contradicts_the_guess_is_named(tmp_path):
@@ -642,7 +643,7 @@ def test_the_beam_is_off_between_contours(sheet):
 # Errors
 
 
-@pytest.mark.parametrize("content", [b"", b"solid\n", bytes(range(256)), b"0\nSECTION\n2\nENTITIES\n0\nLINE\n10\n"])
+@pytest.mark.parametrize("content", [b"", b"solid\n", bytes(range(256))])
 def test_what_is_not_dxf_is_refused(tmp_path, content):
     (tmp_path / "part.dxf").write_bytes(content)
     with pytest.raises(InvalidInput, match=r"part\.dxf: cannot be read as DXF: "):
@@ -657,37 +658,57 @@ def test_a_drawing_with_nothing_to_cut_says_what_is_in_it(sheet):
 
 
 def test_unknown_units_are_refused_with_the_known_ones(sheet):
-    with pytest.raises(InvalidInput, match=r"\$INSUNITS = 20 .* allowed: 0 \(unitless\), 1 \(inches\), 4 \(mm\), 5"):
+    with pytest.raises(InvalidInput, match=r"\$INSUNITS = 20 .* allowed: 0 \(unitless\), 1 \(inches\), 2 \(feet\), 3"):
         sheet(lambda space: space.add_line((0, 0), (9, 9)), insunits=20)
 
 
-@pytest.mark.parametrize(("side", "insunits"), [(20.0, 6), (0.1, 4)])
+@pytest.mark.parametrize(("side", "insunits"), [(4000.0, 6), (0.1, 4)])
 def test_absurd_lengths_are_refused_with_the_range_and_the_unit(sheet, side, insunits):
     unit = {6: "m", 4: "mm"}[insunits]
-    with pytest.raises(InvalidInput, match=rf"out of range; allowed: 1 to 50000 mm; the drawing was read in {unit}$"):
+    with pytest.raises(
+        InvalidInput,
+        match=rf"out of range; allowed: 1 to 1e\+07 mm; (the drawing was read in {unit}|is the unit right\?)$",
+    ):
         sheet(lambda space: box(space, 0, 0, side), insunits)
 
 
 def test_moves_count_towards_the_length(sheet):
     def draw(space):
         box(space, 0, 0, 10)
-        box(space, 60e3, 0, 10)
+        box(space, 1.2e6, 0, 10)
 
-    with pytest.raises(InvalidInput, match=r"a journey of 60080 mm \(80 mm of it cut\)"):
+    with pytest.raises(InvalidInput, match=r"a journey of 1\.20008e\+06 mm is out of range; allowed: up to 1e\+06 mm"):
+        journey(sheet(draw))
+
+
+@pytest.mark.parametrize(
+    ("draw", "message"),
+    [
+        (lambda space: space.add_spline(), r"SPLINE\(#\w+\): .*control- or fit points"),
+        (lambda space: space.add_line((0, float("nan")), (1, 1)), r" LINE\(#\w+\): coordinates that are not numbers"),
+        (lambda space: space.add_circle((0, 0), float("nan")), r"CIRCLE\(#\w+\): coordinates that are not numbers"),
+        (
+            lambda space: space.add_lwpolyline([(0, 0, 1), (float("inf"), 1, 0)], format="xyb"),
+            r"LWPOLYLINE\(#\w+\): coordinates that are not numbers",
+        ),
+        (
+            lambda space: space.add_blockref("absent", (0, 0)),
+            r"not in the file are left out: 'absent' \(INSERT\(#\w+\)",
+        ),
+    ],
+)
+def test_an_entity_that_cannot_be_read_is_left_out_and_named(sheet, draw, message):
+    with pytest.raises(InvalidInput, match=rf"nothing to cut in it; .*{message}"):
         sheet(draw)
 
+    def also(space):
+        draw(space)
+        box(space, 0, 0, 10)
 
-def test_an_entity_that_cannot_be_read_is_named(sheet):
-    with pytest.raises(InvalidInput, match=r"SPLINE\(#\w+\) cannot be read: .*control- or fit points"):
-        sheet(lambda space: space.add_spline())
-    with pytest.raises(InvalidInput, match=r"LINE\(#\w+\) has coordinates that are not numbers"):
-        sheet(lambda space: space.add_line((0, float("nan")), (1, 1)))
-    with pytest.raises(InvalidInput, match=r"CIRCLE\(#\w+\) has coordinates that are not numbers"):
-        sheet(lambda space: space.add_circle((0, 0), float("nan")))
-    with pytest.raises(InvalidInput, match=r"LWPOLYLINE\(#\w+\) has coordinates that are not numbers"):
-        sheet(lambda space: space.add_lwpolyline([(0, 0, 1), (float("inf"), 1, 0)], format="xyb"))
-    with pytest.raises(InvalidInput, match=r"INSERT\(#\w+\) cannot be read: .*absent"):
-        sheet(lambda space: space.add_blockref("absent", (0, 0)))
+    drawing = sheet(also)
+    assert drawing.cut_length == pytest.approx(40.0)
+    assert re.search(message, " " + drawing.notes[0])
+    assert sum(drawing.skipped.values()) == 1
 
 
 def test_a_block_that_contains_itself_is_refused(sheet):
@@ -696,5 +717,5 @@ def test_a_block_that_contains_itself_is_refused(sheet):
         block.add_blockref("loop", (1, 1))
         space.add_blockref("loop", (0, 0))
 
-    with pytest.raises(InvalidInput, match=f"nested more than {dxf.NESTING} deep"):
+    with pytest.raises(InvalidInput, match=f"nested more than {NESTING} deep"):
         sheet(draw)

@@ -1,5 +1,7 @@
 """SVG: outlines in mm with the y axis up, against closed forms and svgpathtools' own lengths."""
 
+import re
+
 import numpy as np
 import pytest
 import svgpathtools
@@ -253,15 +255,15 @@ def test_what_is_not_cut_is_counted(picture):
 
 def test_what_changes_only_the_looks_is_named(picture):
     drawing = picture(
-        "<style>.fold { display: none }</style>",
+        "<style>g &gt; rect { display: none } /* g */</style>",
         '<rect width="10" height="10" clip-path="url(#c)"/>',
         '<rect x="20" width="10" height="10" style="stroke-dasharray: 1,1"/>',
         '<rect x="40" width="10" height="10" style="stroke-dasharray:none" mask="none"/>',
     )
     assert drawing.warnings == [
-        "style sheet: 'display' is not read (line 2)",
-        "clip-path clips nothing: whole shapes are cut (line 3)",
-        "stroke-dasharray is left out: dashes are cut as one line (line 4)",
+        "style sheet: some rules are not read: 'g > rect' in line 2",
+        "clip-path clips nothing, whole shapes are cut: line 3",
+        "stroke-dasharray is left out, dashes are cut as one line: line 4",
     ]
 
 
@@ -278,7 +280,7 @@ def test_what_changes_only_the_looks_is_named(picture):
         ('<path d="M0 0 L 1e400 5"/>', r"line 3: path: coordinates that are not numbers"),
         ('<path d="M0 0 A 5 5 0 1 1 0 0"/>', r"cannot be read: an arc that ends where it begins"),
         ('<circle r="ten"/>', r"line 3: circle: r = 'ten' is not a length; allowed: a number with px, mm, cm"),
-        ('<circle r="2em"/>', r"r = '2em' is not a length"),
+        ('<circle r="2lh"/>', r"r = '2lh' is not a length"),
         ('<rect width="-3" height="5"/>', r"line 3: rect: its size is negative"),
         ('<polygon points="0 0 1 1 2"/>', r"line 3: polygon: points has 5 numbers; they must come in pairs"),
         ('<polygon points="0 0 1 nan"/>', r"line 3: polygon: points = '0 0 1 nan' are not all numbers"),
@@ -286,13 +288,27 @@ def test_what_changes_only_the_looks_is_named(picture):
         ('<g style="transform:rotate(9deg)"/>', r"line 3: g: transform cannot be read"),
         ('<use href="#none"/>', r"line 3: use: href = '#none' is nothing in this file"),
         ('<use href="other.svg#a"/>', r"line 3: use: href = 'other.svg#a' is nothing in this file"),
-        ('<g id="me"><use href="#me"/></g>', r"line 3: \w+: nested more than 64 deep; does something use itself\?"),
         ('<svg viewBox="0 0 0 5"/>', r"line 3: svg: viewBox = '0 0 0 5' is not"),
+    ],
+)
+def test_elements_that_cannot_be_read_are_left_out_and_named_with_their_line(picture, element, message):
+    drawing = picture('<rect x="50" width="5" height="5"/>', element)
+    assert drawing.cut_length == pytest.approx(20)
+    (warning,) = drawing.warnings
+    assert re.search(rf"elements that cannot be read are left out: .*{message}", warning)
+    with pytest.raises(InvalidInput, match=message.replace("line 3", "line 2")):
+        picture(element)
+
+
+@pytest.mark.parametrize(
+    ("element", "message"),
+    [
+        ('<g id="me"><use href="#me"/></g>', r"line 3: \w+: nested more than 64 deep; does something use itself\?"),
         ("<rect>", r"line 4: cannot be read as SVG: mismatched tag"),
     ],
 )
-def test_mistakes_are_named_with_their_line(picture, element, message):
-    with pytest.raises(InvalidInput, match=rf"part\.svg, {message}" if message.startswith("line") else message):
+def test_mistakes_of_the_whole_file_are_refused_with_their_line(picture, element, message):
+    with pytest.raises(InvalidInput, match=rf"part\.svg, {message}"):
         picture('<rect x="50" width="5" height="5"/>', element)
 
 

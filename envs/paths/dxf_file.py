@@ -1,0 +1,159 @@
+"""DXF files: read as they should be, or repaired as far as they can be."""
+
+import io
+import logging
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from ..plant.quantity import InvalidInput
+from .collected import MOST_ENTITIES
+
+SUBCLASS = {
+    "LWPOLYLINE": "AcDbPolyline", "SPLINE": "AcDbSpline", "MTEXT": "AcDbMText", "MESH": "AcDbSubMesh",
+    "MLINE": "AcDbMLine", "LEADER": "AcDbLeader", "MULTILEADER": "AcDbMLeader",
+}  # fmt: skip
+"""The marker without which ezdxf does not read an entity; some programs leave it out."""
+
+COMMON = {"5", "330", "102", "100", "8", "6", "48", "60", "62", "67", "370", "420", "430", "440", "410", "1001"}
+"""Group codes that stand before that marker, for they belong to every entity."""
+
+Tag = tuple[str, str]
+"""Group code and value, as they stand in the file."""
+
+BINARY = b"AutoCAD Binary DXF"
+
+DRAWN = re.compile(
+    rb"(?m)^ *0\r?\n *(?:LINE|ARC|CIRCLE|ELLIPSE|LWPOLYLINE|POLYLINE|SPLINE|POINT|INSERT|TEXT|MTEXT|HATCH|SOLID|TRACE"
+    rb"|3DFACE)\r?$"
+)
+"""Where an entity begins that is drawn, in a text file."""
+
+CODE = re.compile(r"-?\d{1,4}")
+
+WHOLE = ((60, 79), (90, 99), (160, 179), (270, 289), (370, 389), (400, 409), (420, 429), (440, 459), (1060, 1071))
+"""Ranges of group codes whose values are whole numbers. [P] DXF reference"""
+
+REAL = ((10, 59), (110, 149), (210, 239), (460, 469), (1010, 1059))
+"""Those whose values are numbers."""
+
+
+def document_of(file: Path) -> tuple[Any, list[str]]:
+    """The file as ezdxf's document, and what had to be repaired.
+
+    Raises:
+        InvalidInput: not a DXF file, or one that cannot be repaired.
+    """
+    import ezdxf  # slow
+    from ezdxf import recover
+
+    if sum(1 for _ in DRAWN.finditer(file.read_bytes())) > MOST_ENTITIES:  # before ezdxf takes seconds for them
+        raise InvalidInput(f"{file}: more than {MOST_ENTITIES} entities; allowed: no more")
+    logging.getLogger("ezdxf").setLevel(logging.CRITICAL)  # what it says there is said here
+    try:
+        return ezdxf.readfile(file), []
+    except Exception as error:  # damaged files raise whatever the damage leads to
+        first = _plain(error)
+    repairs: list[tuple[str, Callable[[], Any]]] = [("", lambda: recover.readfile(file))]
+    data = file.read_bytes()
+    if not data.startswith(BINARY):
+        repairs += [
+            ("", lambda: recover.read(_written(_tags(data)))),
+            (
+                ", without its tables, so that layers and line types are unknown",
+                lambda: recover.read(_written(_bare(_tags(data)))),
+            ),
+        ]
+    for loss, repair in repairs:
+        try:
+            document, auditor = repair()
+        except Exception:
+            continue
+        if len(document.modelspace()):
+            lost = f", {len(auditor.errors)} of its mistakes remain" if auditor.errors else ""
+            return document, [f"the file is damaged and was repaired{loss}{lost}: {first}"]
+    raise InvalidInput(f"{file}: cannot be read as DXF: {first}")
+
+
+def _plain(error: Exception) -> str:
+    return " ".join(str(error).split())[:200] or type(error).__name__
+
+
+# Repairs beyond those of ezdxf
+
+
+def _tags(data: bytes) -> list[Tag]:
+    """The group codes and values of a DXF file, without those that are none, with missing markers put in and an end."""
+    lines = data.decode("utf-8", "surrogateescape").splitlines()
+    tags, i = [], 0
+    while i + 1 < len(lines):
+        code = lines[i].strip()
+        if not CODE.fullmatch(code):
+            i += 1  # out of step: the next line may be a code
+            continue
+        if _is_value(int(code), lines[i + 1].strip()):
+            tags.append((code, lines[i + 1]))
+        elif any(low <= int(code) <= high for low, high in WHOLE):
+            tags.append((code, "0"))  # a flag or a count; a coordinate that is none must not become one
+        i += 2
+    if tags and tags[-1] != ("0", "EOF"):
+        tags += [("0", "ENDSEC"), ("0", "EOF")]
+    return _marked(_versioned(tags))
+
+
+def _is_value(code: int, value: str) -> bool:
+    """Whether a value is of the kind that its code asks for."""
+    whole = any(low <= code <= high for low, high in WHOLE)
+    if not whole and not any(low <= code <= high for low, high in REAL):
+        return True
+    try:
+        (int if whole else float)(value)
+    except ValueError:
+        return False
+    return True
+
+
+def _marked(tags: list[Tag]) -> list[Tag]:
+    """With the markers of :data:`SUBCLASS` where they are missing."""
+    starts = [i for i, (code, _) in enumerate(tags) if code == "0"]
+    out: list[Tag] = []
+    for begin, end in zip(starts, [*starts[1:], len(tags)], strict=True):
+        group = tags[begin:end]
+        marker = SUBCLASS.get(group[0][1].strip())
+        if marker and not any(code == "100" and value.strip() == marker for code, value in group):
+            split = next((i for i, (code, _) in enumerate(group[1:], 1) if code not in COMMON), len(group))
+            before = [tag for tag in group[:split] if tag[0] != "100"]
+            at = next((i for i, (code, _) in enumerate(before[1:], 1) if code not in ("5", "330")), len(before))
+            group = [*before[:at], ("100", "AcDbEntity"), *before[at:], ("100", marker), *group[split:]]
+        out += group
+    return out
+
+
+def _bare(tags: list[Tag]) -> list[Tag]:
+    """Header, blocks and entities alone."""
+    out: list[Tag] = []
+    kept = True
+    for i, (code, value) in enumerate(tags):
+        if code == "0" and value.strip() == "SECTION":
+            kept = i + 1 < len(tags) and tags[i + 1][1].strip() in ("HEADER", "BLOCKS", "ENTITIES")
+        elif code == "0" and value.strip() == "EOF":
+            kept = True
+        if kept:
+            out.append((code, value))
+    return out
+
+
+def _written(tags: list[Tag]) -> io.BytesIO:
+    text = "".join(f"{code}\n{value}\n" for code, value in tags)
+    return io.BytesIO(text.encode("utf-8", "surrogateescape"))
+
+
+def _versioned(tags: list[Tag]) -> list[Tag]:
+    """With a version that has such markers, in place of the one in the header or of none."""
+    old = next((i for i, (_, value) in enumerate(tags[:-1]) if value.strip() == "$ACADVER"), None)
+    if old is not None:
+        return [*tags[: old + 1], ("1", "AC1015"), *tags[old + 2 :]]
+    head = [("0", "SECTION"), ("2", "HEADER"), ("9", "$ACADVER"), ("1", "AC1015")]
+    at = next((i for i, (code, value) in enumerate(tags) if code == "2" and value.strip() == "HEADER"), None)
+    return [*head, ("0", "ENDSEC"), *tags] if at is None else [*head, *tags[at + 1 :]]

@@ -1,0 +1,115 @@
+"""Which contour lies within which: what is a part's outline, what a hole, and what waits for what.
+
+A sheet has thousands of contours, and a frame has all of them within it; so the pairs worth asking come from a tree of
+their boxes, and of the contours around one only the nearest are kept.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..plant.path import SPACING
+from .curve import Indices, Points
+
+GAP = SPACING
+"""mm by which a contour may reach beyond the one that it lies within."""
+
+SLIGHT = 1e-9
+"""Share of its squared length below which what a closed contour encloses is nothing: there and back along a line."""
+
+_BLOCK = 256
+"""Contours whose boxes are looked up at a time; all at once would fill the memory on a sheet of rings in rings."""
+
+
+@dataclass(frozen=True)
+class Nesting:
+    """How contours lie within each other.
+
+    ``around[i]``: the contours next around contour i, the smallest first; mostly none or one. ``depth[i]``: how many
+    are around it in all. ``area[i]``: mm² that it encloses, positive if it runs counter-clockwise; 0 if it is open or
+    goes there and back.
+    """
+
+    around: list[list[int]]
+    depth: Indices
+    area: npt.NDArray[np.float64]
+
+    @cached_property
+    def hole(self) -> npt.NDArray[np.bool_]:
+        """Whether a contour is a hole: within an odd number of others."""
+        return self.depth % 2 == 1
+
+
+def nested(pieces: list[Points], closed: list[bool]) -> Nesting:
+    """How the contours ``pieces`` lie within each other; by most of their points, not by all.
+
+    Args:
+        pieces: arrays of shape (n, 2), mm.
+        closed: whether each ends in its first point; open ones have nothing within them.
+    """
+    import shapely  # type: ignore[import-untyped]  # slow, as the readers of files are
+
+    count = len(pieces)
+    area = np.array([signed_area(p) if c else 0.0 for p, c in zip(pieces, closed, strict=True)])
+    low, high = (np.array([f(p, axis=0) for p in pieces]).reshape(-1, 2) for f in (np.min, np.max))
+    around: list[list[int]] = [[] for _ in range(count)]
+    depth = np.zeros(count, np.int64)
+    solid = np.flatnonzero(area)
+    if not len(solid):
+        return Nesting(around, depth, area)
+    outlines = {int(i): shapely.polygons(pieces[i]) for i in solid}
+    shapely.prepare(list(outlines.values()))
+    boxes = shapely.box(*(low[solid] - GAP).T, *(high[solid] + GAP).T)
+    tree, own = shapely.STRtree(boxes), shapely.box(*low.T, *high.T)
+    size = np.abs(area)
+    outside_in = np.argsort(-size, kind="stable")  # what is around a contour is known before the contour is asked for
+    for block in np.array_split(outside_in, max(1, count // _BLOCK)):
+        which, found = tree.query(own[block], predicate="within")
+        for at, i in enumerate(block.tolist()):
+            boxed = solid[found[which == at]]
+            boxed = boxed[size[boxed] > size[i]]
+            if len(boxed):
+                near = boxed[np.lexsort((boxed, size[boxed]))].tolist()
+                around[i], depth[i] = _around(probes(pieces[i]), near, outlines, around, depth)
+    return Nesting(around, depth, area)
+
+
+def _around(
+    points: Points, near: list[int], outlines: dict[int, Any], around: list[list[int]], depth: Indices
+) -> tuple[list[int], int]:
+    """Of the contours ``near``, smallest first, those next around ``points``, and how many are around them in all."""
+    import shapely
+
+    next_ones: list[int] = []
+    known: set[int] = set()
+    for j in near:
+        if j in known:
+            continue
+        if shapely.contains_xy(outlines[j], points).mean() > 0.5:
+            next_ones.append(j)
+            if len(next_ones) == 1 and near[0] == j and depth[j] + 1 == len(near):
+                return next_ones, len(near)  # all others are around that one
+            front = [j]
+            while front:
+                k = front.pop()
+                if k not in known:
+                    known.add(k)
+                    front += around[k]
+    return next_ones, len(known)
+
+
+def signed_area(points: Points) -> float:
+    """mm² that a closed polyline encloses, positive if it runs counter-clockwise; 0 if it is next to nothing."""
+    x, y = (points - points[0]).T
+    area = float(x[:-1] @ y[1:] - x[1:] @ y[:-1]) / 2.0
+    way = float(np.hypot(*np.diff(points, axis=0).T).sum())
+    return area if abs(area) > SLIGHT * way * way else 0.0
+
+
+def probes(points: Points) -> Points:
+    """Up to 9 points on a polyline, in the middle of its segments: corners may touch what is around them."""
+    middles = 0.5 * (points[1:] + points[:-1])
+    return middles[:: -(-len(middles) // 9)]

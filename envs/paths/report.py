@@ -1,0 +1,65 @@
+"""What a user should know about how a drawing was cleaned and joined, a sentence each."""
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .contours import GAP
+from .joining import Gap
+
+if TYPE_CHECKING:
+    from .drawing import Drawing
+
+TOLD = 5
+"""Places that are listed; further ones are counted."""
+
+LARGE = 0.1 * GAP
+"""mm, a gap beyond what the rounding of a file's numbers leaves."""
+
+
+def of(drawing: "Drawing") -> list[str]:
+    """Sentences on what was joined, what stays open, what was there twice, and what is to be engraved."""
+    return [*_cleaned(drawing), *_joined(drawing), *_engraved(drawing)]
+
+
+def _cleaned(drawing: "Drawing") -> Iterator[str]:
+    for step in drawing.cleaned:
+        if step.overlapping:
+            yield f"{_many(step.overlapping, 'line lies', 'lines lie')} on others: cut once, {step.length:.3f} mm less"
+        if step.doubled:
+            yield f"{_many(step.doubled, 'closed contour is', 'closed contours are')} there twice: cut once"
+        if step.flat:
+            yield f"{_many(step.flat, 'closed contour encloses', 'closed contours enclose')} nothing: cut as open"
+        if step.shared:
+            legs = _many(step.shared, "leg of an outline lies", "legs of outlines lie")
+            yield f"{legs} on another: cut for each of them"
+
+
+def _joined(drawing: "Drawing") -> Iterator[str]:
+    joints = drawing.joints
+    wide = [gap for gap in reversed(joints.bridged) if gap[2] > LARGE]
+    if wide:
+        yield f"{_many(len(wide), 'gap', 'gaps')} of up to {wide[0][2]:.3f} mm joined: {_places(wide)}"
+    if joints.apart:
+        gaps = f"{_many(len(joints.apart), 'gap stays', 'gaps stay')} open: {_places(joints.apart)}"
+        yield f"{gaps}; --join {joints.apart[0][2] + 5e-4:.3f} would join the narrowest"
+    if joints.specks:
+        yield f"{_many(joints.specks, 'curve is', 'curves are')} shorter than {GAP:g} mm and left out"
+
+
+def _many(count: int, one: str, several: str) -> str:
+    return f"{count} {one if count == 1 else several}"
+
+
+def _places(gaps: Sequence[Gap]) -> str:
+    """«0.043 mm at (10.000, 5.000)», several."""
+    more = f" and {len(gaps) - TOLD} more" if len(gaps) > TOLD else ""
+    return "; ".join(f"{gap:.3f} mm at ({x:.3f}, {y:.3f})" for x, y, gap in gaps[:TOLD]) + more
+
+
+def _engraved(drawing: "Drawing") -> Iterator[str]:
+    if drawing.engraved:
+        length = sum(float(np.hypot(*np.diff(piece, axis=0).T).sum()) for piece in drawing.engraved)
+        what = _many(len(drawing.engraved), "contour", "contours")
+        yield f"{what}, {length:.1f} mm, to be engraved: this machine only cuts, so kept out of the job"

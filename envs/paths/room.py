@@ -1,0 +1,127 @@
+"""Where there is room for a way into a contour: not in a part, not along an edge, not near a neighbour.
+
+The contours are cut into short runs of which a tree knows the boxes, so that a question costs as much on a sheet of
+thousands of holes as it does beside a few.
+"""
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .curve import Indices, Points
+from .nesting import Nesting
+
+RUN = 24
+"""Segments of a contour in a run."""
+
+LEAVES = 0.15
+"""Half way a lead-in is at least this share of its length away from its contour: one along the edge is not."""
+
+TOUCH = (0.01, 0.05, 0.2)
+"""mm from the start within which a lead-in may touch its contour: the second as a share of its length, between the
+others. An arc that meets chords at a tangent crosses them there by micrometres."""
+
+Floats = npt.NDArray[np.float64]
+
+
+class Room:
+    """The contours of a drawing, to be asked for what is free.
+
+    Args:
+        pieces: arrays of shape (n, 2), mm.
+        nesting: of these pieces.
+        kerf: mm, width of what the beam takes away.
+    """
+
+    def __init__(self, pieces: list[Points], nesting: Nesting, kerf: float) -> None:
+        import shapely  # type: ignore[import-untyped]  # slow, as the readers of files are
+
+        self.nesting, self.half = nesting, 0.5 * kerf
+        runs: list[Points] = []
+        owners: list[int] = []
+        for i, piece in enumerate(pieces):
+            runs += [piece[at : at + RUN + 1] for at in range(0, len(piece) - 1, RUN)]
+            owners += [i] * (len(runs) - len(owners))
+        sizes = [len(run) for run in runs]
+        self.runs = shapely.linestrings(np.concatenate(runs), indices=np.repeat(np.arange(len(runs)), sizes))
+        self.owners: Indices = np.array(owners)
+        self.tree = shapely.STRtree(self.runs)
+        self.solid: Indices = np.flatnonzero(nesting.area)
+        self.outlines = np.array([shapely.polygons(pieces[i]) for i in self.solid], object)
+        shapely.prepare(self.outlines)
+        self.boxes = shapely.STRtree(self.outlines) if len(self.solid) else None
+
+    def reach(self, starts: Points, ways: Points) -> Floats:
+        """mm from each start along each way to the next contour; no farther than the way goes (inf).
+
+        Args:
+            starts: shape (n, 2), mm, on a contour, which does not count there.
+            ways: shape (n, 2), mm.
+        """
+        import shapely
+
+        size = np.hypot(*ways.T)
+        begin = starts + ways * (np.minimum(TOUCH[0], 0.1 * size) / np.maximum(size, 1e-12))[:, None]
+        rays = shapely.linestrings(np.stack([begin, starts + ways], axis=1))
+        ray, run = self.tree.query(rays, predicate="intersects")
+        found = np.full(len(starts), np.inf)
+        hits = shapely.intersection(rays[ray], self.runs[run])
+        np.minimum.at(found, ray, shapely.distance(shapely.points(starts[ray]), hits))
+        return found
+
+    def clear(self, own: Indices, ways: Floats, least: Floats) -> npt.NDArray[np.bool_]:
+        """Whether lead-ins are clear of everything.
+
+        That is: the pierce point lies in the scrap beside its contour, ``least`` mm from every contour; the way from
+        there touches its own contour in its end only, and leaves it; every other contour stays half a kerf away.
+
+        Args:
+            own: the contour of each.
+            ways: shape (n, k, 2), from the pierce point to the contour, k odd.
+            least: shape (n,), mm.
+        """
+        import shapely
+
+        if not len(own):
+            return np.zeros(0, bool)
+        good = np.ones(len(own), bool)
+        length = np.hypot(*np.moveaxis(np.diff(ways, axis=1), -1, 0)).sum(axis=1)
+        pierced, lines = shapely.points(ways[:, 0]), shapely.linestrings(ways)
+        good[self.tree.query(pierced, predicate="dwithin", distance=least)[0]] = False
+        if self.half > 0:
+            near, run = self.tree.query(lines, predicate="dwithin", distance=self.half)
+            good[near[self.owners[run] != own[near]]] = False
+        away = np.minimum(max(self.half, TOUCH[0]), LEAVES * length)
+        outer = shapely.linestrings(ways[:, : ways.shape[1] // 2 + 1])
+        good[self.tree.query(outer, predicate="dwithin", distance=away)[0]] = False
+        good[good] = self._touches_in_its_end(own[good], ways[good], lines[good], length[good])
+        good[good] = self._in_scrap(own[good], ways[good, 0])
+        return good
+
+    def _touches_in_its_end(self, own: Indices, ways: Floats, lines: Any, length: Floats) -> npt.NDArray[np.bool_]:
+        import shapely
+
+        good = np.ones(len(own), bool)
+        which, run = self.tree.query(lines, predicate="intersects")
+        good[which[self.owners[run] != own[which]]] = False
+        hits = shapely.intersection(lines[which], self.runs[run])
+        at, index = shapely.get_coordinates(hits, return_index=True)
+        far = np.hypot(*(at - ways[which[index], -1]).T)
+        good[which[index][far > np.clip(TOUCH[1] * length[which[index]], TOUCH[0], TOUCH[2])]] = False
+        return good
+
+    def _in_scrap(self, own: Indices, points: Points) -> npt.NDArray[np.bool_]:
+        """Whether each point lies on the scrap side of its contour: outside an outline, within a hole, and otherwise
+        within what the contour lies within."""
+        import shapely
+
+        if self.boxes is None:
+            return np.ones(len(own), bool)
+        which, outline = self.boxes.query(shapely.points(points))
+        within = shapely.contains_xy(self.outlines[outline], points[which])
+        which, outline = which[within], self.solid[outline[within]]
+        mine = np.zeros(len(own), bool)
+        mine[which[outline == own[which]]] = True
+        others = np.bincount(which, minlength=len(own)) - mine
+        return (mine == self.nesting.hole[own]) & (others == self.nesting.depth[own])

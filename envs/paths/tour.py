@@ -1,0 +1,187 @@
+"""A shorter way through contours: stretches of the order are turned round (2-opt), short runs go elsewhere (Or-opt).
+
+What must come first stays first: a stretch turns round only if no contour of it lies within another of it, and a run
+moves only past contours that it neither lies within nor holds. Each contour is joined with those nearest to it, as long
+as that makes the way shorter; who gets new neighbours is asked again (Bentley 1992, don't-look bits).
+"""
+
+from collections import deque
+from math import hypot
+
+import numpy as np
+
+from .curve import Indices, Points
+
+NEIGHBOURS = 7
+"""Nearest contours that each is joined with."""
+
+LONGEST = 1000
+"""Contours in a stretch that turns round, or that a run moves past: longer ones are not worth their time."""
+
+RUN = 3
+"""Contours in a run that moves."""
+
+TRIES = 40
+"""Joints that are weighed, in all contours' mean: a number and not a time, so that every computer finds this order."""
+
+_LEAST = 1e-6  # mm
+
+
+def improved(order: Indices, turned: Indices, ends: Points, around: list[list[int]]) -> tuple[Indices, Indices]:
+    """The order with less way between contours, from the origin on.
+
+    Args:
+        order: contours in an allowed order.
+        turned: for each place of it, 1 if its contour is travelled backwards.
+        ends: first and last point of each contour, shape (n, 2, 2), mm.
+        around: for each contour those that must come after it.
+    """
+    if len(order) < 3:
+        return order, turned
+    tour = _Tour(order, turned, ends, around)
+    tour.shorten()
+    return np.array(tour.order), np.array([tour.turned[c] for c in tour.order])
+
+
+class _Tour:
+    """The order as it is; ``place`` of each contour, and whether each is ``turned``."""
+
+    def __init__(self, order: Indices, turned: Indices, ends: Points, around: list[list[int]]) -> None:
+        self.order: list[int] = order.tolist()
+        self.turned = [0] * len(order)
+        self.place = [0] * len(order)
+        for at, (c, t) in enumerate(zip(self.order, turned.tolist(), strict=True)):
+            self.place[c], self.turned[c] = at, t
+        self.ends: list[list[list[float]]] = ends.tolist()
+        self.around = around
+        self.within: list[list[int]] = [[] for _ in around]
+        for inner, outers in enumerate(around):
+            for outer in outers:
+                self.within[outer].append(inner)
+        self.near = _neighbours(ends)
+
+    def shorten(self) -> None:
+        """Makes what helps, until nothing does."""
+        waiting, queued = deque(self.order), [True] * len(self.order)
+        left = TRIES * len(self.order)
+        while waiting and left > 0:
+            c = waiting.popleft()
+            queued[c] = False
+            left -= 1
+            while touched := self._better(c):
+                for other in touched:
+                    if not queued[other]:
+                        queued[other] = True
+                        waiting.append(other)
+
+    # Distances. A joint leads from the end of the contour at one place to the start of the next.
+
+    def _start(self, at: int) -> list[float]:
+        c = self.order[at]
+        return self.ends[c][self.turned[c]]
+
+    def _end(self, at: int) -> list[float]:
+        if at < 0:
+            return [0.0, 0.0]
+        c = self.order[at]
+        return self.ends[c][1 - self.turned[c]]
+
+    def _joint(self, at: int) -> float:
+        """mm from place ``at`` to the one after it; nothing comes after the last."""
+        return _way(self._end(at), self._start(at + 1)) if at + 1 < len(self.order) else 0.0
+
+    # What may be done
+
+    def _better(self, c: int) -> list[int]:
+        """Joins ``c`` with a near contour if that helps; who has new neighbours then."""
+        at = self.place[c]
+        longest = max(self._joint(at - 1), self._joint(at))
+        for other, apart in self.near[c]:
+            if apart >= longest:
+                break  # to be joined with it would only make the way longer here; what helps there is found there
+            i, j = at, self.place[other]
+            if i > j:
+                i, j = j, i
+            if j - i > LONGEST:
+                continue
+            # The ends of both meet, or their starts.
+            for a, b in ((i + 1, j), (i, j - 1)):
+                if a < b and self._turning(a, b) > _LEAST and self._may_turn(a, b):
+                    return self._turn(a, b)
+            for run in range(1, RUN + 1):
+                for first in (at, at - run + 1) if run > 1 else (at,):
+                    for to in (self.place[other] - 1, self.place[other]):
+                        if found := self._moved(first, first + run - 1, to):
+                            return found
+        return []
+
+    def _turning(self, a: int, b: int) -> float:
+        """mm that are saved if places a … b turn round."""
+        after = _way(self._start(a), self._start(b + 1)) if b + 1 < len(self.order) else 0.0
+        return self._joint(a - 1) + self._joint(b) - _way(self._end(a - 1), self._end(b)) - after
+
+    def _may_turn(self, a: int, b: int) -> bool:
+        return not any(a <= self.place[inner] for c in self.order[a : b + 1] for inner in self.within[c])
+
+    def _turn(self, a: int, b: int) -> list[int]:
+        self._put(a, [(c, 1 - self.turned[c]) for c in reversed(self.order[a : b + 1])])
+        return self._at(a - 1, a, b, b + 1)
+
+    def _moved(self, a: int, b: int, to: int) -> list[int]:
+        """Puts places a … b behind place ``to`` if that helps, turned round if that is better."""
+        count = len(self.order)
+        if a < 0 or b >= count or a - 1 <= to <= b or to < -1:
+            return []
+        beyond = self._start(to + 1) if to + 1 < count else None
+        saved = self._joint(a - 1) + self._joint(b) + self._joint(to)
+        if b + 1 < count:
+            saved -= _way(self._end(a - 1), self._start(b + 1))
+        before, first, last = self._end(to), self._start(a), self._end(b)
+        straight = _way(before, first) + (_way(last, beyond) if beyond else 0.0)
+        back = _way(before, last) + (_way(first, beyond) if beyond else 0.0)
+        turns = back < straight and (a == b or self._may_turn(a, b))
+        if saved - (back if turns else straight) <= _LEAST:
+            return []
+        run = [(c, self.turned[c]) for c in self.order[a : b + 1]]
+        low, high = (b + 1, to) if to > b else (to + 1, a - 1)
+        passed = [(c, self.turned[c]) for c in self.order[low : high + 1]]
+        # What goes later may not lie within what it passes, what goes earlier may not hold it.
+        if to > b and any(low <= self.place[outer] <= high for c, _ in run for outer in self.around[c]):
+            return []
+        if to < a and any(low <= self.place[inner] <= high for c, _ in run for inner in self.within[c]):
+            return []
+        if turns:
+            run = [(c, 1 - t) for c, t in reversed(run)]
+        start = min(a, low)
+        self._put(start, [*passed, *run] if to > b else [*run, *passed])
+        end = max(b, high)
+        return self._at(start - 1, start, start + len(run), end - len(run), end, end + 1)
+
+    def _put(self, start: int, contours: list[tuple[int, int]]) -> None:
+        for at, (c, t) in enumerate(contours, start):
+            self.order[at], self.place[c], self.turned[c] = c, at, t
+
+    def _at(self, *places: int) -> list[int]:
+        return [self.order[at] for at in places if 0 <= at < len(self.order)]
+
+
+def _way(a: list[float], b: list[float]) -> float:
+    return hypot(a[0] - b[0], a[1] - b[1])
+
+
+def _neighbours(ends: Points) -> list[list[tuple[int, float]]]:
+    """For each contour the nearest others with how far apart their nearest ends are, mm."""
+    from scipy.spatial import KDTree  # slow, as the readers of files are
+
+    count = len(ends)
+    sides = 1 if (ends[:, 0] == ends[:, 1]).all() else 2
+    points = ends[:, :sides].reshape(-1, 2)
+    apart, near = KDTree(points).query(points, min(sides * (NEIGHBOURS + 1), len(points)))
+    out = []
+    for i, (far, which) in enumerate(zip(apart.reshape(count, -1), (near // sides).reshape(count, -1), strict=True)):
+        found: dict[int, float] = {}
+        for k in np.argsort(far, kind="stable").tolist():
+            if which[k] != i:
+                found.setdefault(int(which[k]), float(far[k]))
+        out.append(list(found.items()))
+    return out

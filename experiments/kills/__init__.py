@@ -1,0 +1,1 @@
+"""Kills: commands that are killed at a random moment, and what the same command makes of it afterwards."""

@@ -1,0 +1,83 @@
+"""``python -m kerfgym.experiments.leads``; see the package's text."""
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+import pandas as pd
+import tyro
+
+from ...envs.plant.quantity import InvalidInput
+from .. import pages, runs
+from ..bars import progress
+from .campaign import files, random, sheet_of
+
+MODULE = "kerfgym.experiments.leads"
+
+
+def main(
+    folders: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FOLDER …")] = (), contours: int = 6000, seed: int = 0,
+    name: str = "leads", docs: bool = False,
+) -> None:  # fmt: skip
+    """Plan lead-ins into contours made at random, and those of drawings, and look for any that is not in the scrap.
+
+    Args:
+        folders: with drawings (DXF, SVG), which are read too.
+        contours: made at random, at least so many.
+        seed: of the sheets.
+        name: of the folder in runs/.
+        docs: write the table into docs/jobs.md, too.
+    """
+    if contours < 1:
+        raise InvalidInput(f"--contours {contours} is out of range; at least 1")
+    for folder in folders:
+        if not folder.is_dir():
+            raise InvalidInput(f"no folder '{folder}'")
+    place = runs.open_folder(runs.named(name), overwrite=True)
+    started, wall = time.process_time(), time.time()
+    frames: list[pd.DataFrame] = []
+    with progress("contours") as told:
+        done = 0
+        for frame in random(contours, seed):
+            frames.append(frame.assign(source=f"seed {seed}, sheet {len(frames)}"))
+            done += len(frame)
+            told(min(done, contours), contours, frame["kind"].iloc[0])
+    refused = drawn = 0
+    for file, found in files(folders):
+        if isinstance(found, str):
+            refused += 1
+        elif len(found):
+            drawn += 1
+            frames.append(found.assign(source=str(file)))
+    everything = pd.concat(frames, ignore_index=True)
+    words = [
+        "python",
+        "-m",
+        MODULE,
+        *(folder.name for folder in folders),
+        "--contours",
+        str(contours),
+        "--seed",
+        str(seed),
+    ]
+    record = runs.record(words) | {
+        "cpu_seconds": round(time.process_time() - started, 1), "wall_seconds": round(time.time() - wall, 1),
+        "seed": seed, "contours": len(everything), "wrong": int((everything["wrong"] != "").sum()),
+        "on_the_contour": int((everything["how"] == "on the contour").sum()),
+    }  # fmt: skip
+    sheet = sheet_of(everything, refused, drawn)
+    runs.write_table(place, "leads", everything)
+    runs.write_json(place / "run.json", record)
+    sheet.show()
+    for row in everything[everything["wrong"] != ""].head(20).itertuples():
+        print(f"{row.source}, contour {row.contour + 1}: {row.wrong}")
+    if docs:
+        pages.put("leads", f"{pages.origin(record, MODULE)}\n\n{sheet.markdown()}", pages.manual("jobs.md"))
+    print(f"\n{place}")
+
+
+if __name__ == "__main__":
+    try:
+        tyro.cli(main)
+    except InvalidInput as error:
+        raise SystemExit(f"kerfgym: {error}") from None

@@ -1,0 +1,66 @@
+"""Whether what a study's storage gives back is what we put there: a journal is a text file, and files get edited."""
+
+import math
+from typing import Any
+
+from optuna.trial import FrozenTrial
+
+from ...envs.plant.quantity import InvalidInput
+
+_NUMBERS = ("steps", "training_steps", "cpu_seconds", "ms", "parts", "best_at")
+_TEXTS = ("worker", "candidate", "error")
+
+
+def check(study: Any, where: str) -> None:
+    """Looks at every attribute that a search goes on from.
+
+    Raises:
+        InvalidInput: one is of another kind than it was written as; with trial, name and value.
+    """
+    own = study.user_attrs
+    if not _whole(own.get("explore", 0)):
+        raise InvalidInput(_told(where, "the study", "explore", own["explore"], "a whole number from 0 on"))
+    if not isinstance(own.get("cmaes", {}), dict):
+        raise InvalidInput(_told(where, "the study", "cmaes", own["cmaes"], "a table of parameters"))
+    for trial in study.get_trials(deepcopy=False):
+        for name, value, allowed in _odd(trial):
+            raise InvalidInput(_told(where, f"trial {trial.number}", name, value, allowed))
+
+
+def _odd(trial: FrozenTrial) -> Any:
+    """What a trial holds that is of another kind than what was written."""
+    attributes = trial.user_attrs
+    for name in _NUMBERS:
+        if not _number(attributes.get(name, 0)) or attributes.get(name, 0) < 0:
+            yield name, attributes[name], "a number from 0 on"
+    for name in _TEXTS:
+        if not isinstance(attributes.get(name, ""), str):
+            yield name, attributes[name], "text"
+    worker = attributes.get("worker", "host/1/0")
+    if isinstance(worker, str) and (worker.count("/") != 2 or not worker.split("/")[1].isdecimal()):
+        yield "worker", worker, "host/process/start"
+    asked = attributes.get("cmaes", {"generation": 0, "point": []})
+    fits = isinstance(asked, dict) and _whole(asked.get("generation")) and isinstance(asked.get("point"), list)
+    if not fits or not all(map(_number, asked["point"])):
+        yield "cmaes", asked, "a table of generation and point"
+    for value in trial.values or ():
+        if not _number(value):
+            yield "value", value, "a number"
+    for value in trial.intermediate_values.values():
+        if not _number(value):
+            yield "intermediate value", value, "a number"
+    for name, value in trial.constraints.items():
+        if not _number(value):
+            yield f"constraint {name}", value, "a number"
+
+
+def _whole(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and value >= 0
+
+
+def _number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _told(where: str, what: str, name: str, value: Any, allowed: str) -> str:
+    return f"'{where}': {what}: {name} = {str(value)[:80]!r}; allowed: {allowed}; was the file edited?"

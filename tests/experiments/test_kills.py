@@ -1,0 +1,73 @@
+"""The campaign of kills notices what goes wrong: here a made-up command that does what it is told."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from kerfgym.experiments.kills import campaign as kills
+from kerfgym.experiments.kills.commands import COMMANDS, NAME, Command
+from kerfgym.experiments.tune.sampling import SAMPLERS
+
+PROGRAM = """
+import pathlib, sys, time
+kind, run = sys.argv[1], pathlib.Path("runs") / sys.argv[3]
+again = (run / ".begun").exists()
+run.mkdir(parents=True, exist_ok=True)
+(run / ".begun").touch()
+time.sleep(0.3)
+if again and kind == "refuses":
+    sys.exit("it exists")
+(run / "figures").write_text("2" if again and kind == "differs" else "1")
+(run / "run.json").touch()
+if again and kind == "leaves":
+    (run / ".table.csv.a1b2c3d4").touch()
+else:
+    (run / ".begun").unlink()
+"""
+
+
+@pytest.fixture
+def found(tmp_path, monkeypatch):
+    """A function: what the campaign makes of a command of this kind."""
+    (tmp_path / "program.py").write_text(PROGRAM, encoding="utf-8")
+    monkeypatch.setattr(kills, "PROGRAM", (sys.executable, str(tmp_path / "program.py")))
+    monkeypatch.setattr(kills, "prepare", lambda folder: None)
+
+    def of(kind, moments=3):
+        command = Command((kind,), lambda folder: {"figures": (folder / "figures").read_text()})
+        return list(kills.campaign(command, tmp_path / "work", moments))
+
+    return of
+
+
+def test_a_command_that_goes_on_well_has_no_bad_end(found):
+    kills_ = found("well")
+    assert [kill.trouble for kill in kills_] == ["", "", ""]
+    assert {kill.found for kill in kills_} <= {"nothing", "begun", "record", "over"}
+    assert [kill.moment for kill in kills_] == sorted(kill.moment for kill in kills_)
+
+
+@pytest.mark.parametrize(
+    ("kind", "trouble"),
+    [("refuses", "rc 1: ['it exists']"), ("differs", "other figures in figures"),
+     ("leaves", "left behind: .begun, .table.csv.a1b2c3d4")],
+)  # fmt: skip
+def test_every_bad_end_is_noticed(found, kind, trouble):
+    met = [kill for kill in found(kind, 8) if kill.found == "begun"]
+    assert met
+    assert {kill.trouble for kill in met} == {trouble}
+
+
+def test_a_command_that_fails_by_itself_is_no_campaign(found, monkeypatch, tmp_path):
+    (tmp_path / "program.py").write_text("raise SystemExit('no')", encoding="utf-8")
+    with pytest.raises(RuntimeError, match="no"):
+        found("well")
+
+
+def test_every_command_that_goes_on_is_in_the_campaign():
+    assert {"benchmark", "tune ppo", "train", "reproduce", "report", *(f"tune {s}" for s in SAMPLERS)} == set(COMMANDS)
+    for name, command in COMMANDS.items():
+        assert "--name" not in command.words
+        assert name.split()[0] == command.words[0]
+    assert Path(NAME).parts == (NAME,)
