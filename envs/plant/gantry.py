@@ -399,21 +399,22 @@ def head_all(g, base, n, jobs):
                 interpolation_in = p.interpolation
                 most = _SLEW * p.acceleration * p.interpolation * PERIOD / max(between(jobs, j, tau, U(3)), 1.0)
                 # Override and corrections are about cuts. Rapids and piercing take the time they take, and begin and
-                # end where the programme says, or the nozzle would never be seen to arrive.
-                phase = jobs[_at(jobs, j, np.rint(tau)) + U(7)]
+                # end where the programme says, or the nozzle would never be seen to arrive; so do cuts.
+                phase, stands = jobs[_at(jobs, j, np.rint(tau)) + U(7)], between(jobs, j, tau, U(3)) == 0.0
                 feeds = phase == LEAD_IN or phase == CUT
                 wanted = clip(applied.override, LEAST_OVERRIDE, between(jobs, j, tau, U(9))) if feeds else 1.0
                 override += clip(wanted - override, -most, most)
                 far_x, far_y = between(jobs, j, tau, U0) + dx - x.position, between(jobs, j, tau, U1) + dy - y.position
                 far = far_x * far_x + far_y * far_y > IN_POSITION * IN_POSITION and not _still(x, y)
-                halted = between(jobs, j, tau, U(3)) == 0.0 and far
+                halted = stands and far
                 if halted and waited < j.patience:
                     waited += p.interpolation
                 else:
                     waited = waited if halted else 0.0
                     tau = min(tau + override * p.interpolation, j.samples - 1.0)
-                dx = clip(hand.dx, -j.corrections, j.corrections) if feeds else _FADE * dx
-                dy = clip(hand.dy, -j.corrections, j.corrections) if feeds else _FADE * dy
+                corrects = feeds and not stands
+                dx = clip(hand.dx, -j.corrections, j.corrections) if corrects else _FADE * dx
+                dy = clip(hand.dy, -j.corrections, j.corrections) if corrects else _FADE * dy
                 x = xy_axes.headed(p, x, between(jobs, j, tau, U0) + dx)
                 y = xy_axes.headed(p, y, between(jobs, j, tau, U1) + dy)
             period = p.servo * PERIOD
