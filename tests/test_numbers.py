@@ -70,6 +70,13 @@ ALLOWED: dict[str, dict[str, str]] = {
         "4 × 2 m for drawings": "the largest usual sheet",
         "agree to 0.5 %": "what is asked, a limit of the corpus",
     },
+    "docs/jobs.md": {
+        "stands still for 20 ms": "job.HALT",
+        "within 0.01 mm": "gantry.IN_POSITION",
+        "After 500 ms it goes on": "the default of gantry.Journey.patience",
+        "falls with 3000 mm/s²": "the default of job.Settings.lift_acceleration",
+        "smoothly, within 8 ms": "gantry._SMOOTHING",
+    },
     "docs/gcode.md": {"may run lines again 200 000 times": "gcode_flow.MOST_LINES"},
     "docs/blame.md": {"95 % intervals over seeds": LEVEL},
     "docs/results-following.md": {
@@ -117,7 +124,8 @@ ALLOWED: dict[str, dict[str, str]] = {
         "1 to 20 ms of frozen": "a definition of the campaign",
         "1 to 20 ms of dropouts": "a definition of the campaign",
         "impulses of 1 to 5 ms, ten times as many": "a definition of the campaign",
-        "a count that says 10 mm for 20 ms": "an example from the definitions",
+        "count that says 10 mm is no such": "an example from the definitions",
+        "fall by more than 1 mm in 5 ms": "the default of supervisor.Params.sudden",
     },
     "docs/security.md": {
         "1 MB for settings, 32 MB for a CSV table, 64 MB for a drawing": "limits, constants of envs.files",

@@ -7,6 +7,9 @@ period, with the cut.
 Axes and path run ``AHEAD`` ms ahead of the machine, as the interpolator's buffer of a real control does, so that the
 sheet under the *actual* path ahead is known to preview laws; a ring, the trail, holds what happened for the moment the
 machine gets there. So a feed override comes into force 5 ms after it was decided; what concerns beam and spot, at once.
+
+Where the programme stands still it waits for the axes (:data:`IN_POSITION`); once they are there, the place on the path
+is the programme's, and beam, phase and set height with it. On the move it is the nearest point of the path.
 """
 
 from typing import NamedTuple
@@ -200,8 +203,8 @@ converters resolve no less, or when its patience is over [A].
 Without it the rapid would begin while the axes are still on their way to the end of the cut: they would cut its corner
 off, and the set height would jump with the nearest point."""
 
-_REACH, _STILL = 2e-3, 1e-3
-"""mm, and mm/s of both axes together: closer to where it waits, and slower, a nozzle has arrived."""
+_STILL = 1e-3
+"""mm/s of both axes together: drives that are slower stand still."""
 _SMOOTHING, _HURRY = 8.0, 2.0
 """ms, and ms per ms: how the set height follows the place. The place goes from interpolation to interpolation while the
 axes stand, and jumps where they round a corner; a height follower would answer each of these steps [A]."""
@@ -261,16 +264,22 @@ def _still(ax, ay):
 
 
 @part
-def _arrived(jobs, j, near, latest, ax, ay):
-    """``near``, or the sample at which the reference waits if drives that stand still are within ``_REACH`` of it.
+def _in_position(off_x, off_y, ax, ay):
+    """Whether a programme that stands still goes on: the axes are near enough, or will not come nearer."""
+    return off_x * off_x + off_y * off_y <= IN_POSITION * IN_POSITION or _still(ax, ay)
 
-    Encoder and D/A converter let an axis rest some tenths of a micrometre short, nearer to a sample before the end,
-    where a planned stop is that dense; the beam would never be switched off.
+
+@part
+def _arrived(jobs, j, near, latest, dx, dy, ax, ay):
+    """``near``, or the sample at which the reference waits if the axes are in position there.
+
+    Encoder and D/A converter let an axis rest some micrometres short, nearest to a sample before the end; the beam
+    would never be switched off, and the set height would still be that of the rapid when the next cut begins.
     """
-    if near < latest and _still(ax, ay):
+    if near < latest:
         i, k = _at(jobs, j, latest), _at(jobs, j, latest - 1.0)
         waits = jobs[i] == jobs[k] and jobs[i + U1] == jobs[k + U1]
-        if waits and _distance2(jobs, j, latest, ax.position, ay.position) < _REACH * _REACH:
+        if waits and _in_position(jobs[i] + dx - ax.position, jobs[i + U1] + dy - ay.position, ax, ay):
             near = latest
     return near
 
@@ -340,7 +349,7 @@ def locate_all(g, base, n, jobs, now):
         j, s = load(Journey, g, a + P_JOURNEY), load(Progress, g, a + PROGRESS)
         ax, ay = load(xy_axes.Axis, g, a + X), load(xy_axes.Axis, g, a + Y)
         near = _nearest(jobs, j, s.near, np.floor(s.tau), ax.position, ay.position)
-        near = _arrived(jobs, j, near, np.floor(s.tau), ax, ay)
+        near = _arrived(jobs, j, near, np.floor(s.tau), s.dx, s.dy, ax, ay)
         aloft = s.aloft + clip((near - s.aloft) / _SMOOTHING, 0.0, _HURRY)
         i = _at(jobs, j, near)
         tx, ty = jobs[i + U(4)], jobs[i + U(5)]
@@ -405,8 +414,7 @@ def head_all(g, base, n, jobs):
                 wanted = clip(applied.override, LEAST_OVERRIDE, between(jobs, j, tau, U(9))) if feeds else 1.0
                 override += clip(wanted - override, -most, most)
                 far_x, far_y = between(jobs, j, tau, U0) + dx - x.position, between(jobs, j, tau, U1) + dy - y.position
-                far = far_x * far_x + far_y * far_y > IN_POSITION * IN_POSITION and not _still(x, y)
-                halted = stands and far
+                halted = stands and not _in_position(far_x, far_y, x, y)
                 if halted and waited < j.patience:
                     waited += p.interpolation
                 else:

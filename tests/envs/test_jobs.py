@@ -245,17 +245,18 @@ def test_a_job_ends_when_it_is_done_and_objectives_are_told(id_):
         env.step(np.zeros(env.action_space.shape, np.float32))
 
 
+@pytest.mark.parametrize("name", ["contour-corners", "contour-gear"])
 @pytest.mark.parametrize("changes", [{"preset": "modern"}, {"slower": 0.7}], ids=str)
-def test_axes_that_come_to_rest_within_a_micrometre_of_the_end_switch_the_beam_off(changes):
+def test_axes_that_come_to_rest_within_a_micrometre_of_the_end_switch_the_beam_off(name, changes):
     """Encoder and D/A converter let them stop short of it, nearer to another sample of the way there."""
-    scenario = scenarios.load("contour-corners").varied(gantry=changes)
+    scenario = scenarios.load(name).varied(gantry=changes)
     fleet = workshop.fleet_for(scenario, team("xy=wu-tuned"), [0, 1])
     job = workshop.programme(scenario, team("xy=wu-tuned"))
-    fleet.advance(len(job.x) + 400)
+    fleet.advance(len(job.x) + 800)
     x, y, time = (fleet.gantries.column(name) for name in ("x.position", "y.position", "sums.time"))
     short = np.hypot(x - job.x[-1], y - job.y[-1])
     assert np.all((short > 1e-4) & (short < 1e-3))
-    assert np.all(time < job.duration + 0.3)
+    assert np.all(time < job.duration + 0.7)  # what it waits for axes, at six standstills
     assert np.all(fleet.gantries.column("progress.near") == len(job.x) - 1)
 
 
