@@ -20,7 +20,7 @@ from ..agents import settings as presets
 from ..agents import train
 from ..envs import scenarios
 from . import benchmark, comparison, grids, runs
-from .figures.stamp import LAWS, LOADED, with_imports
+from .figures.stamp import LAWS, LOADED, PLANNED, with_imports
 from .jobs import JobResults
 from .results import REFERENCE
 from .table import WEIGHED
@@ -63,7 +63,7 @@ def trained(name: str, seed: int) -> Path:
 
 def _renew(run: Path) -> None:
     """Begins a training anew whose machine, law or settings are no longer those that it began with."""
-    now = with_imports([Path(train.__file__)], (*LOADED, *LAWS, "agents/presets/*.toml"))
+    now = with_imports([Path(train.__file__)], (*LOADED, *PLANNED, *LAWS, "agents/presets/*.toml"))
     made_from = run / "made-from.json"
     if not made_from.is_file() or json.loads(made_from.read_text(encoding="utf-8")) != now:
         shutil.rmtree(run, ignore_errors=True)

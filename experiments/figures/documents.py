@@ -5,7 +5,7 @@ from typing import Any
 from ..bars import progress
 from ..reproduce import claims, page
 from ..reproduce.run import reproduce
-from .stamp import LAWS, LOADED
+from .stamp import LAWS, LOADED, PLANNED
 from .study import Trial, study
 
 SEEDS = 24
@@ -13,7 +13,7 @@ SEEDS = 24
 
 @study(
     "reproduction", "every claim of the five documents, with its verdict", f"kerfgym reproduce --seeds {SEEDS}", 6.0,
-    (*LOADED, *LAWS, "experiments/reproduce/*.py", "experiments/reproduce/*.toml", "envs/suites/*/*.toml"),
+    (*LOADED, *PLANNED, *LAWS, "experiments/reproduce/*.py", "experiments/reproduce/*.toml", "envs/suites/*/*.toml"),
 )  # fmt: skip
 def of_documents(trial: Trial) -> dict[str, Any]:
     """Rows by document and verdict."""

@@ -14,6 +14,7 @@ ASIDE = (
     "experiments/report/", "experiments/docs.py", "experiments/pages.py", "experiments/figures/", "experiments/cli.py",
     "experiments/typed.py", "experiments/bars.py", "experiments/runs.py", "experiments/archive.py",
     "experiments/digest.py", "experiments/remake.py", "experiments/merge.py", "experiments/markdown.py",
+    "envs/paths/",  # what cuts jobs names it, see :data:`stamp.PLANNED`
     "envs/rendering.py", "envs/film.py", "envs/kerf_film.py", "envs/kerf_picture.py", "envs/panel.py",
 )  # fmt: skip
 """Files and folders that show or store numbers and make none. Whatever is not named here counts; they count too where

@@ -5,7 +5,7 @@ from typing import Any
 from ...envs import scenarios, workshop
 from ...envs.scenarios import Scenario
 from ..grids import Grid, split_seeds
-from .stamp import LAWS, LOADED, POLICIES, suite, trained
+from .stamp import LAWS, LOADED, PLANNED, POLICIES, suite, trained
 from .study import Trial, study
 from .suites import benchmarked, concluded
 
@@ -49,7 +49,7 @@ def beyond() -> list[Scenario]:
 @study(
     "contour-beyond", "axes and feeds that nobody was trained on",
     "python -m kerfgym.experiments.figures contour-beyond",
-    2.0, (*LOADED, *LAWS, *POLICIES, *suite("contour"), *trained("contour-")),
+    2.0, (*LOADED, *PLANNED, *LAWS, *POLICIES, *suite("contour"), *trained("contour-")),
 )  # fmt: skip
 def contour_beyond(trial: Trial) -> dict[str, Any]:
     """On *tune* seeds, because it is no part of the suite."""
@@ -63,7 +63,7 @@ def contour_beyond(trial: Trial) -> dict[str, Any]:
 @study(
     "cutting-parts", "parts that neither policy nor rules have seen",
     "python -m kerfgym.experiments.figures cutting-parts",
-    2.0, (*LOADED, *LAWS, *POLICIES, *suite("cutting"), *trained("cutting-")),
+    2.0, (*LOADED, *PLANNED, *LAWS, *POLICIES, *suite("cutting"), *trained("cutting-")),
 )  # fmt: skip
 def cutting_parts(trial: Trial) -> dict[str, Any]:
     """The first scenario of the suite with other parts, on test seeds."""

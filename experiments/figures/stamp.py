@@ -22,8 +22,11 @@ from .imports import sources
 
 ROOT = Path(_root).parent
 
-LOADED = ("envs/materials/*.toml", "envs/paths/*.py")
+LOADED = ("envs/materials/*.toml",)
 """What any simulation may load by its name."""
+
+PLANNED = ("envs/paths/*.py",)
+"""What makes jobs of drawings: named by what cuts jobs, for followers along given lines never meet it."""
 
 LAWS = ("baselines/*.py", "baselines/presets/*.toml")
 POLICIES = ("agents/compiled.py", "agents/network.py", "agents/policy.py")

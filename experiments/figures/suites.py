@@ -11,7 +11,7 @@ from ..grids import Grid, plan
 from ..jobs import JobResults
 from ..results import Results
 from ..table import WEIGHED, sheets
-from .stamp import LAWS, LOADED, POLICIES, ROOT, changed, suite, trained, with_imports
+from .stamp import LAWS, LOADED, PLANNED, POLICIES, ROOT, changed, suite, trained, with_imports
 from .study import Trial, study
 
 RUN = ("experiments/tasks.py",)
@@ -94,7 +94,8 @@ def compared(name: str) -> Any:
 
 def _depends(name: str) -> tuple[str, ...]:
     slot = scenarios.rules(name)["slot"]
-    return *LOADED, *LAWS, *POLICIES, *suite(name), *trained(_ENVIRONMENTS[slot])
+    cuts = () if slot == "z" else PLANNED
+    return *LOADED, *cuts, *LAWS, *POLICIES, *suite(name), *trained(_ENVIRONMENTS[slot])
 
 
 for _name in scenarios.suites():

@@ -146,6 +146,18 @@ def test_runs_are_made_anew_when_corner_plants_or_the_machine_change():
     assert "experiments/table.py" not in names
 
 
+@pytest.mark.parametrize(
+    ("name", "cuts"),
+    [("following", False), ("ood", False), ("faults", False), ("contour", True), ("cutting-parts", True)],
+)
+def test_readers_of_drawings_count_where_jobs_are_cut_and_nowhere_else(name, cuts):
+    (one,) = study.studies([name])
+    named = {path.relative_to(stamp.ROOT).as_posix() for found in stamp.files(one.depends).values() for path in found}
+    imported = imports.sources(stamp.ROOT, [stamp.ROOT / "envs" / "workshop.py"])
+    assert not any("paths" in path.parts for path in imported)
+    assert ("envs/paths/job.py" in named) == cuts
+
+
 def test_an_unknown_study_is_an_error():
     with pytest.raises(InvalidInput, match="no study 'folowing'; did you mean 'following'"):
         study.studies(["folowing"])
