@@ -83,7 +83,9 @@ def control(params, state, signals, tables):
     """Head velocity, mm/s."""
     error = signals.height - signals.set_height
     before = signals.height if signals.fresh else state.height
-    newest = (signals.height - before) / PERIOD if params.speed > 0.5 else signals.head_velocity
+    # How the reading moves while the supervisor overrides the law, across a hole or a fault, is not the loop's speed.
+    of_gap = 0.0 if signals.override else (signals.height - before) / PERIOD
+    newest = of_gap if params.speed > 0.5 else signals.head_velocity
     following = state.following + (newest - state.following) / (params.lag + 1.0)
     grows = 0.0 if signals.override else integral_share(error) * PERIOD
     position = clip(state.position - grows * params.ki * error, -params.limit, params.limit)

@@ -1,8 +1,10 @@
 """PID with filtered derivative and anti-windup.
 
 ``u = −(kp·e + I + kd·de/dt)``, ``e = height − set height``. The derivative is taken of the error behind a first-order
-lag. The integral stands still while the supervisor overrides the law and is empty until the approach is over, so that
-nothing winds up; the supervisor's own slew limit makes the handover bumpless.
+lag. While the supervisor overrides the law the integral stands still and the derivative is 0: how the error moves then
+is not the law's doing, and what a hole or a faulty reading leaves in it would throw the head up afterwards. The
+integral is empty until the approach is over, so that nothing winds up; the supervisor's own slew limit makes the
+handover bumpless.
 """
 
 from typing import Annotated, NamedTuple
@@ -42,7 +44,7 @@ def control(params, state, signals, tables):
     error = signals.height - signals.set_height
     last = error if signals.fresh else state.error
     share = 1.0 / (params.lag + 1.0)  # of the newest difference, lag in ms, T = 1 ms
-    slope = state.slope + share * ((error - last) / PERIOD - state.slope)
+    slope = 0.0 if signals.override else state.slope + share * ((error - last) / PERIOD - state.slope)
     grown = state.integral + params.ki * PERIOD * error
     integral = clip(state.integral if signals.override else grown, -params.limit, params.limit)
     integral = integral if signals.captured else 0.0

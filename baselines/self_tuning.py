@@ -129,12 +129,15 @@ class State(NamedTuple):
     bridged: float = 0.0  # periods since a jump; below 0: periods until the trend is known again
     stray: float = 1e-4  # mm², mean square of what the nearest prediction missed
     calm: float = 0.0  # periods since a jump that was real
+    trend: float = 0.0  # mm per period, of the readings that were taken
+    held: bool = False  # the supervisor held the head
 
 
 @part
 def init(params):
     """The initial state."""
-    return State(0.0, 0.0, 4e-6, 2.0 ** (1.0 / params.memory), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1e-4, 0.0)
+    grow = 2.0 ** (1.0 / params.memory)
+    return State(0.0, 0.0, 4e-6, grow, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1e-4, 0.0, 0.0, False)
 
 
 @part
@@ -243,6 +246,18 @@ def _foretold(m, tick):
 
 
 @part
+def _leaves(m, tick, seen, bridged, far_off, proved):
+    """Whether a reading lies off the last one that was taken, and off where that was going, so many periods ago."""
+    if bridged > RING - RECENT:
+        return True
+    taken = m[READINGS + _slot(tick, bridged + 1.0)]
+    pace = (taken - m[READINGS + _slot(tick, bridged + RECENT)]) / (RECENT - 1)
+    # An impulse of the other sign may be where a moving sheet was; before that is known a bridge may rest on noise.
+    stays = (bridged == 0.0 or not proved) and abs(seen - taken) <= far_off
+    return not stays and abs(seen - taken - (bridged + 1.0) * pace) > far_off
+
+
+@part
 def _take_back(m, tick, bridged):
     """A bridge of so many periods has turned out to be wrong: what was read meanwhile counts after all."""
     for k in range(AVERAGES):
@@ -283,7 +298,7 @@ def control(params, state, signals, tables, memory):
     expected = soon if proved else expected
     far_off = clip(p.rare * np.sqrt(state.stray), FINE, p.jump) if proved else p.jump
     # What goes on from a reading that was taken is the sheet, whatever was predicted: an impulse leaves it.
-    leaves = state.bridged > 0.0 or abs(seen - last) > far_off
+    leaves = _leaves(m, tick, seen, max(state.bridged, 0.0), far_off, proved)
     off = abs(seen - expected) > far_off and leaves
     bridges = off and state.bridged >= 0.0 and state.bridged < p.hold
     # Across the bridge the trend of more readings: what noise adds to it would be taken for motion.
@@ -300,14 +315,16 @@ def control(params, state, signals, tables, memory):
             m[BEFORE + k] = m[MEANS + k]
     if off and not bridges and state.bridged > 0.0 and not holds:
         _take_back(m, tick, state.bridged)
-    if x.fresh or blind or holds:
-        bridged, calm = 0.0, 0.0
-    if x.fresh or blind:
+    # What was read before a hold was of the hole, or of a fault.
+    anew = x.fresh or blind or (state.held and not holds)
+    if anew:
         measured = seen
         for i in range(RING):
             m[READINGS + i] = measured
         for i in range(AVERAGES):
             m[MEANS + i] = measured
+    if anew or holds:
+        bridged, calm = 0.0, 0.0
     if x.fresh:
         for i in range(RING):
             m[COMMANDS + i] = 0.0
@@ -315,11 +332,13 @@ def control(params, state, signals, tables, memory):
     if holds:
         measured = m[READINGS + _slot(tick, 1.0)]
     _see(m, tick, 0.0, measured)
-    known = 0.0 if blind or x.fresh else (1.0 if holds else min(state.known + 1.0, 1e6))
+    # After what was taken to be a jump the readings tell no motion until all of them lie behind it.
+    known = 0.0 if blind or x.fresh else (1.0 if holds or (off and not bridges) else min(state.known + 1.0, 1e6))
     row = SEEN + _slot(tick, 0.0) * TERMS
     # An error that the sheet has not made is an oscillation: back to the proportional term, and learn anew.
     swing = max(FADE * state.swing, abs(m[row + TERMS - 1]))
-    if known > 0.0 and abs(x.head_position - measured - x.set_height) > SWING * swing + STRAY:
+    swings = known > 0.0 and abs(x.head_position - measured - x.set_height) > SWING * swing + STRAY
+    if swings:
         _forget(p, m)
         if known > 2.0:  # what bridges have made of the readings is no trend to go on from
             for back in range(RING):
@@ -354,17 +373,22 @@ def control(params, state, signals, tables, memory):
     # The parabola through the three: its value and slope where the command will act, and how that changes.
     bend = (far - 2.0 * middle + near) / ((MIDDLE - NEAR) * (MIDDLE - NEAR))
     slope = (far - near) / (FAR - NEAR)
-    off = behind + p.lead - MIDDLE
-    speed = slope + bend * off
+    ahead = behind + p.lead - MIDDLE
+    speed = slope + bend * ahead
     ready = known > FAR + 2.0
     # A sheet hardly moves faster than it has just moved; an estimate that has gone astray says so.
-    fastest = max(FADE * state.fastest, abs(m[row + RECENT - 1]) / RECENT)
+    fastest = max(FADE * state.fastest, abs(m[row + RECENT - 1]) / RECENT if known > RECENT else 0.0)
     most = p.reach * fastest
     # What has not come true lately, such as how the first step goes on, is fed forward in part or not at all.
     trusted = clip(DOUBT * (1.0 - wrong / max(plain, SLIGHT * SLIGHT * p.recall)), 0.0, 1.0)
     coming = trusted * clip(speed + p.sharpen * bend, -most, most) / PERIOD if ready else 0.0
-    off = behind - MIDDLE
-    rise = middle + slope * off + 0.5 * bend * off * off if ready else 0.0
+    # Until then, the trend: that of before a jump, and once it lies behind, the new one.
+    trend = state.trend if bridges or off or known <= RECENT else m[row + RECENT - 1] / RECENT
+    trend = 0.0 if x.fresh or blind or holds or swings else trend
+    if not ready and RECENT * abs(trend) > far_off:  # less may be noise
+        coming = clip(trend, -most, most) / PERIOD
+    ahead = behind - MIDDLE
+    rise = middle + slope * ahead + 0.5 * bend * ahead * ahead if ready else 0.0
     moving = 0.0
     for k in range(1, RING):
         moving += clip(behind - k + 0.5, 0.0, 1.0) * m[COMMANDS + _slot(tick, k)] * PERIOD
@@ -388,4 +412,6 @@ def control(params, state, signals, tables, memory):
         bridged,
         stray,
         calm,
+        trend,
+        holds,
     ), answer - integral

@@ -1,5 +1,6 @@
 """Laws: each against a second implementation, in the closed loop and on its own; presets and information classes."""
 
+import itertools
 import math
 import tomllib
 from types import SimpleNamespace
@@ -45,11 +46,16 @@ def proportional(p, signals):
 
 
 def pid_again(p, signals):
-    """The law as its docstring states it, with the derivative by scipy's difference equation."""
+    """The law as its docstring states it, with the derivative by scipy's difference equation, between overrides."""
     e = np.array([x.height - x.set_height for x in signals])
-    share = T / (p.lag * 1e-3 + T)
-    start = signal.lfiltic([share / T, -share / T], [1.0, share - 1.0], y=[0.0], x=[e[0]])
-    slope, _ = signal.lfilter([share / T, -share / T], [1.0, share - 1.0], e, zi=start)
+    share, slope, first = T / (p.lag * 1e-3 + T), np.zeros(len(e)), 0
+    for overridden, stretch in itertools.groupby(x.override for x in signals):
+        last = first + len(list(stretch))
+        if not overridden:
+            start = signal.lfiltic([share / T, -share / T], [1.0, share - 1.0], y=[0.0], x=[e[max(first - 1, 0)]])
+            part, _ = signal.lfilter([share / T, -share / T], [1.0, share - 1.0], e[first:last], zi=start)
+            slope[first:last] = part
+        first = last
     integral, wishes = 0.0, []
     for i, x in enumerate(signals):
         if not x.captured:  # nothing to regulate yet
@@ -119,7 +125,7 @@ def patent_again(p, signals):
 def dual_again(p, signals):
     """Both loops over whole columns; the gains by numpy's interpolation and look-up in the text's table."""
     e = np.array([x.height - x.set_height for x in signals])
-    gap = np.concatenate([np.zeros(1), np.diff(e)]) / T
+    gap = np.where([x.override for x in signals], 0.0, np.diff(e, prepend=e[0])) / T
     speed = gap if p.speed else np.array([x.head_velocity for x in signals])
     share = T / (p.lag * 1e-3 + T)
     v = signal.lfilter([share], [1.0, share - 1.0], speed)
@@ -150,7 +156,7 @@ def plasma_again(p, signals):
     integral, slope, wishes = 0.0, 0.0, []
     for i, x in enumerate(signals):
         e = x.height - x.set_height
-        slope += (rise[i] - slope) / (p.lag + 1.0)
+        slope = 0.0 if x.override else slope + (rise[i] - slope) / (p.lag + 1.0)
         integral = integral if x.override else float(np.clip(integral + p.ki * T * e, -p.limit, p.limit))
         integral = integral if x.captured else 0.0
         wishes.append(0.0 if locked[i] else -(p.kp * e + integral + p.kd * slope))

@@ -260,7 +260,7 @@ def test_without_a_defect_a_spike_is_harmless():
 @pytest.mark.parametrize("defect", ["supervisor", "filter"])
 def test_a_planted_defect_is_found_and_named(defect, monkeypatch):
     plant(monkeypatch, defect)
-    row = found(stack.resolve("xi2023-ma"), HARMLESS)
+    row = found(stack.resolve("xi2023-ma:guard.sudden=100"), HARMLESS)
     assert row["lost"]
     assert not row["lost_faultless"]
     assert row["cause"] == defect
@@ -274,9 +274,20 @@ def test_a_law_that_bears_a_grudge_is_found():
     assert found(resentful, Fault(inject.SPIKES, START, 1.0, -100.0))["cause"] == ""
 
 
+HIGH = Fault(inject.SATURATED, START, 20.0, 1.0, 1.0)
+
+
 def test_a_sensor_that_says_10_mm_for_20_ms_needs_no_further_cause():
-    row = found(stack.resolve("xi2023-improved:filter.kind=none"), Fault(inject.SATURATED, START, 20.0, 1.0, 1.0))
+    row = found(stack.resolve("xi2023-improved:filter.kind=none,guard.sudden=100"), HIGH)
     assert (row["lost"], row["cause"]) == (True, "fault itself")
+
+
+@pytest.mark.parametrize("name", ["xi2023-ma", "xi2023-tuned", "pid", "observer", "patent2022", "self-tuning"])
+def test_a_sheet_that_falls_as_no_sheet_does_holds_the_head(name):
+    row = found(stack.resolve(name), HIGH)
+    assert (row["lost"], row["cause"], row["alarm"]) == (False, "", "none")
+    assert row["lowest_mm"] > 0.3
+    assert found(stack.resolve(name).varied({"guard.sudden": 100}), HIGH)["lost"]
 
 
 ROW = {
@@ -334,7 +345,7 @@ def test_a_fault_is_a_function_of_its_number_alone():
 
 def test_a_campaign_gives_every_controller_the_same_faults_and_says_how_to_see_one_again(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    command.main(controllers=("xi2023-tuned", "height-following-ppo"), faults=150)
+    command.main(controllers=("lqg", "height-following-ppo"), faults=150)
     frame = pd.read_parquet(tmp_path / "runs" / "faults" / "faults.parquet")
     assert len(frame) == 2 * 4 * 19
     halves = [part.reset_index(drop=True) for _, part in frame.groupby("controller")]

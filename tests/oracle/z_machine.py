@@ -375,7 +375,8 @@ class ZMachine:
         sheet_before = self.positions[-1 - WINDOW] - self.heights[-1 - WINDOW]
         fall = sheet_before - (self.encoder - self.height)
         holding = self.holding
-        trips = ~holding & (self.job.hole_guard > 0.0) & self.captured & (e > g.error) & (fall > g.rise)
+        falls = (fall > g.sudden) | ((self.job.hole_guard > 0.0) & (fall > g.rise))
+        trips = ~holding & falls & self.captured & (e > g.error)
         released = holding & (e < g.release)
         expired = holding & ~released & (self.held >= g.timeout)
         self.refuge = np.where(trips, self.positions[0], self.refuge)
@@ -572,12 +573,12 @@ class ZMachine:
     def _pid(self) -> Array:
         """u = −(kp·e + I + kd·D), mm/s.
 
-        D is de/dt behind a lag (backward Euler); I = ki·∫e dt stands still under the supervisor's commands and is empty
-        before the approach is over.
+        D is de/dt behind a lag (backward Euler); I = ki·∫e dt. Under the supervisor's commands D is 0 and I stands;
+        before the approach is over I is empty.
         """
         g, e = self.gains, self.height - self.job.set_height
         rate = np.where(self.fresh, 0.0, e - self.error) / PERIOD
-        self.slope = (g.lag * self.slope + rate) / (g.lag + 1.0)
+        self.slope = np.where(self.override, 0.0, (g.lag * self.slope + rate) / (g.lag + 1.0))
         grown = np.where(self.override, self.integral, self.integral + g.ki * PERIOD * e)
         self.integral = np.where(self.captured, clip(grown, -g.limit, g.limit), 0.0)
         self.error = e
