@@ -102,7 +102,7 @@ class Params(NamedTuple):
     rare: Annotated[
         float, Quantity("1", 3.0, 20.0, "a reading off its prediction, over the usual, that is bridged", log=True)
     ] = 5.0
-    hold: Annotated[int, Quantity("ms", 0, 20, "longest bridge; what outlasts it is real")] = 4
+    hold: Annotated[int, Quantity("ms", 0, 4, "longest bridge; what outlasts it is real")] = 4
     recall: Annotated[float, Quantity("ms", 20.0, 300.0, "over which predictions prove themselves", log=True)] = 100.0
     reach: Annotated[float, Quantity("1", 1.0, 2.0, "largest speed fed forward, over the largest seen of late")] = 1.5
     smith: Annotated[float, Quantity("1", 0.0, 1.0, "share of the commands on their way that counts as done")] = 0.35

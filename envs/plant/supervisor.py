@@ -11,8 +11,8 @@ command on, except where one of its guards acts:
 - *hole and edge guard*: when the sheet seems to fall by more than ``rise`` within 5 ms, faster than sheets do, the head
   goes back to where it was before and holds there, until the sheet is back or ``timeout`` has passed (then it
   approaches anew). It looks at encoder − reading, not at the reading: a tight loop hides the rise of the reading by
-  following it. A fall of more than ``sudden`` is no sheet's but an edge's or a fault's, and trips where the job has
-  the guard off, too;
+  following it. A fall of more than ``sudden``, and to as much below the set height, is no sheet's but an edge's or a
+  fault's, and trips where the job has the guard off, too;
 - *contact*: the oscillator stops; the head retracts and an alarm is latched;
 - *lost sensor*: the frequency is above anything that the head can give, as when its cable is off; likewise;
 - *limits*: near the ends of the travel an alarm is latched and the axis stops.
@@ -85,7 +85,8 @@ class Params(NamedTuple):
         float, Quantity("mm", 0.02, 5.0, "apparent fall of the sheet in 5 ms that trips the hole guard")
     ] = 0.07
     sudden: Annotated[
-        float, Quantity("mm", 0.02, 100.0, "apparent fall of the sheet in 5 ms that trips it where it is off, too")
+        float,
+        Quantity("mm", 0.02, 100.0, "apparent fall of the sheet in 5 ms, and error, that trip it where it is off, too"),
     ] = 1.0
     error: Annotated[float, Quantity("mm", 0.0, 5.0, "least error at which the hole guard trips")] = 0.02
     release: Annotated[float, Quantity("mm", 0.01, 5.0, "error below which a hold ends")] = 0.1
@@ -218,8 +219,9 @@ def follow(p, s, job, x):
     expired = s.ticks >= p.timeout
 
     late = p.alarm_error > 0.0 and s.captured and abs(e) > p.alarm_error
-    falls = x.fall > p.sudden or (job.hole_guard and x.fall > p.rise)
-    trips = falls and s.captured and e > p.error
+    # A reading that comes back from far below falls, too, but to where the sheet is.
+    sudden = x.fall > p.sudden and e > p.sudden
+    trips = s.captured and (sudden or (job.hole_guard and e > p.error and x.fall > p.rise))
     captured = (s.captured or e < p.capture) and job.request != HOLD  # after a pause it approaches again
     wish = allowed(p, x.wish)
     passed = wish if captured else max(wish, planned(p, -max(e, 0.0)))

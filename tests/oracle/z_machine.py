@@ -375,8 +375,9 @@ class ZMachine:
         sheet_before = self.positions[-1 - WINDOW] - self.heights[-1 - WINDOW]
         fall = sheet_before - (self.encoder - self.height)
         holding = self.holding
-        falls = (fall > g.sudden) | ((self.job.hole_guard > 0.0) & (fall > g.rise))
-        trips = ~holding & falls & self.captured & (e > g.error)
+        sudden = np.minimum(fall, e) > g.sudden
+        guarded = (self.job.hole_guard > 0.0) & (fall > g.rise) & (e > g.error)
+        trips = ~holding & self.captured & (sudden | guarded)
         released = holding & (e < g.release)
         expired = holding & ~released & (self.held >= g.timeout)
         self.refuge = np.where(trips, self.positions[0], self.refuge)
