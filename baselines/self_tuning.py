@@ -336,7 +336,7 @@ def control(params, state, signals, tables, memory):
     known = 0.0 if blind or x.fresh else (1.0 if holds or (off and not bridges) else min(state.known + 1.0, 1e6))
     row = SEEN + _slot(tick, 0.0) * TERMS
     # An error that the sheet has not made is an oscillation: back to the proportional term, and learn anew.
-    swing = max(FADE * state.swing, abs(m[row + TERMS - 1]))
+    swing = max(0.0 if anew else FADE * state.swing, abs(m[row + TERMS - 1]))
     swings = known > 0.0 and abs(x.head_position - measured - x.set_height) > SWING * swing + STRAY
     if swings:
         _forget(p, m)
@@ -377,7 +377,7 @@ def control(params, state, signals, tables, memory):
     speed = slope + bend * ahead
     ready = known > FAR + 2.0
     # A sheet hardly moves faster than it has just moved; an estimate that has gone astray says so.
-    fastest = max(FADE * state.fastest, abs(m[row + RECENT - 1]) / RECENT if known > RECENT else 0.0)
+    fastest = max(0.0 if anew else FADE * state.fastest, abs(m[row + RECENT - 1]) / RECENT if known > RECENT else 0.0)
     most = p.reach * fastest
     # What has not come true lately, such as how the first step goes on, is fed forward in part or not at all.
     trusted = clip(DOUBT * (1.0 - wrong / max(plain, SLIGHT * SLIGHT * p.recall)), 0.0, 1.0)

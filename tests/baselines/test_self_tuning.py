@@ -198,3 +198,50 @@ def test_it_stays_close_for_minutes(name):
     error = np.abs(recording.error)
     assert error[10_000:].max() < 1.5 * error[300:10_000].max()
     assert not recording.collided.any()
+
+
+RISE = 0.01
+"""mm per period, of a sheet that rises evenly after a while of waves."""
+
+
+def followed(spoilt):
+    """Signals of a head that keeps 1 mm from a sheet, waves for a second and then an even rise, and what is added to
+    the sheet's readings from then on."""
+    waves = 0.1 * np.sin(2 * np.pi * 20.0 * np.arange(1000) * PERIOD)
+    sheet = np.concatenate(
+        [waves, waves[-1] + RISE * np.arange(1, 301), waves[-1] + RISE * (301 + np.arange(len(spoilt)))]
+    )
+    heights = 1.0 - np.concatenate([np.zeros(1300), spoilt])
+    return [
+        x._replace(height=h, raw_height=h, head_position=1.0 + z)
+        for x, h, z in zip(readings(sheet), heights, sheet, strict=True)
+    ]
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_two_impulses_of_opposite_signs_leave_the_rise_as_it_is(sign):
+    """The second lies where the sheet was before the first: that alone makes it no reading of the sheet."""
+    spoilt = np.zeros(60)
+    spoilt[10:14] = sign * np.array([0.08, 0.08, -0.03, -0.04])
+    _, _, command = driven(law.Params(), followed(spoilt))
+    assert command[1314:] == pytest.approx(RISE / PERIOD, rel=0.15)
+
+
+def test_a_jump_that_outlasts_leaves_the_trend():
+    """What is fed forward until all readings lie behind the jump is the rise; a prediction would mix both sides."""
+    p, spoilt = law.Params(), np.zeros(60)
+    spoilt[10:] = 0.1
+    _, _, command = driven(p, followed(spoilt))
+    first = 1310 + int(p.hold)
+    assert command[first : first + law.FAR + 2] == pytest.approx(RISE / PERIOD + p.kp * 0.1, rel=0.2)
+
+
+def test_after_a_hold_it_begins_with_the_first_reading():
+    """What was read before the hold tells nothing: a saturated count would be bridged to for some periods."""
+    p, spoilt = law.Params(), np.zeros(60)
+    spoilt[10:20] = -9.0
+    signals = followed(spoilt)
+    for k in range(1316, 1321):
+        signals[k] = signals[k]._replace(mode=supervisor.HOLD, override=True)
+    _, _, command = driven(p, signals)
+    assert np.abs(command[1321:1330]).max() < 3.0 * RISE / PERIOD
