@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 from ..envs import files
-from ..envs.plant.lanes import mix
-from ..envs.plant.quantity import InvalidInput
+from ..envs.engine.lanes import mix
+from ..envs.engine.quantity import InvalidInput
 
 FORMAT = "kerfgym training 1"
 COUNTERS = ("num_timesteps", "_n_updates", "_episode_num")

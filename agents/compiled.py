@@ -12,12 +12,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..envs import interface, job_interface
+from ..envs.engine.addresses import Words, address
+from ..envs.engine.lanes import U0, U1, UW, U, as_bits, as_number, call, clip, doubles, part, singles, stage, words
 from ..envs.job_batch import PERIOD
 from ..envs.plant import machine
-from ..envs.plant.addresses import Words, address
 from ..envs.plant.controller import Privileged, stage_address
 from ..envs.plant.fleet import Fleet
-from ..envs.plant.lanes import U0, U1, UW, U, as_bits, as_number, call, clip, doubles, part, singles, stage, words
 from .network import ACTIVATIONS, LN2_HIGH, LN2_LOW, LOG2E, OUTPUTS, SERIES, Network
 
 

@@ -20,8 +20,8 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from ..envs.engine.quantity import InvalidInput
 from ..envs.job_batch import PERIOD
-from ..envs.plant.quantity import InvalidInput
 from .network import Layer, Memory, Network, Normaliser, run
 from .policy import FORMAT, TASKS, Document, Policy, describe, describe_base, shape_of
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..envs.plant.quantity import InvalidInput
+from ..envs.engine.quantity import InvalidInput
 from .settings import PRESETS, Settings, algorithm_class, environment_class
 
 NUM_ENVS = 64

@@ -23,8 +23,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ..envs import files, interface, job_interface
 from ..envs import stack as stacks
+from ..envs.engine.quantity import InvalidInput, did_you_mean
 from ..envs.plant.controller import SLOTS, Process
-from ..envs.plant.quantity import InvalidInput, did_you_mean
 from ..envs.stack import Stack
 from .network import Layer, Memory, Network, Normaliser, run
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ..envs import consent, files
-from ..envs.plant.quantity import InvalidInput, did_you_mean
+from ..envs.engine.quantity import InvalidInput, did_you_mean
 
 PRESETS = Path(__file__).parent / "presets"
 

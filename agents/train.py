@@ -20,8 +20,8 @@ from pathlib import Path
 from typing import Any
 
 from ..envs import scenarios
+from ..envs.engine.quantity import InvalidInput
 from ..envs.job_batch import PERIOD
-from ..envs.plant.quantity import InvalidInput
 from . import checkpoint
 from .evaluation import Evaluation, Evaluator
 from .learner import environment, learner

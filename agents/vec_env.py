@@ -14,8 +14,8 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from ..envs.contour_following import ContourFollowingVectorEnv
 from ..envs.cutting import CuttingVectorEnv
+from ..envs.engine.quantity import InvalidInput, did_you_mean
 from ..envs.height_following import check_render_mode
-from ..envs.plant.quantity import InvalidInput, did_you_mean
 from ..envs.vector import HeightFollowingVectorEnv, KernelVectorEnv, make_batch, put_sequences
 
 ATTRIBUTES = (

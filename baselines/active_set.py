@@ -8,7 +8,7 @@ optimal for its set; so it ends at the optimum after finitely many steps, mostly
 ``bound_i`` is ``fastest``, or as near to it as ``most`` allows where ``start`` lies beyond it, so a plan always exists.
 """
 
-from kerfgym.envs.plant.lanes import clip, part, stage
+from kerfgym.envs.engine.lanes import clip, part, stage
 
 TOLERANCE = 1e-9
 """Violation, of ``most`` and ``fastest`` together, that counts as none; :func:`solve` clips what is left."""

@@ -19,9 +19,9 @@ acceleration is at its limit a speed loop of Kpv = 1 answers a step of 1.5 mm wi
 
 from typing import Annotated, NamedTuple
 
+from kerfgym.envs.engine.lanes import clip, part
+from kerfgym.envs.engine.quantity import Quantity
 from kerfgym.envs.plant.controller import PERIOD
-from kerfgym.envs.plant.lanes import clip, part
-from kerfgym.envs.plant.quantity import Quantity
 
 SPEEDS = ("encoder", "gap")
 """Readings of "following speed"."""

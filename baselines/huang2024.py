@@ -27,9 +27,9 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from kerfgym.envs.engine.lanes import clip, part, power
+from kerfgym.envs.engine.quantity import Quantity
 from kerfgym.envs.plant.controller import Process
-from kerfgym.envs.plant.lanes import clip, part, power
-from kerfgym.envs.plant.quantity import Quantity
 
 SLOT = "process"
 

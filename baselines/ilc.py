@@ -20,9 +20,9 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from kerfgym.baselines import pid
+from kerfgym.envs.engine.lanes import clip, part, sine
+from kerfgym.envs.engine.quantity import Quantity
 from kerfgym.envs.plant.controller import PERIOD
-from kerfgym.envs.plant.lanes import clip, part, sine
-from kerfgym.envs.plant.quantity import Quantity
 
 CELLS = 4096
 """Longest lap, cells."""

@@ -19,9 +19,9 @@ Defaults of bandwidth, damping and dead time are means over the following suite'
 from typing import Annotated, NamedTuple
 
 from kerfgym.baselines import riccati, servo
+from kerfgym.envs.engine.lanes import clip, part
+from kerfgym.envs.engine.quantity import Quantity
 from kerfgym.envs.plant.controller import PERIOD
-from kerfgym.envs.plant.lanes import clip, part
-from kerfgym.envs.plant.quantity import Quantity
 from kerfgym.envs.plant.supervisor import HOLD
 
 _IDENTIFIED = "[C] experiments/identify.py"

@@ -13,9 +13,9 @@ LQG's command is clipped instead.
 from typing import Annotated, NamedTuple
 
 from kerfgym.baselines import active_set, lqg
+from kerfgym.envs.engine.lanes import clip, part, stage
+from kerfgym.envs.engine.quantity import Quantity
 from kerfgym.envs.plant.controller import PERIOD
-from kerfgym.envs.plant.lanes import clip, part, stage
-from kerfgym.envs.plant.quantity import Quantity
 
 HORIZON = 20
 """Changes of command that are planned: 20 ms, beyond which the drive has settled."""

@@ -8,9 +8,9 @@ proportional term that brings the head to the set height above the predicted lev
 
 from typing import Annotated, NamedTuple
 
+from kerfgym.envs.engine.lanes import clip, part
+from kerfgym.envs.engine.quantity import Quantity
 from kerfgym.envs.plant.controller import PERIOD
-from kerfgym.envs.plant.lanes import clip, part
-from kerfgym.envs.plant.quantity import Quantity
 from kerfgym.envs.plant.supervisor import HOLD
 
 

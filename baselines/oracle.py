@@ -9,9 +9,9 @@ integral, and the motor's acceleration against the sheet's.
 from typing import Annotated, NamedTuple
 
 from kerfgym.baselines import preview
+from kerfgym.envs.engine.lanes import clip, part
+from kerfgym.envs.engine.quantity import Quantity
 from kerfgym.envs.plant.controller import PERIOD
-from kerfgym.envs.plant.lanes import clip, part
-from kerfgym.envs.plant.quantity import Quantity
 
 INFORMATION = "privileged"
 

@@ -26,9 +26,9 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from kerfgym.envs.engine.lanes import part
+from kerfgym.envs.engine.quantity import Quantity
 from kerfgym.envs.plant.controller import PERIOD
-from kerfgym.envs.plant.lanes import part
-from kerfgym.envs.plant.quantity import Quantity
 
 
 class Params(NamedTuple):

@@ -9,9 +9,9 @@ handover bumpless.
 
 from typing import Annotated, NamedTuple
 
+from kerfgym.envs.engine.lanes import clip, part
+from kerfgym.envs.engine.quantity import Quantity
 from kerfgym.envs.plant.controller import PERIOD
-from kerfgym.envs.plant.lanes import clip, part
-from kerfgym.envs.plant.quantity import Quantity
 
 
 class Params(NamedTuple):

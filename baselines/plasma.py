@@ -16,9 +16,9 @@ While locked the head stands still; integral and derivative start afresh afterwa
 from typing import Annotated, NamedTuple
 
 from kerfgym.baselines import pid
+from kerfgym.envs.engine.lanes import part
+from kerfgym.envs.engine.quantity import Quantity
 from kerfgym.envs.plant.controller import PERIOD
-from kerfgym.envs.plant.lanes import part
-from kerfgym.envs.plant.quantity import Quantity
 
 
 class Params(NamedTuple):

@@ -7,9 +7,9 @@ was ``back`` ago and where the encoder says the head is; the reading only correc
 
 from typing import Annotated, NamedTuple
 
+from kerfgym.envs.engine.lanes import clip, part
+from kerfgym.envs.engine.quantity import Quantity
 from kerfgym.envs.plant.controller import PERIOD
-from kerfgym.envs.plant.lanes import clip, part
-from kerfgym.envs.plant.quantity import Quantity
 
 INFORMATION = "preview"
 

@@ -6,9 +6,9 @@ but it does not change.
 
 from typing import Annotated, NamedTuple
 
+from kerfgym.envs.engine.lanes import part
+from kerfgym.envs.engine.quantity import Quantity
 from kerfgym.envs.plant.controller import Process
-from kerfgym.envs.plant.lanes import part
-from kerfgym.envs.plant.quantity import Quantity
 
 SLOT = "process"
 

@@ -9,7 +9,7 @@ mode dies. A Kalman filter of one measurement ``y = cᵀx`` is the same for Aᵀ
 prediction and ``P·c/s`` the gain on the innovation. Matrices lie by rows in an array ``m``, each from an offset on.
 """
 
-from kerfgym.envs.plant.lanes import stage
+from kerfgym.envs.engine.lanes import stage
 
 MOST = 20000
 """Iterations at most."""

@@ -20,9 +20,9 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
+from kerfgym.envs.engine.lanes import clip, part
+from kerfgym.envs.engine.quantity import Quantity
 from kerfgym.envs.plant.controller import PERIOD
-from kerfgym.envs.plant.lanes import clip, part
-from kerfgym.envs.plant.quantity import Quantity
 from kerfgym.envs.plant.supervisor import HOLD
 
 RECENT, AVERAGES = 4, 6

@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.panel import Outcome, Panel
 from kerfgym.envs.plant import supervisor
 from kerfgym.envs.plant.controller import PERIOD
-from kerfgym.envs.plant.quantity import InvalidInput
 
 ACCELERATION = 2000.0
 """mm/s² of X in rapid moves [A]."""

@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from kerfgym.envs.engine.lanes import exponential, part
 from kerfgym.envs.plant.controller import PERIOD
-from kerfgym.envs.plant.lanes import exponential, part
 
 TERMS = 26
 """Of the exponential's series; enough for rounding at ω·T up to 2."""

@@ -11,9 +11,9 @@ way: with the reciprocals of the drive's gains all four directions lag alike.
 
 from typing import Annotated, NamedTuple
 
+from kerfgym.envs.engine.lanes import part
+from kerfgym.envs.engine.quantity import Quantity
 from kerfgym.envs.plant.controller import Velocities
-from kerfgym.envs.plant.lanes import part
-from kerfgym.envs.plant.quantity import Quantity
 
 SLOT = "xy"
 

@@ -6,8 +6,8 @@
 
 from typing import Annotated, NamedTuple
 
-from kerfgym.envs.plant.lanes import part
-from kerfgym.envs.plant.quantity import Quantity
+from kerfgym.envs.engine.lanes import part
+from kerfgym.envs.engine.quantity import Quantity
 
 
 class Params(NamedTuple):

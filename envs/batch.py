@@ -7,6 +7,8 @@ import numpy as np
 
 from . import scenarios
 from . import stack as stacks
+from .engine.addresses import Words, address
+from .engine.quantity import InvalidInput
 from .episodes import Episodes, check_choice, chosen, weights_of
 from .film import Film
 from .interface import (
@@ -25,10 +27,8 @@ from .interface import (
     observe,
 )
 from .plant import heads
-from .plant.addresses import Words, address
 from .plant.controller import stage_address
 from .plant.fleet import Fleet
-from .plant.quantity import InvalidInput
 
 
 class Batch(Episodes):

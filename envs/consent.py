@@ -7,7 +7,7 @@ somewhere else, such as a ``tuned.toml`` or a preset, may name code too; that is
 
 import os
 
-from .plant.quantity import InvalidInput
+from .engine.quantity import InvalidInput
 
 VARIABLE = "KERFGYM_ALLOW_CODE"
 

@@ -17,8 +17,8 @@ from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 
-from .plant.lanes import mix
-from .plant.quantity import did_you_mean
+from .engine.lanes import mix
+from .engine.quantity import did_you_mean
 
 
 @dataclass(frozen=True)

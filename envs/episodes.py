@@ -11,9 +11,9 @@ import gymnasium as gym
 import numpy as np
 
 from . import scenarios
+from .engine.lanes import mix
+from .engine.quantity import InvalidInput, did_you_mean
 from .plant.fleet import Fleet
-from .plant.lanes import mix
-from .plant.quantity import InvalidInput, did_you_mean
 from .scenarios import Scenario
 
 

@@ -11,7 +11,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from .plant.quantity import InvalidInput
+from .engine.quantity import InvalidInput
 
 MEGABYTE = 1_000_000
 

@@ -6,9 +6,9 @@ import gymnasium as gym
 import numpy as np
 
 from .batch import Batch
+from .engine.quantity import InvalidInput, did_you_mean
 from .film import Film
 from .interface import INFO
-from .plant.quantity import InvalidInput, did_you_mean
 from .scenarios import Scenario
 
 LARGEST = 3.4e38

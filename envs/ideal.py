@@ -22,10 +22,10 @@ from typing import Any
 
 import numpy as np
 
+from .engine.quantity import InvalidInput, did_you_mean
 from .plant import heads, prompt
 from .plant.fleet import Fleet
 from .plant.machine import DT
-from .plant.quantity import InvalidInput, did_you_mean
 
 
 def _sensor(fleet: Fleet, machines: Any) -> None:

@@ -8,9 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .plant import filters, lanes, machine, supervisor
-from .plant.controller import PERIOD, Privileged
-from .plant.lanes import (
+from .engine import lanes
+from .engine.lanes import (
     U1,
     UW,
     U,
@@ -26,6 +25,8 @@ from .plant.lanes import (
     stage,
     words,
 )
+from .plant import filters, machine, supervisor
+from .plant.controller import PERIOD, Privileged
 
 CONTROLS = ("direct", "residual", "schedule")
 OBSERVATIONS = ("features", "raw")

@@ -9,15 +9,15 @@ import numpy as np
 from . import job_interface as interface
 from . import scenarios, workshop
 from . import stack as stacks
+from .engine.addresses import Words, address
+from .engine.quantity import InvalidInput
 from .episodes import Episodes, check_choice, chosen, weights_of
 from .job_interface import FEATURES, LIMIT, ContourReward, CuttingReward, Io
 from .kerf_film import KerfFilm
 from .kerf_picture import QUANTITIES
 from .plant import heads
-from .plant.addresses import Words, address
 from .plant.controller import stage_address
 from .plant.fleet import Fleet
-from .plant.quantity import InvalidInput
 
 PERIOD = 8
 """Control periods of 1 ms from decision to decision."""

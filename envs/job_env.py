@@ -5,11 +5,11 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from .engine.quantity import InvalidInput, did_you_mean
 from .height_following import check_render_mode
 from .job_batch import JobBatch
 from .job_interface import OBJECTIVES
 from .kerf_film import KerfFilm
-from .plant.quantity import InvalidInput, did_you_mean
 from .scenarios import Scenario
 
 _ONE = np.zeros(1, np.int64)

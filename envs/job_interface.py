@@ -4,10 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .engine.lanes import U0, U1, UW, U, clip, doubles, flags, load, logarithm, part, singles, store, words
 from .plant import cut, gantry, machine, published, xy_axes
 from .plant.controller import PERIOD, Privileged, Process
 from .plant.gantry import CUT, LEAD_IN, Hand, Journey, Progress, Recipe, Sums, Trail, between
-from .plant.lanes import U0, U1, UW, U, clip, doubles, flags, load, logarithm, part, singles, store, words
 
 TASKS = ("contour", "cutting")
 CONTROLS = ("residual", "direct")

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
-from .plant.quantity import InvalidInput, did_you_mean
+from .engine.quantity import InvalidInput, did_you_mean
 
 Floats = npt.NDArray[np.float64]
 

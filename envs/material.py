@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from . import files
+from .engine.quantity import InvalidInput, did_you_mean
 from .plant import cut
-from .plant.quantity import InvalidInput, did_you_mean
 
 FOLDER = Path(__file__).parent / "materials"
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .engine.quantity import InvalidInput, did_you_mean
 from .plant.controller import PERIOD
-from .plant.quantity import InvalidInput, did_you_mean
 from .recording import Recording
 
 

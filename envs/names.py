@@ -3,7 +3,7 @@
 import re
 from typing import Any
 
-from .plant.quantity import InvalidInput
+from .engine.quantity import InvalidInput
 
 LONGEST = 100
 """Characters of a name; with a suffix and a word before it a file system takes it in any script."""

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from . import scenarios
+from .engine.quantity import InvalidInput, did_you_mean
 from .plant import calibration, heads, supervisor
 from .plant.controller import PERIOD
 from .plant.fleet import Fleet
-from .plant.quantity import InvalidInput, did_you_mean
 from .scenarios import Scenario
 from .stack import Stack, resolve
 

@@ -14,9 +14,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
+from .engine.quantity import InvalidInput
 from .plant import cut, gantry, spot
 from .plant.cut import CUTOFF, FILM, FLOW, LENGTH, WIDTH
-from .plant.quantity import InvalidInput
 
 Floats = npt.NDArray[np.float64]
 

@@ -5,9 +5,9 @@ from functools import cached_property
 
 import numpy as np
 
+from .engine.lanes import W
 from .material import material
 from .plant import cut, machine, streamed, supervisor
-from .plant.lanes import W
 from .scenarios import Scenario
 
 

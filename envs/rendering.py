@@ -16,8 +16,8 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from .engine.quantity import InvalidInput
 from .plant import sensor
-from .plant.quantity import InvalidInput
 
 Floats = npt.NDArray[np.floating]
 

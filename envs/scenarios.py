@@ -22,13 +22,13 @@ import numpy as np
 
 from . import files, names
 from .distributions import Choice, Draws, LogUniform, Number, Uniform, as_number, bounds, draw
+from .engine.lanes import mix
+from .engine.quantity import InvalidInput, Quantity, did_you_mean
 from .plant import heads, sensor, sheet, spot, xy_axes, z_axis
 from .plant.calibration import read_columns
 from .plant.controller import PERIOD
 from .plant.fleet import Fleet
-from .plant.lanes import mix
 from .plant.path import SPACING, Contour
-from .plant.quantity import InvalidInput, Quantity, did_you_mean
 
 if TYPE_CHECKING:
     from .paths.drawing import Drawing

@@ -27,10 +27,10 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from . import consent, files, secrets
+from .engine.quantity import InvalidInput, Quantity, checked, did_you_mean, quantities
 from .plant import calibration, filters, idle, planning, sensor, supervisor
 from .plant.controller import INFORMATION, SLOTS, Law, make_law, source_of
 from .plant.fleet import Fleet
-from .plant.quantity import InvalidInput, Quantity, checked, did_you_mean, quantities
 from .sources import FOLDERS, SHELVES, SOURCES
 
 GROUPS: dict[str, dict[str, Any]] = {

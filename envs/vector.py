@@ -7,9 +7,9 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from .batch import Batch
+from .engine.quantity import InvalidInput, did_you_mean
 from .episodes import Episodes
 from .height_following import HeightFollowingEnv, check_render_mode
-from .plant.quantity import InvalidInput, did_you_mean
 
 OPTIONS = ("scenario_seed", "reset_mask")
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from . import evidence, scenarios
+from .engine.quantity import InvalidInput
 from .material import Material, material
 from .paths import kerf, parts
 from .paths.checks import check_travel
@@ -22,7 +23,6 @@ from .paths.route import Cutting, Route, routed
 from .plant import heads, spot
 from .plant.fleet import Fleet
 from .plant.gantry import Recipe
-from .plant.quantity import InvalidInput
 from .scenarios import Scenario
 from .stack import Stack, Team
 

@@ -18,7 +18,7 @@ import pandas as pd
 
 from .. import __version__
 from ..envs import files, scenarios, workshop
-from ..envs.plant.quantity import InvalidInput, did_you_mean
+from ..envs.engine.quantity import InvalidInput, did_you_mean
 from . import runs, stored, tabular
 from .jobs import JobResults
 from .results import Results

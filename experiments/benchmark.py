@@ -10,8 +10,8 @@ import pandas as pd
 
 from ..envs import files, scenarios, workshop
 from ..envs import stack as stacks
-from ..envs.plant import kernels
-from ..envs.plant.quantity import InvalidInput
+from ..envs.engine import kernels
+from ..envs.engine.quantity import InvalidInput
 from ..envs.scenarios import Scenario
 from . import archive, decisions, detuned, digest, jobs, plans, plants, pool, rollout, runs
 from .bars import Bars

@@ -14,7 +14,7 @@ from tyro.conf import OmitArgPrefixes, Positional, UseAppendAction, arg
 
 from .. import __version__
 from ..envs import consent
-from ..envs.plant.quantity import InvalidInput, did_you_mean
+from ..envs.engine.quantity import InvalidInput, did_you_mean
 from . import typed
 from .drawings import Options, tell
 

@@ -24,7 +24,7 @@ import tyro
 from joblib import Parallel, delayed
 from scipy import stats
 
-from ..envs.plant.quantity import InvalidInput
+from ..envs.engine.quantity import InvalidInput
 from .bars import Bars
 from .inference import LEVEL, Interval, Sample
 from .resampling import Statistic, log_score, mean_of_middle, replicate

@@ -17,13 +17,13 @@ import numpy as np
 
 from ..envs import scenarios
 from ..envs import stack as stacks
+from ..envs.engine.addresses import Address, Words, address
+from ..envs.engine.kernels import Kernel
+from ..envs.engine.lanes import U0, U1, U, W, call, doubles, rows, unflat, words
+from ..envs.engine.quantity import InvalidInput
 from ..envs.plant import heads, machine
-from ..envs.plant.addresses import Address, Words, address
 from ..envs.plant.controller import PERIOD, Privileged, stage_of
 from ..envs.plant.fleet import Fleet
-from ..envs.plant.kernels import Kernel
-from ..envs.plant.lanes import U0, U1, U, W, call, doubles, rows, unflat, words
-from ..envs.plant.quantity import InvalidInput
 from ..envs.stack import Stack
 from . import rollout
 

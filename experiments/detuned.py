@@ -12,7 +12,7 @@ import pandas as pd
 
 from .. import baselines
 from ..envs import stack as stacks
-from ..envs.plant.quantity import InvalidInput
+from ..envs.engine.quantity import InvalidInput
 from ..envs.stack import Stack
 from .bars import Told
 from .fairness import foremost

@@ -29,9 +29,9 @@ from .. import __file__ as _root
 from .. import baselines
 from ..envs import evidence, job_metrics, metrics, scenarios
 from ..envs import stack as stacks
+from ..envs.engine.lanes import is_part
+from ..envs.engine.quantity import InvalidInput, Quantity, quantities
 from ..envs.plant import controller
-from ..envs.plant.lanes import is_part
-from ..envs.plant.quantity import InvalidInput, Quantity, quantities
 from . import budgets, search
 from .bounds import record
 from .figures import marks, tables

@@ -9,10 +9,10 @@ from PIL import Image
 
 from ..envs import scenarios, workshop
 from ..envs import stack as stacks
+from ..envs.engine.quantity import InvalidInput, did_you_mean
 from ..envs.film import Film
 from ..envs.kerf_film import KerfFilm
 from ..envs.kerf_picture import QUANTITIES
-from ..envs.plant.quantity import InvalidInput, did_you_mean
 from ..envs.scenarios import Reading, Scenario
 from . import rollout
 from .bars import Bars

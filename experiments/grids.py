@@ -7,7 +7,7 @@ from pathlib import Path
 from ..agents.policy import DOCUMENT
 from ..envs import files, scenarios, workshop
 from ..envs import stack as stacks
-from ..envs.plant.quantity import InvalidInput, did_you_mean
+from ..envs.engine.quantity import InvalidInput, did_you_mean
 from ..envs.scenarios import Reading, Scenario
 
 DEFAULT = ("xi2023-ma", "xi2023-improved", "xi2023-tuned", "pid", "observer", "preview-5ms")

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ..envs import scenarios
-from ..envs.plant.quantity import InvalidInput, did_you_mean
+from ..envs.engine.quantity import InvalidInput, did_you_mean
 
 
 @dataclass

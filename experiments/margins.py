@@ -21,12 +21,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..envs.engine.lanes import U1, UW, U, W, doubles, stage
+from ..envs.engine.quantity import InvalidInput
 from ..envs.plant import heads, sheet, z_axis
 from ..envs.plant import machine as kernel
 from ..envs.plant.controller import PERIOD, stage_address
 from ..envs.plant.fleet import Fleet
-from ..envs.plant.lanes import U1, UW, U, W, doubles, stage
-from ..envs.plant.quantity import InvalidInput
 from ..envs.scenarios import Scenario, noise_keys
 from ..envs.stack import Stack
 from . import rollout, stability

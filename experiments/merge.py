@@ -9,7 +9,7 @@ from typing import Any
 
 import pandas as pd
 
-from ..envs.plant.quantity import InvalidInput
+from ..envs.engine.quantity import InvalidInput
 from .archive import Archive
 from .jobs import JobResults
 from .ledger import ranges

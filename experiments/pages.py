@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from ..envs.plant.quantity import InvalidInput
+from ..envs.engine.quantity import InvalidInput
 from . import runs
 from .docs import FOLDER
 from .runs import atomic

@@ -7,8 +7,8 @@ from typing import Any
 import pandas as pd
 
 from ..envs import scenarios, workshop
+from ..envs.engine.quantity import InvalidInput, did_you_mean
 from ..envs.paths.parts import PARTS
-from ..envs.plant.quantity import InvalidInput, did_you_mean
 from ..envs.scenarios import Reading, Scenario
 from .grids import cut
 from .runs import atomic

@@ -21,8 +21,8 @@ import numpy as np
 
 from ..envs import scenarios
 from ..envs.distributions import Choice, LogUniform, Uniform, as_number, bounds
+from ..envs.engine.quantity import InvalidInput
 from ..envs.plant.fleet import Fleet
-from ..envs.plant.quantity import InvalidInput
 from ..envs.scenarios import Scenario
 
 MACHINE = ("axis", "head")

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from ..envs import secrets
-from ..envs.plant.quantity import InvalidInput, did_you_mean
+from ..envs.engine.quantity import InvalidInput, did_you_mean
 
 BACKENDS = ("loky", "dask")
 """Processes of this machine · a dask cluster, its own or one that is told by its scheduler's address."""

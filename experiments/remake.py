@@ -5,7 +5,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..envs.plant.quantity import InvalidInput
+from ..envs.engine.quantity import InvalidInput
 from . import archive, digest, merge, runs
 from .archive import Archive
 from .bars import Bars

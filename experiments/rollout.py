@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from ..envs import scenarios
+from ..envs.engine.lanes import unflat
+from ..envs.engine.quantity import InvalidInput
 from ..envs.plant import heads, machine
 from ..envs.plant.controller import INFORMATION
 from ..envs.plant.fleet import Fleet
-from ..envs.plant.lanes import unflat
-from ..envs.plant.quantity import InvalidInput
 from ..envs.recording import Recording
 from ..envs.scenarios import Scenario
 from ..envs.stack import Stack

@@ -20,7 +20,7 @@ import pandas as pd
 
 from .. import __version__
 from ..envs import files, names
-from ..envs.plant.quantity import InvalidInput
+from ..envs.engine.quantity import InvalidInput
 from . import typed
 
 BEGUN = ".begun"

@@ -30,8 +30,8 @@ from typing import Any
 from .. import __version__, baselines
 from ..envs import scenarios
 from ..envs import stack as stacks
+from ..envs.engine.quantity import InvalidInput, did_you_mean
 from ..envs.plant import filters
-from ..envs.plant.quantity import InvalidInput, did_you_mean
 from ..envs.stack import Stack
 from .tune import evaluate, goals
 

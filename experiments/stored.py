@@ -10,8 +10,8 @@ from typing import Any, Literal
 from typing_extensions import TypedDict  # as pydantic wants it below Python 3.12
 
 from ..envs import job_metrics, names, secrets
+from ..envs.engine.quantity import InvalidInput, did_you_mean
 from ..envs.metrics import METRICS
-from ..envs.plant.quantity import InvalidInput, did_you_mean
 from ..envs.stack import recorded
 
 Words = dict[str, str]

@@ -5,7 +5,7 @@ from pathlib import Path
 import pandas as pd
 
 from ..envs import files
-from ..envs.plant.quantity import InvalidInput
+from ..envs.engine.quantity import InvalidInput
 
 CELLS = 300_000_000
 """Numbers of a table; a compressed one may be small in its file and larger than memory."""

@@ -13,10 +13,11 @@ import pandas as pd
 from .. import __version__
 from ..envs import metrics, scenarios
 from ..envs import stack as stacks
-from ..envs.plant import kernels, machine
+from ..envs.engine import kernels
+from ..envs.engine.quantity import InvalidInput
+from ..envs.plant import machine
 from ..envs.plant.controller import PERIOD
 from ..envs.plant.path import SPACING
-from ..envs.plant.quantity import InvalidInput
 from ..envs.scenarios import Scenario
 from ..envs.stack import Stack
 from . import jobs, margins, rollout, stability

@@ -14,7 +14,7 @@ import tyro
 
 import kerfgym
 from kerfgym.envs import job_metrics, metrics, scenarios, stack
-from kerfgym.envs.plant.quantity import InvalidInput
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.experiments import cli, docs
 
 ROOT = Path(kerfgym.__file__).parent

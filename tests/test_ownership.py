@@ -20,13 +20,13 @@ from kerfgym.envs import panel, scenarios, workshop
 from kerfgym.envs import stack as stacks
 from kerfgym.envs.batch import Batch
 from kerfgym.envs.cutting import CuttingEnv
+from kerfgym.envs.engine.addresses import Address, Words, address
+from kerfgym.envs.engine.kernels import Kernel
 from kerfgym.envs.height_following import HeightFollowingEnv
 from kerfgym.envs.job_batch import ContourBatch, CuttingBatch
 from kerfgym.envs.plant import calibration, gantry, heads, machine, path, prompt
-from kerfgym.envs.plant.addresses import Address, Words, address
 from kerfgym.envs.plant.controller import stage_address
 from kerfgym.envs.plant.fleet import Fleet
-from kerfgym.envs.plant.kernels import Kernel
 from kerfgym.envs.vector import HeightFollowingVectorEnv
 from kerfgym.experiments import decisions, margins, rollout
 
@@ -176,7 +176,7 @@ def test_steps_that_break_off_do_not_stay_in_force(monkeypatch):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(kerfgym.envs.plant.workers.Workers, "share", lambda self, call: interrupted(call))
+        patch.setattr(kerfgym.envs.engine.workers.Workers, "share", lambda self, call: interrupted(call))
         with pytest.raises(KeyboardInterrupt):
             fleet.advance(500)
     before = fleet.tick
@@ -416,4 +416,4 @@ def test_addresses_are_taken_in_one_place():
         for file in (root / folder).rglob("*.py")
         if taken.search(file.read_text(encoding="utf-8"))
     }
-    assert found == {"envs/plant/addresses.py", "envs/plant/columns.py"}  # the second aligns an array
+    assert found == {"envs/engine/addresses.py", "envs/engine/columns.py"}  # the second aligns an array

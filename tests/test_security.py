@@ -27,8 +27,8 @@ from kerfgym.agents import checkpoint, settings
 from kerfgym.agents.policy import Policy
 from kerfgym.envs import consent, files, names, scenarios, secrets
 from kerfgym.envs import stack as stacks
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.paths.read import read as read_drawing
-from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.experiments import archive, pool, tabular
 from kerfgym.experiments.benchmark import run
 from kerfgym.experiments.cli import main

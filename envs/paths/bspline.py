@@ -9,7 +9,7 @@ import numpy.typing as npt
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from ..plant.quantity import InvalidInput
+from ..engine.quantity import InvalidInput
 
 Points = npt.NDArray[np.float64]
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..plant.quantity import InvalidInput
+from ..engine.quantity import InvalidInput
 from .drawing import Drawing
 
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 
-from ..plant.quantity import InvalidInput, did_you_mean
+from ..engine.quantity import InvalidInput, did_you_mean
 
 ROLES = ("cut", "engrave", "ignore")
 

@@ -4,7 +4,7 @@ from collections import Counter
 
 import numpy as np
 
-from ..plant.quantity import InvalidInput
+from ..engine.quantity import InvalidInput
 from .choice import SHOWN
 from .curve import EXACT, Curve, key
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from ..engine.quantity import InvalidInput, did_you_mean
 from ..plant.path import Contour, resample
-from ..plant.quantity import InvalidInput, did_you_mean
 from . import report
 from .cleaning import Cleaned, TooMany, without_doubles, without_overlaps
 from .collected import LENGTH_RANGE, Collected, listed

@@ -6,7 +6,7 @@ The third dimension is dropped: what is cut is what one sees from above.
 from pathlib import Path
 from typing import Any
 
-from ..plant.quantity import InvalidInput
+from ..engine.quantity import InvalidInput
 from .choice import Choice, Rules
 from .collected import Collected
 from .colours import drawn

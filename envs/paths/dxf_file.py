@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ..plant.quantity import InvalidInput
+from ..engine.quantity import InvalidInput
 from .collected import MOST_ENTITIES
 
 SUBCLASS = {

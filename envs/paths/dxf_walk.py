@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from ..plant.quantity import InvalidInput
+from ..engine.quantity import InvalidInput
 from .choice import Choice, merged
 from .clip import Clip
 from .collected import Collected

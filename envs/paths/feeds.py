@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from ..plant.quantity import InvalidInput
+from ..engine.quantity import InvalidInput
 from .curve import Indices, Points
 from .drawing import Drawing
 from .driven import Driven

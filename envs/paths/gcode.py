@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..plant.quantity import InvalidInput
+from ..engine.quantity import InvalidInput
 from .drawing import Drawing, drawing, unit
 from .gcode_beam import Piece, repeats
 from .gcode_machine import Machine

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 
-from ..plant.quantity import InvalidInput
+from ..engine.quantity import InvalidInput
 from .gcode_parameters import Parameters
 
 Evaluator = Callable[[Parameters], float]

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
-from ..plant.quantity import InvalidInput
+from ..engine.quantity import InvalidInput
 from .gcode_labels import Labels
 from .gcode_parameters import Key, Parameters
 from .gcode_words import Block, Word, shortened, without_comments

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-from ..plant.quantity import InvalidInput
+from ..engine.quantity import InvalidInput
 from .gcode_beam import Beam, Switches
 from .gcode_codes import AXES, CODES, CYCLES, HARMLESS, MOTION, READ
 from .gcode_flow import Line, Programme

@@ -7,7 +7,7 @@ counts along the way in space. Other axes may be named, but not moved.
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
-from ..plant.quantity import InvalidInput
+from ..engine.quantity import InvalidInput
 from .curve import EXACT, Curve
 from .drawing import LENGTH_RANGE
 from .gcode_arcs import (

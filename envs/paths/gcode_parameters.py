@@ -8,7 +8,7 @@ nan here: it may stand where only the machine need know it.
 import math
 from collections.abc import Callable
 
-from ..plant.quantity import InvalidInput
+from ..engine.quantity import InvalidInput
 
 Key = int | str
 """A number, or a name in lower case with its ``<>``."""

@@ -11,7 +11,7 @@ import re
 from collections.abc import Callable
 from typing import NamedTuple
 
-from ..plant.quantity import InvalidInput
+from ..engine.quantity import InvalidInput
 from .gcode_arithmetic import FUNCTIONS, LEVELS, Evaluator, angle, chained, computed
 from .gcode_parameters import Key, Parameters, check
 

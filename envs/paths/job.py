@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..plant.quantity import InvalidInput
+from ..engine.quantity import InvalidInput
 from .curve import Points
 from .drawing import Drawing
 from .feeds import breaks, of_piece

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..plant.quantity import InvalidInput
+from ..engine.quantity import InvalidInput
 from .curve import Points
 from .drawing import Drawing
 from .naming import named

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..plant.quantity import InvalidInput, did_you_mean
+from ..engine.quantity import InvalidInput, did_you_mean
 from . import bspline
 from .curve import Curve, Points
 from .drawing import Drawing, drawing

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from ..plant.quantity import InvalidInput
+from ..engine.quantity import InvalidInput
 from . import scurve
 from .curve import CHORD, Indices
 from .driven import Driven, Place, joined, smooth

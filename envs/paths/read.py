@@ -4,7 +4,7 @@ from importlib import import_module
 from pathlib import Path
 
 from .. import files
-from ..plant.quantity import InvalidInput, did_you_mean
+from ..engine.quantity import InvalidInput, did_you_mean
 from .choice import Rules
 from .drawing import Drawing
 

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..plant.quantity import InvalidInput
+from ..engine.quantity import InvalidInput
 from .curve import Indices, Points
 from .drawing import Drawing
 from .joints import away_from_corners, joints, runs

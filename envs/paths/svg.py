@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..plant.quantity import InvalidInput
+from ..engine.quantity import InvalidInput
 from . import svg_style
 from .choice import Choice, Rules, merged
 from .collected import Collected

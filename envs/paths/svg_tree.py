@@ -9,7 +9,7 @@ from xml.parsers import expat
 
 import numpy as np
 
-from ..plant.quantity import InvalidInput
+from ..engine.quantity import InvalidInput
 from .collected import MOST_ENTITIES
 
 PIXEL = 25.4 / 96.0

@@ -16,8 +16,8 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from .lanes import U0, U1, part
-from .quantity import InvalidInput, Quantity
+from ..engine.lanes import U0, U1, part
+from ..engine.quantity import InvalidInput, Quantity
 
 POINTS = 1000
 """Entries of a table (Xi2023: 10 mm at 10 mm/s, one sample per 1 ms)."""

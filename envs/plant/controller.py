@@ -35,10 +35,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from . import lanes
-from .kernels import Kernel, specialise
-from .lanes import doubles, load, part, store
-from .quantity import InvalidInput, did_you_mean
+from ..engine import lanes
+from ..engine.kernels import Kernel, is_stamped, specialise
+from ..engine.lanes import doubles, load, part, store
+from ..engine.quantity import InvalidInput, did_you_mean
 
 PERIOD = 1e-3
 """s, control period (Xi2023)."""
@@ -432,7 +432,7 @@ def _told(value: Any, names: frozenset[str], seen: set[Any]) -> str:
     function = getattr(value, "py_func", value)
     if isinstance(function, types.FunctionType):
         known = function is value and function not in lanes.PARTS  # to the compiler: NumPy's, say
-        if known or function in seen or function.__module__.startswith(f"{__package__}."):  # the stamp tells these
+        if known or function in seen or is_stamped(function.__module__):  # the stamp tells these
             return ""
         seen.add(function)
         cells = zip(function.__code__.co_freevars, function.__closure__ or (), strict=True)

@@ -55,7 +55,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .lanes import clip, exponential, fma, logarithm, part, power
+from ..engine.lanes import clip, exponential, fma, logarithm, part, power
 
 CUTOFF = 2.5
 """mm, wavelength above which a contour error counts as waviness (λc of ISO 4288 for Rz 10–50 µm)."""

@@ -23,8 +23,8 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from .lanes import clip, part
-from .quantity import InvalidInput, Quantity
+from ..engine.lanes import clip, part
+from ..engine.quantity import InvalidInput, Quantity
 
 LONGEST = 64
 """Largest window, samples."""

@@ -6,15 +6,15 @@ from typing import Any
 
 import numpy as np
 
+from ..engine.addresses import Address, Words, address
+from ..engine.columns import Columns
+from ..engine.lanes import W, fields, flat
+from ..engine.quantity import InvalidInput
+from ..engine.workers import workers
 from . import filters, gantry, machine, path, sheet
-from .addresses import Address, Words, address
 from .calibration import Pool
-from .columns import Columns
 from .controller import Law, stage_of
 from .gantries import Gantries
-from .lanes import W, fields, flat
-from .quantity import InvalidInput
-from .workers import workers
 
 
 class Fleet(Columns):

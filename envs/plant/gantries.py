@@ -4,11 +4,11 @@ from typing import Any
 
 import numpy as np
 
+from ..engine.addresses import Address, address
+from ..engine.columns import Columns
+from ..engine.lanes import W, fields, flat, rows, unflat
 from . import gantry, xy_axes
-from .addresses import Address, address
-from .columns import Columns
 from .controller import Law, stage_of
-from .lanes import W, fields, flat, rows, unflat
 
 
 class Gantries(Columns):

@@ -16,6 +16,26 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..engine.kernels import Kernel
+from ..engine.lanes import (
+    U0,
+    U1,
+    U2,
+    UW,
+    Layout,
+    U,
+    W,
+    call,
+    clip,
+    doubles,
+    load,
+    part,
+    rows,
+    singles,
+    stage,
+    store,
+    words,
+)
 from . import cut, machine, path, published, spot, supervisor, xy_axes
 from .controller import (
     AHEAD,
@@ -27,8 +47,6 @@ from .controller import (
     ProcessPrivileged,
     Velocities,
 )
-from .kernels import Kernel
-from .lanes import U0, U1, U2, UW, Layout, U, W, call, clip, doubles, load, part, rows, singles, stage, store, words
 
 RAPID, APPROACH, PIERCE, LEAD_IN, CUT, LIFT = range(6)
 """Phases of a job."""

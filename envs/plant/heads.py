@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from ..engine.lanes import mix
+from ..engine.quantity import InvalidInput
 from . import calibration, idle, sensor, supervisor
 from .controller import make_law
 from .fleet import Fleet
-from .lanes import mix
-from .quantity import InvalidInput
 
 HEADS = 16
 """Heads of each oscillator preset in the pool; the first of each is the nominal one."""

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from .lanes import part
+from ..engine.lanes import part
 
 
 class Params(NamedTuple):

@@ -12,10 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from . import calibration, filters, path, sensor, sheet, supervisor, z_axis
-from .controller import AHEAD, PERIOD, SLOTS, Privileged
-from .kernels import Kernel
-from .lanes import (
+from ..engine.kernels import Kernel
+from ..engine.lanes import (
     GOLD,
     U0,
     U1,
@@ -39,6 +37,8 @@ from .lanes import (
     uniform,
     words,
 )
+from . import calibration, filters, path, sensor, sheet, supervisor, z_axis
+from .controller import AHEAD, PERIOD, SLOTS, Privileged
 
 SUBSTEPS = 20
 _AT_ONCE = 5

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .lanes import U1, clip, part
+from ..engine.lanes import U1, clip, part
 
 SPACING = 0.05
 """mm between the samples of a contour."""

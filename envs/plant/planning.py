@@ -2,7 +2,7 @@
 
 from typing import Annotated, NamedTuple
 
-from .quantity import Quantity
+from ..engine.quantity import Quantity
 
 
 class Axes(NamedTuple):

@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
+from ..engine.columns import aligned
+from ..engine.kernels import Kernel
+from ..engine.lanes import U0, U1, U2, UW, W, doubles, load, stage, store, words
 from . import filters, machine, sensor
-from .columns import aligned
 from .fleet import Fleet
-from .kernels import Kernel
-from .lanes import U0, U1, U2, UW, W, doubles, load, stage, store, words
 
 _ROWS = machine.ROWS + 1
 _STRIDE, _ON = np.uint64(_ROWS * W), np.uint64(machine.ROWS * W)

@@ -12,8 +12,8 @@ the hat without a result, so the two amplitudes must be equal and the shape a ci
 
 from typing import NamedTuple
 
+from ..engine.lanes import clip, part
 from .controller import Process
-from .lanes import clip, part
 from .spot import HAT
 
 

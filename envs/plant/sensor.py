@@ -17,8 +17,8 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from .lanes import U1, U2, U3, U4, bits, fma, gauss, logarithm, part, uniform
-from .quantity import Quantity
+from ..engine.lanes import U1, U2, U3, U4, bits, fma, gauss, logarithm, part, uniform
+from ..engine.quantity import Quantity
 
 EPSILON0 = 8.8541878128e-3
 """pF/mm, permittivity of vacuum."""

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .lanes import U1, U, as_number, clip, part, sine
+from ..engine.lanes import U1, U, as_number, clip, part, sine
 
 WAVES, VIBRATIONS, FEATURES = 8, 3, 16
 """Most waves, vibrations and features that one sheet can have."""

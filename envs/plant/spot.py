@@ -22,8 +22,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .lanes import clip, part, sine
-from .quantity import InvalidInput
+from ..engine.lanes import clip, part, sine
+from ..engine.quantity import InvalidInput
 
 CIRCULAR, HAT, ELLIPTICAL = 0, 1, 2
 SHAPES = ("circular", "hat", "elliptical")

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from ..engine.addresses import address
+from ..engine.kernels import Kernel
+from ..engine.lanes import UW, U, W, doubles, flat, load, rows, stage, store
 from . import cut
-from .addresses import address
-from .kernels import Kernel
-from .lanes import UW, U, W, doubles, flat, load, rows, stage, store
 
 _P, _B, _S = U(0), U(rows(cut.Params) * W), U((rows(cut.Params) + rows(cut.Beam)) * W)
 _SIZE = _S + U(rows(cut.State) * W)

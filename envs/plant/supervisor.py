@@ -34,8 +34,8 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from .lanes import clip, part
-from .quantity import Quantity
+from ..engine.lanes import clip, part
+from ..engine.quantity import Quantity
 
 MODES = ("stop", "home", "move", "calibrate", "follow", "hold", "alarm", "protect")
 STOP, HOME, MOVE, CALIBRATE, FOLLOW, HOLD, ALARM, PROTECT = (float(i) for i in range(len(MODES)))

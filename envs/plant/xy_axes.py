@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .lanes import clip, fma, part
+from ..engine.lanes import clip, fma, part
 
 
 class Params(NamedTuple):

@@ -31,7 +31,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .lanes import clip, fma, part
+from ..engine.lanes import clip, fma, part
 
 GRAVITY = 9810.0
 """mm/s²"""

@@ -15,9 +15,9 @@ import numpy as np
 
 from ...envs import ideal, job_metrics, metrics
 from ...envs import stack as stacks
+from ...envs.engine.quantity import InvalidInput, did_you_mean
 from ...envs.plant import filters
 from ...envs.plant.fleet import Fleet
-from ...envs.plant.quantity import InvalidInput, did_you_mean
 from ...envs.scenarios import Scenario
 from ...envs.stack import Stack, Team
 from .. import jobs, rollout

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from ...envs.plant.quantity import InvalidInput
+from ...envs.engine.quantity import InvalidInput
 from ...envs.scenarios import Scenario
 from ...envs.stack import Stack, Team, resolve
 from .. import runs

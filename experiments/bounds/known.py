@@ -7,7 +7,7 @@ from dataclasses import fields
 from typing import Any
 
 from ...envs import scenarios
-from ...envs.plant.quantity import InvalidInput
+from ...envs.engine.quantity import InvalidInput
 from ...envs.scenarios import Axis, Bulge, Corners, Head, Random, Scenario, Sheet, Steps, Turns, Vibration, Wave
 
 KNOWN: dict[type, frozenset[str]] = {

@@ -29,12 +29,10 @@ LINEAR = "fixed linear, at the set height"
 SOURCES = (
     "experiments/bounds/*.py", "!experiments/bounds/record.py", "!experiments/bounds/estimates.py",
     "!experiments/bounds/__main__.py", "envs/scenarios.py", "envs/distributions.py",
+    "envs/engine/lanes.py", "envs/engine/quantity.py",
     *(
         f"envs/plant/{name}.py"
-        for name in (
-            "calibration", "controller", "fleet", "heads", "lanes", "machine", "path", "quantity", "sensor", "sheet",
-            "z_axis",
-        )
+        for name in ("calibration", "controller", "fleet", "heads", "machine", "path", "sensor", "sheet", "z_axis")
     ),
 )  # fmt: skip
 """What bounds are made from, beside the scenarios, as :mod:`figures.stamp` takes it."""

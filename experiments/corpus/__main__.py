@@ -5,7 +5,7 @@ from typing import Annotated
 
 import tyro
 
-from ...envs.plant.quantity import InvalidInput
+from ...envs.engine.quantity import InvalidInput
 from .. import pages, runs
 from ..bars import progress
 from .each import TIME_LIMIT, files, verdicts

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ...envs.engine.quantity import InvalidInput
 from ...envs.paths.drawing import UNITS, Drawing
 from ...envs.paths.read import FORMATS, read
-from ...envs.plant.quantity import InvalidInput
 from .verdict import ACCEPTED, FAILED, NOTHING, REFUSED, Verdict
 
 TOLERANCE = 0.005

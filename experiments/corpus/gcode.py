@@ -8,9 +8,9 @@ import re
 import time
 from pathlib import Path
 
+from ...envs.engine.quantity import InvalidInput
 from ...envs.paths.drawing import Drawing
 from ...envs.paths.gcode import read_gcode
-from ...envs.plant.quantity import InvalidInput
 from . import canonical, rs274
 from .compare import apart
 from .verdict import ACCEPTED, NOTHING, REFUSED, Verdict

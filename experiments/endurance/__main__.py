@@ -5,7 +5,7 @@ from typing import Annotated
 
 import tyro
 
-from ...envs.plant.quantity import InvalidInput
+from ...envs.engine.quantity import InvalidInput
 from .. import grids, runs
 from .page import DRAWN, MODULE, PAGE, made
 from .sheets import sheets as sheets_of

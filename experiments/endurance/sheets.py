@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from ...envs import scenarios
-from ...envs.plant.quantity import InvalidInput, did_you_mean
+from ...envs.engine.quantity import InvalidInput, did_you_mean
 from ...envs.scenarios import Scenario
 from ..grids import along
 

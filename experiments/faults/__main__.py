@@ -4,7 +4,7 @@ from typing import Annotated
 
 import tyro
 
-from ...envs.plant.quantity import InvalidInput
+from ...envs.engine.quantity import InvalidInput
 from .. import grids, runs
 from .page import PAGE, made
 from .story import story

@@ -13,14 +13,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...envs.engine.addresses import Words, address
+from ...envs.engine.columns import Columns
+from ...envs.engine.lanes import U0, U1, U2, UW, Layout, U, W, call, doubles, load, rows, store, words
+from ...envs.engine.quantity import InvalidInput
 from ...envs.plant import filters, heads, machine, sensor, supervisor, z_axis
-from ...envs.plant.addresses import Words, address
 from ...envs.plant.calibration import POINTS
-from ...envs.plant.columns import Columns
 from ...envs.plant.controller import Privileged, stage_address
 from ...envs.plant.fleet import Fleet
-from ...envs.plant.lanes import U0, U1, U2, UW, Layout, U, W, call, doubles, load, rows, store, words
-from ...envs.plant.quantity import InvalidInput
 from ...envs.stack import Stack
 
 KINDS = ("none", "spikes", "frozen", "delayed", "scaled", "dropout", "stuck", "saturated", "impulse", "shower")

@@ -2,8 +2,8 @@
 
 from ...envs import scenarios
 from ...envs import stack as stacks
+from ...envs.engine.quantity import InvalidInput
 from ...envs.plant import machine, supervisor
-from ...envs.plant.quantity import InvalidInput
 from ..table import Sheet
 from .campaign import SCENARIOS
 from .draws import drawn, words

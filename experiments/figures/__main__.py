@@ -13,7 +13,7 @@ import argparse
 import sys
 import traceback
 
-from ...envs.plant.quantity import InvalidInput
+from ...envs.engine.quantity import InvalidInput
 from .. import docs
 from . import marks, store
 from .study import Study, run, studies

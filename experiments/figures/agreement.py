@@ -3,7 +3,7 @@
 import itertools
 from typing import Any
 
-from ...envs.plant.quantity import InvalidInput
+from ...envs.engine.quantity import InvalidInput
 from . import store
 from .study import Trial, study
 

@@ -12,7 +12,7 @@ import math
 import re
 from typing import Any
 
-from ...envs.plant.quantity import InvalidInput
+from ...envs.engine.quantity import InvalidInput
 from . import store
 
 MARKED = re.compile(r"(<!-- n: (?P<path>[\w-]+\.[^\s…]+)(?: (?P<form>\S+))? -->)(?P<shown>.*?)(<!-- /n -->)", re.DOTALL)

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from ... import __file__ as _root
-from ...envs.plant.quantity import InvalidInput
+from ...envs.engine.quantity import InvalidInput
 from .imports import sources
 
 ROOT = Path(_root).parent

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ...envs.plant.quantity import InvalidInput, did_you_mean
+from ...envs.engine.quantity import InvalidInput, did_you_mean
 from .. import runs
 from .stamp import ROOT
 

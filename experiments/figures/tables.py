@@ -10,7 +10,7 @@ from typing import Any
 
 from ...envs import scenarios
 from ...envs import stack as stacks
-from ...envs.plant.quantity import InvalidInput, did_you_mean
+from ...envs.engine.quantity import InvalidInput, did_you_mean
 from .. import markdown
 from . import store
 from .marks import written

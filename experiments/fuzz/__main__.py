@@ -15,7 +15,7 @@ from typing import Annotated, Any
 import tyro
 from tyro.conf import Positional, arg
 
-from ...envs.plant.quantity import InvalidInput, did_you_mean
+from ...envs.engine.quantity import InvalidInput, did_you_mean
 from ..markdown import table
 from .seeds import make
 from .targets import TARGETS, case

@@ -13,7 +13,7 @@ from typing import Any
 import tomli_w
 
 from ...envs import files
-from ...envs.plant.quantity import InvalidInput
+from ...envs.engine.quantity import InvalidInput
 
 NUMBERS = (
     "0", "-1", "1", "-0.0", "1e300", "-1e300", "1e-300", "1e12", "1e999", "nan", "inf", "-inf", "2147483648",

@@ -12,10 +12,10 @@ import numpy as np
 
 from ...envs import material, scenarios, workshop
 from ...envs import stack as stacks
+from ...envs.engine.quantity import InvalidInput
 from ...envs.plant import calibration, heads, idle
 from ...envs.plant.controller import make_law
 from ...envs.plant.fleet import Fleet
-from ...envs.plant.quantity import InvalidInput
 from .mutate import mutated
 from .seeds import JOURNALED
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from ...envs.plant.quantity import InvalidInput
+from ...envs.engine.quantity import InvalidInput
 
 MOST_MEMORY = 1_000_000_000
 """Bytes beyond what the process has when it begins; also of a file that it writes."""

@@ -12,7 +12,7 @@ from typing import Annotated
 import tyro
 from tyro.conf import Positional, arg
 
-from ...envs.plant.quantity import InvalidInput, did_you_mean
+from ...envs.engine.quantity import InvalidInput, did_you_mean
 from ..markdown import table
 from .campaign import campaign
 from .commands import COMMANDS

@@ -7,7 +7,7 @@ from typing import Annotated
 import pandas as pd
 import tyro
 
-from ...envs.plant.quantity import InvalidInput
+from ...envs.engine.quantity import InvalidInput
 from .. import pages, runs
 from ..bars import progress
 from .campaign import files, random, sheet_of

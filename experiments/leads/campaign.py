@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pandas as pd
 
+from ...envs.engine.quantity import InvalidInput
 from ...envs.paths.drawing import Drawing
 from ...envs.paths.read import FORMATS, PROGRAMMES, read
 from ...envs.paths.route import Cutting, Route, routed
-from ...envs.plant.quantity import InvalidInput
 from ..table import Sheet
 from .draws import KINDS, sheets
 from .verdict import WRONG, Material, parts_of, wrong

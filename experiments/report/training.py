@@ -7,7 +7,7 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from ...envs import files
-from ...envs.plant.quantity import InvalidInput
+from ...envs.engine.quantity import InvalidInput
 from ...envs.stack import shelved
 from .. import runs, tabular
 from .figure import Figure, line

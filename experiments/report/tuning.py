@@ -5,7 +5,7 @@ import contextlib
 import pandas as pd
 import plotly.graph_objects as go
 
-from ...envs.plant.quantity import InvalidInput
+from ...envs.engine.quantity import InvalidInput
 from .. import runs, tabular
 from .figure import Figure
 from .heat import SHOWN

@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.stats import quantile_test
 
-from ...envs.plant.quantity import InvalidInput, did_you_mean
+from ...envs.engine.quantity import InvalidInput, did_you_mean
 
 DOCUMENTS = {
     "xi2023": "Xi2023: Z height following, its filters and its calibration",

@@ -9,9 +9,9 @@ from typing import Annotated, NamedTuple
 
 from kerfgym.baselines import cn102528288a as scheduled
 from kerfgym.baselines.cn102528288a import integral_share, position_gain
+from kerfgym.envs.engine.lanes import clip, part
+from kerfgym.envs.engine.quantity import Quantity
 from kerfgym.envs.plant.controller import PERIOD
-from kerfgym.envs.plant.lanes import clip, part
-from kerfgym.envs.plant.quantity import Quantity
 
 LIMIT = 100.0
 """mm/s, largest part of each integral, as in the document's law here."""

@@ -12,9 +12,9 @@ from ...baselines import preset
 from ...envs import job_metrics, quality, scenarios
 from ...envs import material as materials
 from ...envs import stack as stacks
+from ...envs.engine.quantity import InvalidInput
 from ...envs.paths import bspline
 from ...envs.plant import cut, gantry, spot
-from ...envs.plant.quantity import InvalidInput
 from .. import calibrate, jobs
 from ..report.palette import COLOURS, GRID, QUIET
 from .claims import (

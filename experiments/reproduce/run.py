@@ -11,7 +11,7 @@ from typing import Any
 from joblib import Parallel, delayed
 
 from ...envs import files
-from ...envs.plant.quantity import InvalidInput
+from ...envs.engine.quantity import InvalidInput
 from .. import runs
 from ..report.pictures import png
 from . import page

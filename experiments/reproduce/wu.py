@@ -10,8 +10,8 @@ from scipy import signal
 from ...baselines import wu
 from ...envs import job_metrics, scenarios
 from ...envs import stack as stacks
+from ...envs.engine.quantity import InvalidInput
 from ...envs.plant import xy_axes
-from ...envs.plant.quantity import InvalidInput
 from ...envs.scenarios import Scenario
 from ...envs.workshop import drawing_of
 from .. import jobs

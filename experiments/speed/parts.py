@@ -12,9 +12,9 @@ import numpy as np
 
 from ...envs import scenarios
 from ...envs import stack as stacks
+from ...envs.engine.kernels import Kernel
+from ...envs.engine.lanes import U1, UW, U, call, doubles, load, part, store, words
 from ...envs.plant import machine
-from ...envs.plant.kernels import Kernel
-from ...envs.plant.lanes import U1, UW, U, call, doubles, load, part, store, words
 from .. import rollout
 from .proof import NothingDone
 
@@ -194,7 +194,7 @@ def instructions() -> dict[str, tuple[int, int, int]]:
 
     Read from the assembly that the compiler makes of the kernel for this processor (x86-64 and AArch64).
     """
-    from ...envs.plant import compiler
+    from ...envs.engine import compiler
 
     text = compiler.assembly([machine.advance.function])
     found = {}

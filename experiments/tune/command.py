@@ -4,7 +4,7 @@ import math
 
 from ...agents.settings import ALGORITHMS
 from ...envs import scenarios
-from ...envs.plant.quantity import InvalidInput
+from ...envs.engine.quantity import InvalidInput
 from .. import budgets
 from . import storage
 from .evaluate import with_jobs

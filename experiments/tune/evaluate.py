@@ -10,9 +10,9 @@ import numpy as np
 
 from ...envs import evidence, job_metrics, metrics, scenarios
 from ...envs import stack as stacks
+from ...envs.engine.quantity import InvalidInput
 from ...envs.plant import heads
 from ...envs.plant.fleet import Fleet
-from ...envs.plant.quantity import InvalidInput
 from ...envs.recording import Recording
 from ...envs.scenarios import Scenario
 from ...envs.stack import Stack, Team

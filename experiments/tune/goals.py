@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ...envs import job_metrics, metrics, scenarios
-from ...envs.plant.quantity import InvalidInput, did_you_mean
+from ...envs.engine.quantity import InvalidInput, did_you_mean
 from ..pooling import over_scenarios, over_seeds
 
 FAILED = 1e6

@@ -18,7 +18,7 @@ from ...agents.evaluation import EPISODES
 from ...agents.settings import ALGORITHMS, Settings
 from ...agents.train import begun
 from ...envs import scenarios
-from ...envs.plant.quantity import InvalidInput
+from ...envs.engine.quantity import InvalidInput
 from .. import runs
 from ..ledger import Ledger
 from . import crew, pictures, sampling, storage

@@ -11,7 +11,7 @@ from optuna.trial import FrozenTrial, TrialState
 
 from ...envs import evidence, scenarios
 from ...envs import stack as stacks
-from ...envs.plant.quantity import InvalidInput
+from ...envs.engine.quantity import InvalidInput
 from ...envs.stack import Stack, Team
 from .. import runs
 from . import goals

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ...envs import scenarios
-from ...envs.plant.quantity import InvalidInput, did_you_mean
+from ...envs.engine.quantity import InvalidInput, did_you_mean
 from .. import runs
 from ..ledger import Ledger
 from . import crew, goals, outcome, pictures, sampling, storage

@@ -16,7 +16,7 @@ import optuna
 from optuna.samplers import BaseSampler, GPSampler, NSGAIISampler, RandomSampler, TPESampler
 from optuna.trial import FrozenTrial, TrialState
 
-from ...envs.plant.quantity import InvalidInput, did_you_mean
+from ...envs.engine.quantity import InvalidInput, did_you_mean
 from .goals import FAILED
 from .space import Axis, Space, numbers_of, start_of
 

@@ -5,7 +5,7 @@ from typing import Any
 
 from optuna.trial import FrozenTrial
 
-from ...envs.plant.quantity import InvalidInput
+from ...envs.engine.quantity import InvalidInput
 
 _NUMBERS = ("steps", "training_steps", "cpu_seconds", "ms", "parts", "best_at")
 _TEXTS = ("worker", "candidate", "error")

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from ...agents.settings import ALGORITHMS
+from ...envs.engine.quantity import InvalidInput, Quantity, did_you_mean
 from ...envs.plant.filters import KINDS
-from ...envs.plant.quantity import InvalidInput, Quantity, did_you_mean
 from ...envs.stack import Parameter, Stack, Team
 
 GROUPS = ("filter", "law", "guard", "gate", "table", "plan")

@@ -23,7 +23,7 @@ from optuna.storages.journal._file import BaseJournalFileLock
 from optuna.storages.journal._storage import JournalOperation
 
 from ...envs import files, secrets
-from ...envs.plant.quantity import InvalidInput
+from ...envs.engine.quantity import InvalidInput
 from . import soundness
 
 JOURNAL = "study.journal"

@@ -8,7 +8,7 @@ import optuna
 from optuna.trial import FrozenTrial, Trial
 
 from ...envs import stack as stacks
-from ...envs.plant.quantity import InvalidInput
+from ...envs.engine.quantity import InvalidInput
 from ...envs.stack import Stack, Team
 from ..ledger import Ledger
 from ..pooling import ZERO

@@ -13,7 +13,7 @@ from ...agents import settings as presets
 from ...agents.learner import NUM_ENVS
 from ...agents.settings import Settings
 from ...agents.train import Diverged, Training, begun
-from ...envs.plant.quantity import InvalidInput
+from ...envs.engine.quantity import InvalidInput
 from . import goals, sampling, storage
 from .hyper import Hyper
 from .work import Work, done, feasible

@@ -22,10 +22,10 @@ from kerfgym.agents.policy import Policy
 from kerfgym.agents.vec_env import ContourFollowingVecEnv, CuttingVecEnv, HeightFollowingVecEnv
 from kerfgym.envs import scenarios, stack, workshop
 from kerfgym.envs.batch import Batch
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.interface import FEATURES
 from kerfgym.envs.job_batch import ContourBatch, CuttingBatch
 from kerfgym.envs.plant import gantry
-from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.experiments import decisions, rollout, stability
 
 torch.set_num_threads(1)

@@ -24,7 +24,7 @@ from kerfgym.agents.learner import environment, falling, learner
 from kerfgym.agents.spread import SpreadPolicy
 from kerfgym.agents.train import CHECKPOINT, curves_are_written, train
 from kerfgym.envs import scenarios
-from kerfgym.envs.plant.quantity import InvalidInput
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.experiments import cli
 
 HEIGHT, CONTOUR, CUTTING = settings.ENVIRONMENTS

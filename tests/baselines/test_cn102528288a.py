@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from kerfgym.baselines import cn102528288a as law
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.plant.controller import PERIOD, Sensed
-from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.envs.stack import get, resolve
 
 

@@ -5,8 +5,8 @@ import pytest
 
 from kerfgym.envs import ideal, scenarios
 from kerfgym.envs import stack as stacks
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.plant import machine, z_axis
-from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.envs.scenarios import Head, Scenario, Sheet
 from kerfgym.experiments import rollout
 

@@ -11,10 +11,10 @@ from stable_baselines3.common.env_checker import check_env as check_for_sb3
 import kerfgym  # noqa: F401
 from kerfgym.agents.vec_env import CuttingVecEnv
 from kerfgym.envs import job_interface, job_metrics, quality, scenarios, workshop
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.paths import job as jobs
 from kerfgym.envs.paths import kerf, parts
 from kerfgym.envs.plant import gantry
-from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.envs.stack import python_stack, team
 from kerfgym.experiments import jobs as job_runs
 

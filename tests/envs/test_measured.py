@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from kerfgym.envs import scenarios, workshop
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.plant import calibration, heads
-from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.envs.scenarios import Scenario
 from kerfgym.envs.stack import get, team
 from kerfgym.experiments.rollout import fleet_for, roll

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from kerfgym.envs import metrics
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.metrics import METRICS, broken, evaluate, failed
 from kerfgym.envs.plant.machine import CHANNELS
-from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.envs.plant.supervisor import ALARM, FOLLOW
 from kerfgym.envs.recording import Recording
 from kerfgym.envs.scenarios import load

@@ -8,8 +8,9 @@ from scipy.optimize import brentq
 
 from kerfgym.envs import material as materials
 from kerfgym.envs import quality
-from kerfgym.envs.plant import cut, lanes, spot, streamed
-from kerfgym.envs.plant.quantity import InvalidInput
+from kerfgym.envs.engine import lanes
+from kerfgym.envs.engine.quantity import InvalidInput
+from kerfgym.envs.plant import cut, spot, streamed
 from kerfgym.experiments import calibrate
 
 C45, THIN = materials.material("c45-10"), materials.material("thin-sheet")

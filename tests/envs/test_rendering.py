@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from kerfgym.envs import rendering
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.plant import sensor, supervisor
-from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.envs.rendering import EXAGGERATIONS, MODES, NOZZLE, OVERRIDE, REPORTED, STEEL, TRUE, Renderer, Scene
 
 LOWER = 340

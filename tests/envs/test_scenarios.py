@@ -11,9 +11,9 @@ from scipy import stats
 
 from kerfgym.envs import distributions, scenarios
 from kerfgym.envs.distributions import Choice, Draws, LogUniform, Uniform, as_number, bounds
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.plant import heads, machine, sheet
 from kerfgym.envs.plant.fleet import Fleet
-from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.envs.scenarios import (
     SPLITS,
     Axis,

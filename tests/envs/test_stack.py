@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from kerfgym.envs import scenarios
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.plant import filters, heads, supervisor
 from kerfgym.envs.plant.controller import SLOTS
 from kerfgym.envs.plant.fleet import Fleet
-from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.envs.stack import Stack, as_stack, get, names, resolve
 
 SHIPPED = ["idle", "observer", "pid", "preview-5ms", "xi2023-improved", "xi2023-ma", "xi2023-tuned"]
@@ -44,7 +44,7 @@ LAW = '''
 
 from typing import Annotated, NamedTuple
 
-from kerfgym.envs.plant.quantity import Quantity
+from kerfgym.envs.engine.quantity import Quantity
 
 class Gain(NamedTuple):
     gain: Annotated[float, Quantity("1/s", 1.0, 100.0, "gain")] = 20.0

@@ -7,8 +7,8 @@ from gymnasium.vector import AutoresetMode
 
 import kerfgym  # noqa: F401
 from kerfgym.envs import scenarios
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.interface import FEATURES, INFO
-from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.envs.stack import get
 from kerfgym.envs.vector import HeightFollowingVectorEnv
 from kerfgym.experiments.rollout import roll

@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 
 from kerfgym.envs import stack
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.metrics import METRICS
-from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.envs.scenarios import core, load, suite
 from kerfgym.experiments import benchmark, budgets
 from kerfgym.experiments.benchmark import compute, run

@@ -8,8 +8,8 @@ import pytest
 
 from kerfgym.envs import job_metrics, metrics, scenarios
 from kerfgym.envs import stack as stacks
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.ideal import FOLLOWING, JOBS
-from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.experiments import benchmark, jobs, rollout
 from kerfgym.experiments.blame import Blame, blame, measure, shapley
 from kerfgym.experiments.blame import run as runner

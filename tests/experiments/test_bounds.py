@@ -11,9 +11,9 @@ from scipy.optimize import lsq_linear
 
 from kerfgym.envs import metrics, scenarios
 from kerfgym.envs import stack as stacks
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.plant import machine, path, sensor, sheet, z_axis
 from kerfgym.envs.plant.controller import PERIOD
-from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.experiments import bounds, rollout, table
 from kerfgym.experiments.bounds import (
     changing,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from kerfgym.envs import stack
-from kerfgym.envs.plant.quantity import InvalidInput
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.experiments.budgets import CPU_SLACK, SLACK, budgets, faults, in_words, measures
 
 EQUAL = {"trials": 400, "simulated_steps": 600_000_000, "cpu_seconds": 300.0}

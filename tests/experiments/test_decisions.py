@@ -2,10 +2,10 @@
 
 import pytest
 
+from kerfgym.envs.engine.addresses import address
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.plant import heads, machine
-from kerfgym.envs.plant.addresses import address
 from kerfgym.envs.plant.fleet import Fleet
-from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.envs.stack import python_stack, resolve
 from kerfgym.experiments import decisions
 

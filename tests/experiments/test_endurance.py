@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from kerfgym.envs import job_metrics, metrics, scenarios, stack
-from kerfgym.envs.plant.quantity import InvalidInput
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.experiments import jobs, pages, rollout
 from kerfgym.experiments.endurance import __main__ as command
 from kerfgym.experiments.endurance import run, sheets, tables, verdict

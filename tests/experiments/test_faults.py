@@ -8,12 +8,12 @@ import pandas as pd
 import pytest
 
 from kerfgym.envs import scenarios, stack
+from kerfgym.envs.engine.addresses import Words
+from kerfgym.envs.engine.lanes import U, call, doubles, load, store, words
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.plant import calibration, filters, heads, machine, z_axis
-from kerfgym.envs.plant.addresses import Words
 from kerfgym.envs.plant.controller import stage_address
 from kerfgym.envs.plant.fleet import Fleet
-from kerfgym.envs.plant.lanes import U, call, doubles, load, store, words
-from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.experiments import pages, rollout
 from kerfgym.experiments.faults import __main__ as command
 from kerfgym.experiments.faults import campaign, draws, inject, tables, trials, verdict

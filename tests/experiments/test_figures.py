@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from kerfgym.envs import scenarios
-from kerfgym.envs.plant.quantity import InvalidInput
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.experiments import docs
 from kerfgym.experiments.blame import tables as blame_tables
 from kerfgym.experiments.blame.game import Blame
@@ -135,14 +135,14 @@ def test_a_study_depends_on_what_computes_its_figures(name, files):
     found = imports.sources(stamp.ROOT, [entry, *named])
     assert {stamp.ROOT / "experiments" / f"{each.replace('.', '/')}.py" for each in files} <= set(found)
     assert stamp.ROOT / "experiments" / "report" / "page.py" not in found  # what shows numbers makes none
-    simulates = stamp.ROOT / "envs" / "plant" / "lanes.py" in found
+    simulates = stamp.ROOT / "envs" / "engine" / "lanes.py" in found
     assert simulates or name == "coverage"
 
 
 def test_runs_are_made_anew_when_corner_plants_or_the_machine_change():
     found = imports.sources(stamp.ROOT, [stamp.ROOT / each for each in suites.RUN])
     names = {path.relative_to(stamp.ROOT).as_posix() for path in found}
-    assert names >= {"experiments/plants.py", "envs/plant/lanes.py", "envs/plant/machine.py", "envs/scenarios.py"}
+    assert names >= {"experiments/plants.py", "envs/engine/lanes.py", "envs/plant/machine.py", "envs/scenarios.py"}
     assert "experiments/table.py" not in names
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from kerfgym.envs.plant.quantity import InvalidInput
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.experiments.fuzz import mutate, seeds, worker
 from kerfgym.experiments.fuzz.targets import TARGETS, case
 

@@ -3,7 +3,7 @@
 import pytest
 
 from kerfgym.envs import scenarios, stack
-from kerfgym.envs.plant.quantity import InvalidInput
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.experiments.grids import DEFAULT, SHOWN, Grid, can_do, plan, shipped
 
 TEAM = "z=pid,xy=wu"

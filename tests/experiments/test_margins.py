@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.plant import machine
 from kerfgym.envs.plant.controller import PERIOD
-from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.envs.scenarios import Scenario
 from kerfgym.envs.stack import get, python_stack, resolve
 from kerfgym.experiments import margins as module

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kerfgym.envs.plant.quantity import InvalidInput
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.experiments import archive, runs
 from kerfgym.experiments.archive import load
 from kerfgym.experiments.jobs import JobResults

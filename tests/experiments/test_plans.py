@@ -8,9 +8,9 @@ import pytest
 from PIL import Image
 
 from kerfgym.envs import scenarios, workshop
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.paths.parts import part
 from kerfgym.envs.paths.route import Cutting, routed
-from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.experiments import archive, benchmark, cli, fairness, grids, plans, route_picture
 from kerfgym.experiments.report.pictures import png
 

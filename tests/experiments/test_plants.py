@@ -5,9 +5,9 @@ import itertools
 import numpy as np
 import pytest
 
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.plant import heads
 from kerfgym.envs.plant.fleet import Fleet
-from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.envs.scenarios import Scenario, load, prepare, suite
 from kerfgym.envs.stack import get
 from kerfgym.experiments.plants import FULL, MOST, STANDARD, design, machines, of

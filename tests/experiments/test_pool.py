@@ -7,7 +7,7 @@ import time
 import pytest
 from distributed import LocalCluster
 
-from kerfgym.envs.plant.quantity import InvalidInput
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.scenarios import load
 from kerfgym.experiments import pool
 from kerfgym.experiments.benchmark import run

@@ -7,7 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 from scipy.stats import binom
 
-from kerfgym.envs.plant.quantity import InvalidInput
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.experiments.cli import main
 from kerfgym.experiments.reproduce import claims, page
 from kerfgym.experiments.reproduce.claims import (

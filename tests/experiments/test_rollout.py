@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from kerfgym.envs import metrics, scenarios
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.plant import heads, machine, supervisor
 from kerfgym.envs.plant.controller import PERIOD
 from kerfgym.envs.plant.fleet import Fleet
-from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.envs.scenarios import load, suite
 from kerfgym.envs.stack import get, python_stack, resolve
 from kerfgym.experiments.rollout import chunks, command_of, roll

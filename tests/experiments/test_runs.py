@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 import kerfgym
-from kerfgym.envs.plant.quantity import InvalidInput
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.experiments import typed
 from kerfgym.experiments.runs import (
     PACKAGES,

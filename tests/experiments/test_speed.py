@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 
 from kerfgym.envs import scenarios, stack
+from kerfgym.envs.engine.addresses import address
 from kerfgym.envs.plant import machine
-from kerfgym.envs.plant.addresses import address
 from kerfgym.envs.plant.fleet import Fleet
 from kerfgym.experiments import cli, rollout
 from kerfgym.experiments.speed import parts, proof, run, startup, tasks, training

@@ -24,7 +24,7 @@ from PIL import Image
 
 from kerfgym.envs import metrics, scenarios
 from kerfgym.envs import stack as stacks
-from kerfgym.envs.plant.quantity import InvalidInput
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.experiments import budgets, rollout
 from kerfgym.experiments.cli import main
 from kerfgym.experiments.ledger import Ledger, ranges

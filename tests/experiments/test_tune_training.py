@@ -20,7 +20,7 @@ from kerfgym.agents import settings
 from kerfgym.agents.evaluation import Evaluation
 from kerfgym.agents.train import CHECKPOINT, Training, train
 from kerfgym.envs import scenarios
-from kerfgym.envs.plant.quantity import InvalidInput
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.experiments.cli import main
 from kerfgym.experiments.tune import learners, storage, trainings
 from kerfgym.experiments.tune.hyper import KNOBS, Hyper

@@ -25,11 +25,11 @@ from typing import Any
 import numpy as np
 from scipy import linalg
 
+from kerfgym.envs.engine.lanes import fields
 from kerfgym.envs.plant import machine, sheet, supervisor
 from kerfgym.envs.plant.calibration import Pool
 from kerfgym.envs.plant.filters import IMPROVED, KINDS, MEAN, NONE
 from kerfgym.envs.plant.fleet import Fleet
-from kerfgym.envs.plant.lanes import fields
 
 Array = np.ndarray
 

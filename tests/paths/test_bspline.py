@@ -5,8 +5,8 @@ import pytest
 import sympy
 from scipy.interpolate import BSpline
 
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.paths import bspline
-from kerfgym.envs.plant.quantity import InvalidInput
 
 CONTROL = np.random.default_rng(0).uniform(-10.0, 10.0, (9, 2))
 

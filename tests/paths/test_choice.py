@@ -2,9 +2,9 @@
 
 import pytest
 
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.paths import colours
 from kerfgym.envs.paths.choice import Choice, merged
-from kerfgym.envs.plant.quantity import InvalidInput
 
 THERE = ("OUTLINE", "Holes", "DIM_1", "DIM_2", "Text")
 

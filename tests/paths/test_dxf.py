@@ -9,13 +9,13 @@ import pytest
 from scipy.interpolate import BSpline
 from scipy.special import ellipe
 
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.paths.contours import GAP
 from kerfgym.envs.paths.curve import CHORD
 from kerfgym.envs.paths.drawing import journey
 from kerfgym.envs.paths.dxf import read_dxf
 from kerfgym.envs.paths.dxf_walk import NESTING
 from kerfgym.envs.plant.path import SPACING
-from kerfgym.envs.plant.quantity import InvalidInput
 
 
 @pytest.fixture

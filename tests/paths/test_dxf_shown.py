@@ -10,9 +10,9 @@ from ezdxf.math import OCS
 from ezdxf.xclip import XClip
 from scipy.special import ellipe
 
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.paths.curve import CHORD
 from kerfgym.envs.paths.dxf import read_dxf
-from kerfgym.envs.plant.quantity import InvalidInput
 
 
 @pytest.fixture

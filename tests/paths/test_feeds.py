@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.paths import feeds, kerf, parts
 from kerfgym.envs.paths.gcode import read_gcode
 from kerfgym.envs.paths.job import CUT, LEAD_IN, Settings, plan
 from kerfgym.envs.paths.profile import stretches
-from kerfgym.envs.plant.quantity import InvalidInput
 
 SETTINGS = Settings(feed=30.0, pierce=(), clearance=0.0)
 

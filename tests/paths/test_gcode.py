@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.paths.curve import CHORD
 from kerfgym.envs.paths.gcode import read_gcode
-from kerfgym.envs.plant.quantity import InvalidInput
 
 
 @pytest.fixture

@@ -5,9 +5,9 @@ import time
 import numpy as np
 import pytest
 
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.paths import gcode_motion
 from kerfgym.envs.paths.gcode import read_gcode
-from kerfgym.envs.plant.quantity import InvalidInput
 
 
 @pytest.fixture

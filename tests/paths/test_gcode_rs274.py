@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.paths.gcode import read_gcode
-from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.experiments.corpus import canonical, rs274
 from kerfgym.experiments.corpus.compare import apart
 

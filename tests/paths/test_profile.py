@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.paths import parts, profile, scurve
 from kerfgym.envs.paths.profile import Limits, at_constant_feed, stretches, timed
-from kerfgym.envs.plant.quantity import InvalidInput
 
 WU = Limits(8000 / 60, 1e3, 2e4, 8.0)
 SLOW = Limits(1000 / 60, 1e3, 2e4, 8.0)

@@ -8,10 +8,10 @@ import ezdxf.path
 import numpy as np
 import pytest
 
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.paths.checks import check_travel, require_closed
 from kerfgym.envs.paths.curve import CHORD
 from kerfgym.envs.paths.read import FORMATS, read
-from kerfgym.envs.plant.quantity import InvalidInput
 
 REAL = Path(__file__).parents[3] / "shared" / "data" / "paths"
 """Files that nobody here drew; they do not come with the project."""

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from shapely import LineString, Polygon, unary_union
 
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.paths import job as jobs
 from kerfgym.envs.paths import kerf, parts
 from kerfgym.envs.paths.curve import Curve
@@ -11,7 +12,6 @@ from kerfgym.envs.paths.drawing import drawing
 from kerfgym.envs.paths.profile import corners_of
 from kerfgym.envs.paths.read import read
 from kerfgym.envs.paths.route import Cutting, routed
-from kerfgym.envs.plant.quantity import InvalidInput
 
 PROGRAMME = "G21 G90\nF{feed}\nG0 X10 Y10\nM3 S1\nG1 X30\nY30\nX10\nY10\nM5\nM2\n"
 

@@ -7,9 +7,9 @@ import pytest
 import svgpathtools
 from scipy.special import ellipe
 
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.paths.curve import CHORD
 from kerfgym.envs.paths.svg import read_svg
-from kerfgym.envs.plant.quantity import InvalidInput
 
 XML = (
     'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" '

@@ -5,8 +5,8 @@ import time
 import numpy as np
 import pytest
 
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.paths.svg import read_svg
-from kerfgym.envs.plant.quantity import InvalidInput
 
 HEAD = (
     '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" '

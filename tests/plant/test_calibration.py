@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy import optimize
 
+from kerfgym.envs.engine.compiler import for_python
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.plant import calibration, filters, heads, idle, sensor
 from kerfgym.envs.plant.calibration import POINTS, CalibrationRefused
-from kerfgym.envs.plant.compiler import for_python
 from kerfgym.envs.plant.controller import make_law
 from kerfgym.envs.plant.fleet import Fleet
-from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.envs.plant.sensor import EQ3, Gate
 
 IDLE = make_law(idle, "idle")

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from kerfgym.envs.engine.compiler import for_python
+from kerfgym.envs.engine.quantity import InvalidInput, checked
 from kerfgym.envs.plant import filters, heads, idle, machine, sensor
-from kerfgym.envs.plant.compiler import for_python
 from kerfgym.envs.plant.controller import make_law
 from kerfgym.envs.plant.filters import Params
 from kerfgym.envs.plant.fleet import Fleet
-from kerfgym.envs.plant.quantity import InvalidInput, checked
 
 IDLE = make_law(idle, "idle")
 STEPS = 300

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from kerfgym.envs.engine.compiler import for_python
+from kerfgym.envs.engine.lanes import mix
 from kerfgym.envs.plant import sensor
-from kerfgym.envs.plant.compiler import for_python
-from kerfgym.envs.plant.lanes import mix
 from kerfgym.envs.plant.sensor import CLOCK, EQ1, EQ3, Gate, Params, State
 
 QUIET = EQ3._replace(noise=0.0, jitter=0.0)

@@ -5,10 +5,10 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from kerfgym.envs.engine.lanes import part
 from kerfgym.envs.plant import filters, heads, idle, sensor, sheet, supervisor, z_axis
 from kerfgym.envs.plant.controller import make_law
 from kerfgym.envs.plant.fleet import Fleet
-from kerfgym.envs.plant.lanes import part
 from kerfgym.envs.plant.supervisor import (
     ALARM,
     CALIBRATE,

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scipy import integrate, signal
 
+from kerfgym.envs.engine.compiler import for_python
 from kerfgym.envs.plant import z_axis
-from kerfgym.envs.plant.compiler import for_python
 from kerfgym.envs.plant.machine import DT, SUBSTEPS
 from kerfgym.envs.plant.z_axis import GRAVITY, Drive, Params
 

@@ -13,14 +13,12 @@ import numpy as np
 import pytest
 from numba.core.runtime import _nrt_python, rtsys
 
-from kerfgym.envs.plant import compiler, controller, filters, heads, idle, kernels, machine, z_axis
-from kerfgym.envs.plant.addresses import address
-from kerfgym.envs.plant.columns import aligned
-from kerfgym.envs.plant.compiler import for_python
-from kerfgym.envs.plant.controller import make_law, stage_of
-from kerfgym.envs.plant.fleet import Fleet
-from kerfgym.envs.plant.kernels import Kernel
-from kerfgym.envs.plant.lanes import (
+from kerfgym.envs.engine import compiler, kernels
+from kerfgym.envs.engine.addresses import address
+from kerfgym.envs.engine.columns import aligned
+from kerfgym.envs.engine.compiler import for_python
+from kerfgym.envs.engine.kernels import Kernel
+from kerfgym.envs.engine.lanes import (
     UW,
     Layout,
     U,
@@ -37,8 +35,11 @@ from kerfgym.envs.plant.lanes import (
     store,
     uniform,
 )
+from kerfgym.envs.engine.quantity import InvalidInput
+from kerfgym.envs.plant import controller, filters, heads, idle, machine, z_axis
+from kerfgym.envs.plant.controller import make_law, stage_of
+from kerfgym.envs.plant.fleet import Fleet
 from kerfgym.envs.plant.machine import DT, SUBSTEPS
-from kerfgym.envs.plant.quantity import InvalidInput
 
 FOUR = U(4)
 
@@ -56,7 +57,7 @@ def _added(address, size):
 
 
 SMALL = """
-from kerfgym.envs.plant.lanes import U, doubles
+from kerfgym.envs.engine.lanes import U, doubles
 
 FOUR = U(4)
 
@@ -214,7 +215,7 @@ def test_processes_that_compile_the_same_kernel_at_once_all_get_it_and_leave_one
     (tmp_path / "small.py").write_text(SMALL)
     program = (
         "import sys, numpy, numba, small\n"
-        "from kerfgym.envs.plant import compiler, kernels\n"
+        "from kerfgym.envs.engine import compiler, kernels\n"
         "print('ready', flush=True)\n"
         "input()\n"
         "x = numpy.array([1.0, -2.5, 0.0, 1e6])\n"
@@ -290,20 +291,22 @@ def test_another_stamp_takes_another_file_and_removes_the_one_before(cache, comp
     assert len(compilations) == 3
 
 
-def test_the_stamp_changes_with_every_source_of_the_plant(tmp_path, monkeypatch):
-    sources = [f for f in kernels.pathlib.Path(kernels.__file__).parent.glob("*.py")]
+def test_the_stamp_changes_with_every_source_of_engine_and_plant(tmp_path, monkeypatch):
+    envs = kernels.pathlib.Path(kernels.__file__).parent.parent
+    sources = [source.relative_to(envs) for folder in ("engine", "plant") for source in (envs / folder).glob("*.py")]
     for source in sources:
-        shutil.copy(source, tmp_path)
-    monkeypatch.setattr(kernels, "__file__", str(tmp_path / "kernels.py"))
+        (tmp_path / source).parent.mkdir(exist_ok=True)
+        shutil.copy(envs / source, tmp_path / source)
+    monkeypatch.setattr(kernels, "__file__", str(tmp_path / "engine" / "kernels.py"))
     stamps = {kernels._stamp()}
     assert stamps == {kernels.STAMP}
     for source in sources:
-        with (tmp_path / source.name).open("a") as file:
+        with (tmp_path / source).open("a") as file:
             file.write("#")
         stamps.add(kernels._stamp())
-    (tmp_path / "more.py").touch()
+    (tmp_path / "plant" / "more.py").touch()
     stamps.add(kernels._stamp())
-    assert len(stamps) == len(sources) + 2 > 15
+    assert len(stamps) == len(sources) + 2 > 25
 
 
 # ---------------------------------------------------------------------------------------------------- laws of users
@@ -314,7 +317,7 @@ import numpy as np
 from typing import NamedTuple
 
 import helper
-from kerfgym.envs.plant.lanes import part
+from kerfgym.envs.engine.lanes import part
 
 
 class P(NamedTuple):
@@ -534,7 +537,7 @@ def test_a_law_that_allocates_comes_from_the_cache_too(own, cache):
         "fleet = Fleet(2, make_law(laws.Allocating, 'laws:Allocating'), heads.POOL)\n"
         "fleet.begin([0, 1], [0, 1])\n"
         "fleet.advance(3)\n"
-        "print(fleet.slots(machine.WISH, 1, 1)[0], 'kerfgym.envs.plant.compiler' in sys.modules)\n"
+        "print(fleet.slots(machine.WISH, 1, 1)[0], 'kerfgym.envs.engine.compiler' in sys.modules)\n"
     )
     assert run(program, own) == "18.0 False"
 

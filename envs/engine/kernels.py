@@ -23,16 +23,26 @@ from typing import Any
 from .addresses import Address
 from .lanes import W
 
+FOLDERS = ("engine", "plant")
+"""Folders side by side whose sources any kernel may contain. They are read here, not imported."""
+
 
 def _stamp() -> str:
     digest = hashlib.sha256(str(W).encode())
-    for path in sorted(pathlib.Path(__file__).parent.glob("*.py")):
-        digest.update(path.name.encode() + b"\0" + path.read_bytes())
+    envs = pathlib.Path(__file__).parent.parent
+    for path in sorted(path for folder in FOLDERS for path in (envs / folder).glob("*.py")):
+        digest.update(f"{path.parent.name}/{path.name}".encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()
 
 
 STAMP = _stamp()
-"""Hash of all sources of the plant, which any kernel may contain."""
+"""Hash of all these sources."""
+
+
+def is_stamped(module: str) -> bool:
+    """Whether :data:`STAMP` changes with the source of this module."""
+    envs = __package__.rpartition(".")[0]
+    return module.startswith(tuple(f"{envs}.{folder}." for folder in FOLDERS))
 
 
 class Kernel:

@@ -12,10 +12,11 @@ import weakref
 import numpy as np
 import pytest
 
-from kerfgym.envs.plant import heads, idle, workers
+from kerfgym.envs.engine import workers
+from kerfgym.envs.engine.workers import Workers
+from kerfgym.envs.plant import heads, idle
 from kerfgym.envs.plant.controller import make_law
 from kerfgym.envs.plant.fleet import Fleet
-from kerfgym.envs.plant.workers import Workers
 
 IDLE = make_law(idle, "idle")
 PATIENCE = 30.0
@@ -292,7 +293,7 @@ def test_helpers_keep_nothing_of_what_they_have_worked_on():
 def test_a_forked_process_has_helpers_of_its_own():
     program = (
         "import os, threading\n"
-        "from kerfgym.envs.plant.workers import workers\n"
+        "from kerfgym.envs.engine.workers import workers\n"
         "together = threading.Barrier(3, timeout=10)\n"
         "workers(3).share(together.wait)\n"
         "child = os.fork()\n"

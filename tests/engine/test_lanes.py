@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from kerfgym.envs.plant import lanes
-from kerfgym.envs.plant.compiler import for_python
-from kerfgym.envs.plant.lanes import W, bits, gauss, load, logarithm, mix, sine, store, uniform
+from kerfgym.envs.engine import lanes
+from kerfgym.envs.engine.compiler import for_python
+from kerfgym.envs.engine.lanes import W, bits, gauss, load, logarithm, mix, sine, store, uniform
 
 
 class Inner(NamedTuple):
