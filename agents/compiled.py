@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..envs import interface, job_interface
-from ..envs.engine.addresses import Words, address
+from ..envs.engine.deck import Deck, places
 from ..envs.engine.lanes import U0, U1, UW, U, as_bits, as_number, call, clip, doubles, part, singles, stage, words
 from ..envs.job_batch import PERIOD
 from ..envs.plant import machine
@@ -22,11 +22,11 @@ from .network import ACTIVATIONS, LN2_HIGH, LN2_LOW, LOG2E, OUTPUTS, SERIES, Net
 
 
 class Io(NamedTuple):
-    """Words that the stage shares with Python: addresses, and what they hold."""
+    """The stage's deck, and what its arrays hold."""
 
-    next: int  # stage and words of the next pilot; 0: none
+    next: int  # stage and deck of the next pilot; 0: none
     next_io: int
-    act: int  # the environment's stages and their words
+    act: int  # the environment's stages and their deck
     observe: int
     environment: int
     observations: int  # float32, (machines, size)
@@ -41,15 +41,12 @@ class Io(NamedTuple):
     normaliser: int  # 0: none, 1: of each observation, 2: of all frames
     scales: int  # float64: limit, means, scales
     weights: int  # float32, of all layers: transposed weight, bias
-    layers: int  # words, (depth, 4)
+    layers: int  # uint64, (depth, 4)
     depth: int
     output: int
 
 
-(
-    _NEXT, _NEXT_IO, _ACT, _OBSERVE, _ENVIRONMENT, _OBSERVATIONS, _ACTIONS, _SIZE, _WIDTH, _PERIOD, _SINCE, _WORK,
-    _STRIDE, _FRAMES, _NORMALISER, _SCALES, _WEIGHTS, _LAYERS, _DEPTH, _OUTPUT,
-) = range(len(Io._fields))  # fmt: skip
+IO = places(Io)
 _IO, _ANY = U(len(Io._fields)), U(2**40)
 _FRESH = machine.SIGNALS + U(Privileged._fields.index("fresh")) * UW
 _U2, _U3, _U4 = U(2), U(3), U(4)
@@ -141,11 +138,11 @@ def _normalise(work, x, y, size, scales, means, length):
 @stage
 def _run(io, machine_):
     """The network of one machine: its action for its observation."""
-    work = singles(io[_WORK] + _U4 * machine_ * io[_STRIDE], io[_STRIDE])
-    observations, actions = singles(io[_OBSERVATIONS], _ANY), singles(io[_ACTIONS], _ANY)
-    weights, scales = singles(io[_WEIGHTS], _ANY), doubles(io[_SCALES], _ANY)
-    layers = words(io[_LAYERS], io[_DEPTH] * _U4)
-    size, frames = io[_SIZE], io[_FRAMES]
+    work = singles(io[IO.work] + _U4 * machine_ * io[IO.stride], io[IO.stride])
+    observations, actions = singles(io[IO.observations], _ANY), singles(io[IO.actions], _ANY)
+    weights, scales = singles(io[IO.weights], _ANY), doubles(io[IO.scales], _ANY)
+    layers = words(io[IO.layers], io[IO.depth] * _U4)
+    size, frames = io[IO.size], io[IO.frames]
     all_frames = size * frames
     newest = all_frames - size
     for i in range(newest):
@@ -153,13 +150,13 @@ def _run(io, machine_):
     for i in range(size):
         work[newest + i] = observations[machine_ * size + i]
     x = U0
-    if io[_NORMALISER] == U1:
+    if io[IO.normaliser] == U1:
         _normalise(work, newest, newest, size, scales, U1, size)
-    elif io[_NORMALISER] == _U2:
+    elif io[IO.normaliser] == _U2:
         _normalise(work, U0, all_frames, all_frames, scales, U1, all_frames)
         x = all_frames
     y, w, inputs = _U2 * all_frames, U0, all_frames
-    for k in range(io[_DEPTH]):
+    for k in range(io[IO.depth]):
         lstm, outputs, kind = layers[k * _U4], layers[k * _U4 + U1], layers[k * _U4 + _U2]
         if lstm == U1:
             # What it takes and its hidden state side by side, then its gates, then its cells.
@@ -178,47 +175,47 @@ def _run(io, machine_):
             w += (inputs + U1) * outputs
             x, y = y, y + outputs
         inputs = outputs
-    for j in range(io[_WIDTH]):
+    for j in range(io[IO.width]):
         u = work[x + j]
-        if io[_OUTPUT] == _SQUASHED:
-            actions[machine_ * io[_WIDTH] + j] = _tanh(u)
+        if io[IO.output] == _SQUASHED:
+            actions[machine_ * io[IO.width] + j] = _tanh(u)
         else:
-            actions[machine_ * io[_WIDTH] + j] = max(-_ONE, min(_ONE, u))
+            actions[machine_ * io[IO.width] + j] = max(-_ONE, min(_ONE, u))
 
 
 @stage
 def _forget(io, machine_):
     """An episode begins: no frames, no state."""
-    work = singles(io[_WORK] + _U4 * machine_ * io[_STRIDE], io[_STRIDE])
-    for i in range(io[_STRIDE]):
+    work = singles(io[IO.work] + _U4 * machine_ * io[IO.stride], io[IO.stride])
+    for i in range(io[IO.stride]):
         work[i] = _ZERO
 
 
 def fly(block_address, at, n, io_address, first):
     """Stage after the beginning and after each period: decides for the machines whose turn it is."""
     block, io = doubles(block_address, _ANY), words(io_address, _IO)
-    since, period = doubles(io[_SINCE], _ANY), np.float64(np.int64(io[_PERIOD]))
+    since, period = doubles(io[IO.since], _ANY), np.float64(np.int64(io[IO.period]))
     for lane in range(n):
         i = first + lane
         since[i] += 1.0
         if block[at + lane + _FRESH] > 0.5:
             _forget(io, i)
             since[i] = period
-    if n == U1 or io[_PERIOD] > U1:
+    if n == U1 or io[IO.period] > U1:
         for lane in range(n):
             i = first + lane
             if since[i] >= period:
                 since[i] = 0.0
-                call(io[_OBSERVE], block_address, at + lane, U1, io[_ENVIRONMENT], i)
+                call(io[IO.observe], block_address, at + lane, U1, io[IO.environment], i)
                 _run(io, i)
-                call(io[_ACT], block_address, at + lane, U1, io[_ENVIRONMENT], i)
+                call(io[IO.act], block_address, at + lane, U1, io[IO.environment], i)
     else:
-        call(io[_OBSERVE], block_address, at, n, io[_ENVIRONMENT], first)
+        call(io[IO.observe], block_address, at, n, io[IO.environment], first)
         for lane in range(n):
             _run(io, first + lane)
-        call(io[_ACT], block_address, at, n, io[_ENVIRONMENT], first)
-    if io[_NEXT] > U0:
-        call(io[_NEXT], block_address, at, n, io[_NEXT_IO], first)
+        call(io[IO.act], block_address, at, n, io[IO.environment], first)
+    if io[IO.next] > U0:
+        call(io[IO.next], block_address, at, n, io[IO.next_io], first)
 
 
 class Compiled:
@@ -238,51 +235,40 @@ class Compiled:
         document, following = self.policy.document, self.policy.task == "following"
         if following and document.control == "schedule":
             fleet.widest_window(interface.LONGEST_WINDOW, interface.LARGEST_TRIM)
-        flight = _Flight(self.policy.network, fleet, document.control, document.observation["kind"], self.policy.task)
-        fleet.pilot("height" if following else "job", stage_address(fly), flight.io)
+        io = _flight(self.policy.network, fleet, document.control, document.observation["kind"], self.policy.task)
+        fleet.pilot("height" if following else "job", stage_address(fly), io)
 
 
-class _Flight:
-    """The arrays of a policy in one fleet."""
-
-    def __init__(self, network: Network, fleet: Fleet, control: str, kind: str, task: str) -> None:
-        count, size, width = fleet.size, network.size, network.actions
-        following = task == "following"
-        of = interface if following else job_interface
-        infos = len(interface.INFO if following else job_interface.INFO[task])
-        self.actions, self.observations = np.zeros((count, width), np.float32), np.zeros((count, size), np.float32)
-        self.numbers = np.zeros((infos + 3, count))  # infos, rewards, returns, left: written by `observe`, never read
-        self.ends, self.terms, self.since = np.zeros((2, count), bool), np.ones(8), np.zeros(count)
-        self.weights, self.layers, stride = _laid_out(network)
-        self.work = np.zeros((count, stride), np.float32)
-        n = network.normaliser
-        self.scales = np.concatenate([[n.clip], n.mean, n.scale]) if n else np.zeros(1)
-        values = {
-            "actions": self.actions, "observations": self.observations, "rewards": self.numbers[infos],
-            "returns": self.numbers[infos + 1], "infos": self.numbers, "weights": self.terms,
-            "left": self.numbers[infos + 2], "terminated": self.ends[0], "truncated": self.ends[1],
-        }  # fmt: skip
-        more = {"raw": int(kind == "raw"), "size": size, "width": width, "machines": count}
-        addresses = {name: address(array) for name, array in values.items()}
-        if following:
-            self.memory = np.zeros((len(interface.Memory._fields), count))
-            io: Any = interface.Io(
-                **addresses, **more, control=interface.CONTROLS.index(control), memory=address(self.memory)
-            )
-        else:
-            assert fleet.gantries
-            io = job_interface.Io(
-                **addresses, **more, task=job_interface.TASKS.index(task), direct=int(control == "direct"),
-                gantry=fleet.gantries.address,
-            )  # fmt: skip
-        self.environment = Words(io)
-        self.io = Words(Io(
-            0, 0, stage_address(of.act), stage_address(of.observe), address(self.environment),
-            address(self.observations), address(self.actions), size, width, 1 if following else PERIOD,
-            address(self.since), address(self.work), stride, network.frames,
-            0 if n is None else (2 if network.normalises_frames else 1), address(self.scales),
-            address(self.weights), address(self.layers), len(self.layers), OUTPUTS.index(network.output),
-        ))  # fmt: skip
+def _flight(network: Network, fleet: Fleet, control: str, kind: str, task: str) -> Deck:
+    """The deck of a policy in one fleet."""
+    count, size, width = fleet.size, network.size, network.actions
+    following = task == "following"
+    of: Any = interface if following else job_interface
+    infos = len(interface.INFO if following else job_interface.INFO[task])
+    actions, observations = np.zeros((count, width), np.float32), np.zeros((count, size), np.float32)
+    numbers, ends = np.zeros((infos + 3, count)), np.zeros((2, count), bool)  # written by `observe`, never read
+    environment = Deck(
+        of.Io, actions=actions, observations=observations, rewards=numbers[infos], returns=numbers[infos + 1],
+        infos=numbers, weights=np.ones(8), left=numbers[infos + 2], terminated=ends[0], truncated=ends[1],
+        raw=int(kind == "raw"), size=size, width=width, machines=count,
+    )  # fmt: skip
+    if following:
+        environment["control"] = interface.CONTROLS.index(control)
+        environment["memory"] = np.zeros((len(interface.Memory._fields), count))
+    else:
+        assert fleet.gantries
+        environment["task"], environment["direct"] = job_interface.TASKS.index(task), int(control == "direct")
+        environment["gantry"] = fleet.gantries.deck
+    weights, layers, stride = _laid_out(network)
+    n = network.normaliser
+    return Deck(
+        Io, act=stage_address(of.act), observe=stage_address(of.observe), environment=environment,
+        observations=observations, actions=actions, size=size, width=width, period=1 if following else PERIOD,
+        since=np.zeros(count), work=np.zeros((count, stride), np.float32), stride=stride, frames=network.frames,
+        normaliser=0 if n is None else (2 if network.normalises_frames else 1),
+        scales=np.concatenate([[n.clip], n.mean, n.scale]) if n else np.zeros(1), weights=weights, layers=layers,
+        depth=len(layers), output=OUTPUTS.index(network.output),
+    )  # fmt: skip
 
 
 def _laid_out(network: Network) -> tuple[np.ndarray, np.ndarray, int]:

@@ -7,7 +7,7 @@ import numpy as np
 
 from . import scenarios
 from . import stack as stacks
-from .engine.addresses import Words, address
+from .engine.deck import Deck
 from .engine.quantity import InvalidInput
 from .episodes import Episodes, check_choice, chosen, weights_of
 from .film import Film
@@ -79,14 +79,11 @@ class Batch(Episodes):
         self.base.install(self.fleet, np.arange(size))
         if control == "schedule":
             self.fleet.widest_window(LONGEST_WINDOW, LARGEST_TRIM)
-        self._weights, self._memory = np.array(self.weights), np.zeros((len(Memory._fields), size))
-        io = Words(Io(
-            address(self.actions), address(self.observations), address(self.rewards),
-            address(self.returns), address(self.infos), address(self._weights), CONTROLS.index(control),
-            int(observation == "raw"), self.observations.shape[1], self.actions.shape[1], size,
-            address(self.left), address(self.terminated), address(self.truncated),
-            address(self._memory),
-        ))  # fmt: skip
+        io = Deck(
+            Io, **self.arrays, weights=np.array(self.weights), control=CONTROLS.index(control),
+            raw=int(observation == "raw"), size=self.observations.shape[1], width=self.actions.shape[1], machines=size,
+            memory=np.zeros((len(Memory._fields), size)),
+        )  # fmt: skip
         self.fleet.hook(stage_address(act), stage_address(observe), io)
         self.advance = self.fleet.stepper()
 

@@ -52,6 +52,12 @@ class Episodes:
         self._prepared = np.full(size, -1, np.int64)  # index of the scenario whose physics the column holds
         self._sequence, self._episode = np.full(size, -1, np.int64), np.zeros(size, np.int64)
 
+    @property
+    def arrays(self) -> dict[str, np.ndarray]:
+        """The arrays that stages read and write, by the names that these have for them."""
+        names = "actions", "observations", "rewards", "returns", "infos", "left", "terminated", "truncated"
+        return {name: getattr(self, name) for name in names}
+
     def prepare(self, index: int, machines: np.ndarray, seeds: np.ndarray, again: bool) -> None:
         """Writes scenario ``index`` into the columns of ``machines``; ``again``: they hold it already."""
         raise NotImplementedError

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .engine import lanes
+from .engine.deck import places
 from .engine.lanes import (
     U1,
     UW,
@@ -91,7 +92,7 @@ class Reward(NamedTuple):
 
 
 class Io(NamedTuple):
-    """Words that the stages share with Python: addresses of the batch's arrays, and what they hold."""
+    """The stages' deck: the batch's arrays, and what they hold."""
 
     actions: int  # float32, (machines, width)
     observations: int  # float32, (machines, size)
@@ -122,10 +123,7 @@ class Memory(NamedTuple):
     error_late: float = 0.0
 
 
-(
-    _ACTIONS, _OBSERVATIONS, _REWARDS, _RETURNS, _INFOS, _WEIGHTS, _CONTROL, _RAW, _SIZE, _WIDTH, _MACHINES, _LEFT,
-    _TERMINATED, _TRUNCATED, _MEMORY,
-) = range(len(Io._fields))  # fmt: skip
+IO = places(Io)
 _IO = U(len(Io._fields))
 _ANY = U(2**40)
 _SPEED = 0.01 / PERIOD  # of a millimetre per period, in 100 mm/s
@@ -147,11 +145,11 @@ _GAP, _HEIGHT, _SET, _MODE, _OVERRIDE, _CAPTURED, _FEED, _FRESH = (
 def act(block_address, at, n, io_address, first):
     """Stage before a period: the action becomes a change of the stack or of its command."""
     block, io = doubles(block_address, _ANY), words(io_address, _IO)
-    actions, count = singles(io[_ACTIONS], _ANY), io[_WIDTH]
-    if io[_CONTROL] == U(2):
+    actions, count = singles(io[IO.actions], _ANY), io[IO.width]
+    if io[IO.control] == U(2):
         schedule(block, at, n, actions, first)
     else:
-        speed = DIRECT_SPEED if io[_CONTROL] == U(0) else RESIDUAL_SPEED
+        speed = DIRECT_SPEED if io[IO.control] == U(0) else RESIDUAL_SPEED
         for lane in range(n):
             x = clip(np.float64(actions[(first + lane) * count]), -1.0, 1.0)
             lanes.store(block, at + lane + machine.HAND, machine.Hand(1.0, speed * x))
@@ -426,17 +424,17 @@ def observe(block_address, at, n, io_address, first):
     block, io = doubles(block_address, _ANY), words(io_address, _IO)
     tick = U(np.int64(block[at + machine.CLOCK]))  # the same in every lane
     rows = scratch(_ROWS)
-    if io[_RAW] == U1:
+    if io[IO.raw] == U1:
         raw_signals(block, at, n, rows, tick)
     else:
         sheets(block, at, n, rows, tick)
         features(block, at, n, rows, tick)
-        remember(block, at, n, rows, tick, doubles(io[_MEMORY] + first * U(8), _ANY), io[_MACHINES])
-    lay_out(rows, n, singles(io[_OBSERVATIONS], _ANY), first * io[_SIZE], io[_SIZE])
-    judge(block, at, n, rows, doubles(io[_WEIGHTS], _ANY), tick)
-    put_infos(rows, n, doubles(io[_INFOS], _ANY), first, io[_MACHINES])
+        remember(block, at, n, rows, tick, doubles(io[IO.memory] + first * U(8), _ANY), io[IO.machines])
+    lay_out(rows, n, singles(io[IO.observations], _ANY), first * io[IO.size], io[IO.size])
+    judge(block, at, n, rows, doubles(io[IO.weights], _ANY), tick)
+    put_infos(rows, n, doubles(io[IO.infos], _ANY), first, io[IO.machines])
     eighth = first * U(8)
     end(
-        rows, n, doubles(io[_REWARDS] + eighth, n), doubles(io[_RETURNS] + eighth, n), doubles(io[_LEFT] + eighth, n),
-        flags(io[_TERMINATED] + first, n), flags(io[_TRUNCATED] + first, n),
+        rows, n, doubles(io[IO.rewards] + eighth, n), doubles(io[IO.returns] + eighth, n),
+        doubles(io[IO.left] + eighth, n), flags(io[IO.terminated] + first, n), flags(io[IO.truncated] + first, n),
     )  # fmt: skip

@@ -9,7 +9,7 @@ import numpy as np
 from . import job_interface as interface
 from . import scenarios, workshop
 from . import stack as stacks
-from .engine.addresses import Words, address
+from .engine.deck import Deck
 from .engine.quantity import InvalidInput
 from .episodes import Episodes, check_choice, chosen, weights_of
 from .job_interface import FEATURES, LIMIT, ContourReward, CuttingReward, Io
@@ -87,13 +87,11 @@ class JobBatch(Episodes):
         self.fleet = Fleet(size, self.base.z.law, heads.POOL, threads)
         gantries = self.fleet.use_gantries(self.base.xy.law, self.base.process.law)
         self.base.install(self.fleet, np.arange(size))
-        self._weights = np.array(self.weights)
-        io = Words(Io(
-            address(self.actions), address(self.observations), address(self.rewards),
-            address(self.returns), address(self.infos), address(self._weights),
-            interface.TASKS.index(self.TASK), int(control == "direct"), int(observation == "raw"), seen, width, size,
-            address(self.left), address(self.terminated), address(self.truncated), gantries.address,
-        ))  # fmt: skip
+        io = Deck(
+            Io, **self.arrays, weights=np.array(self.weights), task=interface.TASKS.index(self.TASK),
+            direct=int(control == "direct"), raw=int(observation == "raw"), size=seen, width=width, machines=size,
+            gantry=gantries.deck,
+        )  # fmt: skip
         self.fleet.hook(stage_address(interface.act), stage_address(interface.observe), io)
         self.advance = self.fleet.stepper(PERIOD)
 

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .engine.deck import places
 from .engine.lanes import U0, U1, UW, U, clip, doubles, flags, load, logarithm, part, singles, store, words
 from .plant import cut, gantry, machine, published, xy_axes
 from .plant.controller import PERIOD, Privileged, Process
@@ -113,7 +114,7 @@ class Heading(NamedTuple):
 
 
 class Io(NamedTuple):
-    """Words that the stages share with Python: addresses of the batch's arrays, and what they hold."""
+    """The stages' deck: the batch's arrays, and what they hold."""
 
     actions: int  # float32, (machines, width)
     observations: int  # float32, (machines, size)
@@ -130,14 +131,11 @@ class Io(NamedTuple):
     left: int  # float64, (machines,), steps until the time is over
     terminated: int  # bool, (machines,)
     truncated: int  # bool, (machines,)
-    gantry: int  # address of the gantries' deck
+    gantry: int  # the gantries' deck
 
 
-(
-    _ACTIONS, _OBSERVATIONS, _REWARDS, _RETURNS, _INFOS, _WEIGHTS, _TASK, _DIRECT, _RAW, _SIZE, _WIDTH, _MACHINES,
-    _LEFT, _TERMINATED, _TRUNCATED, _GANTRY,
-) = range(len(Io._fields))  # fmt: skip
-_IO, _ANY, _DECK = U(len(Io._fields)), U(2**40), U(gantry.DECK)
+IO = places(Io)
+_IO, _ANY = U(len(Io._fields)), U(2**40)
 _TRAIL = U(len(Trail._fields)) * UW
 _COLLIDED = machine.TALLY + U(machine.Tally._fields.index("collided")) * UW
 _STEP = 8e-3
@@ -190,12 +188,12 @@ def between_ends(low, high, u):
 def act(block_address, at, n, io_address, first):
     """Stage before a step: the action becomes what the hand adds to path and process."""
     io = words(io_address, _IO)
-    deck = words(io[_GANTRY], _DECK)
-    g, jobs = doubles(deck[gantry.D_BLOCK], _ANY), doubles(deck[gantry.D_JOBS], _ANY)
-    base, actions, width = gantry.column_of(at), singles(io[_ACTIONS], _ANY), io[_WIDTH]
+    deck = words(io[IO.gantry], gantry.DECK)
+    g, jobs = doubles(deck[gantry.D.block], _ANY), doubles(deck[gantry.D.jobs], _ANY)
+    base, actions, width = gantry.column_of(at), singles(io[IO.actions], _ANY), io[IO.width]
     for lane in range(n):
         a, i = base + lane, (first + lane) * width
-        if io[_TASK] == U0:
+        if io[IO.task] == U0:
             left = CORRECTION * clip(np.float64(actions[i + U1]), -1.0, 1.0)
             along = CORRECTION * clip(np.float64(actions[i + U(2)]), -1.0, 1.0)
             t = _heading(jobs, load(Journey, g, a + gantry.P_JOURNEY), _coming(g, a))
@@ -209,7 +207,7 @@ def act(block_address, at, n, io_address, first):
             u2, u3 = clip(np.float64(actions[i + U(2)]), -1.0, 1.0), clip(np.float64(actions[i + U(3)]), -1.0, 1.0)
             u4, u5 = clip(np.float64(actions[i + U(4)]), -1.0, 1.0), clip(np.float64(actions[i + U(5)]), -1.0, 1.0)
             u6, u7 = clip(np.float64(actions[i + U(6)]), -1.0, 1.0), clip(np.float64(actions[i + U(7)]), -1.0, 1.0)
-            if io[_DIRECT] == U1:
+            if io[IO.direct] == U1:
                 r, p = load(Recipe, g, a + gantry.P_RECIPE), load(gantry.spot.Params, g, a + gantry.P_OPTICS)
                 q, j = load(published.Range, g, a + gantry.P_PUBLISHED), load(Journey, g, a + gantry.P_JOURNEY)
                 # From nothing to the most that the optics and the recipe allow; 0 is the middle.
@@ -234,7 +232,7 @@ def act(block_address, at, n, io_address, first):
                     RESIDUAL.override * u0, RESIDUAL.power * u1, RESIDUAL.frequency * u2, RESIDUAL.x * u3,
                     RESIDUAL.y * u4, RESIDUAL.z * u5, RESIDUAL.focus * u6, RESIDUAL.standoff * u7,
                 )  # fmt: skip
-            store(g, a + gantry.HAND, Hand(0.0, 0.0, 0.0 if io[_DIRECT] == U1 else 1.0, h))
+            store(g, a + gantry.HAND, Hand(0.0, 0.0, 0.0 if io[IO.direct] == U1 else 1.0, h))
 
 
 # ---------------------------------------------------------------------------------------------- the observation
@@ -421,20 +419,20 @@ def _cutting_reward(g, b, infos, o, m, weights):
 def observe(block_address, at, n, io_address, first):
     """Stage after a step: observation, reward and info of each machine, and whether its episode is over."""
     block, io = doubles(block_address, _ANY), words(io_address, _IO)
-    deck = words(io[_GANTRY], _DECK)
-    g, jobs, base = doubles(deck[gantry.D_BLOCK], _ANY), doubles(deck[gantry.D_JOBS], _ANY), gantry.column_of(at)
-    out, infos, weights = singles(io[_OBSERVATIONS], _ANY), doubles(io[_INFOS], _ANY), doubles(io[_WEIGHTS], _ANY)
-    m, eighth = io[_MACHINES], first * U(8)
-    rewards, returns = doubles(io[_REWARDS] + eighth, n), doubles(io[_RETURNS] + eighth, n)
-    left = doubles(io[_LEFT] + eighth, n)
-    terminated, truncated = flags(io[_TERMINATED] + first, n), flags(io[_TRUNCATED] + first, n)
+    deck = words(io[IO.gantry], gantry.DECK)
+    g, jobs, base = doubles(deck[gantry.D.block], _ANY), doubles(deck[gantry.D.jobs], _ANY), gantry.column_of(at)
+    out, infos, weights = singles(io[IO.observations], _ANY), doubles(io[IO.infos], _ANY), doubles(io[IO.weights], _ANY)
+    m, eighth = io[IO.machines], first * U(8)
+    rewards, returns = doubles(io[IO.rewards] + eighth, n), doubles(io[IO.returns] + eighth, n)
+    left = doubles(io[IO.left] + eighth, n)
+    terminated, truncated = flags(io[IO.terminated] + first, n), flags(io[IO.truncated] + first, n)
     trail, earlier = _ago(block, at, 0), _ago(block, at, _BACK)
     one, none = np.uint8(1), np.uint8(0)
     for lane in range(n):
         a, b, o = at + lane, base + lane, first + lane
-        _see(block, a, g, b, jobs, out, o * io[_SIZE], io[_RAW] == U1, io[_TASK], trail, earlier)
+        _see(block, a, g, b, jobs, out, o * io[IO.size], io[IO.raw] == U1, io[IO.task], trail, earlier)
         _common(block, a, g, b, trail, infos, o, m)
-        if io[_TASK] == U0:
+        if io[IO.task] == U0:
             reward = _contour_reward(g, b, infos, o, m, weights)
         else:
             reward = _cutting_reward(g, b, infos, o, m, weights)

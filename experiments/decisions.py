@@ -17,12 +17,12 @@ import numpy as np
 
 from ..envs import scenarios
 from ..envs import stack as stacks
-from ..envs.engine.addresses import Address, Words, address
+from ..envs.engine.deck import Deck, places
 from ..envs.engine.kernels import Kernel
 from ..envs.engine.lanes import U0, U1, U, W, call, doubles, rows, unflat, words
 from ..envs.engine.quantity import InvalidInput
 from ..envs.plant import heads, machine
-from ..envs.plant.controller import PERIOD, Privileged, stage_of
+from ..envs.plant.controller import PERIOD, Privileged
 from ..envs.plant.fleet import Fleet
 from ..envs.stack import Stack
 from . import rollout
@@ -50,19 +50,34 @@ class Decision(NamedTuple):
     ratio: float  # of the 99th percentile to the control period
 
 
+class Entries(NamedTuple):
+    """The kernel's deck."""
+
+    block: int  # array of the fleet
+    law: int  # stage
+    law_tables: int  # array (law_size,)
+    law_size: int
+    signals: int  # array (decisions, numbers)
+    decisions: int
+    pilot: int  # stage of a policy on top of the law, and its deck; 0: none
+    pilot_io: int
+
+
+D = places(Entries)
+
+
 def _decide(deck_address):
-    """Some decisions on recorded signals; the deck: block, law, its tables and their size, signals, decisions, and the
-    policy on top of the law with its words, or 0."""
-    deck = words(deck_address, U(8))
-    block, signals = doubles(deck[0], U(2**40)), doubles(deck[4], U(2**40))
+    """Some decisions on recorded signals."""
+    deck = words(deck_address, U(len(D)))
+    block, signals = doubles(deck[D.block], U(2**40)), doubles(deck[D.signals], U(2**40))
     at = U0
-    for _ in range(deck[5]):
+    for _ in range(deck[D.decisions]):
         for row in range(U(_SIGNALS)):
             block[machine.SIGNALS + row * U(W)] = signals[at]
             at += U1
-        call(deck[1], deck[0], U0, U1, deck[2], deck[3])
-        if deck[6] > U0:
-            call(deck[6], deck[0], U0, U1, deck[7], U0)
+        call(deck[D.law], deck[D.block], U0, U1, deck[D.law_tables], deck[D.law_size])
+        if deck[D.pilot] > U0:
+            call(deck[D.pilot], deck[D.block], U0, U1, deck[D.pilot_io], U0)
 
 
 _decide_kernel = Kernel(_decide, Path(__file__).read_text(encoding="utf-8"))
@@ -79,14 +94,14 @@ def lived(stack: Stack, scenario: str, periods: int) -> np.ndarray:
     return np.array(seen)
 
 
-def deck_for(fleet: Fleet, signals: np.ndarray, decisions: int) -> Words:
+def deck_for(fleet: Fleet, signals: np.ndarray, decisions: int) -> Deck:
     """What the kernel gets to make some decisions of the first machine of ``fleet`` on ``signals``."""
-    plain, law = fleet._deck, fleet.law
-    whole = np.ascontiguousarray(signals, np.float64)
-    return Words((
-        Address(plain[machine.D_BLOCK], fleet), stage_of(law, machine.LAW_PLACES), plain[machine.D_LAW_TABLES],
-        law.tables.size, address(whole), decisions, plain[machine.D_PILOT], plain[machine.D_PILOT_IO],
-    ))  # fmt: skip
+    of = fleet.deck
+    return Deck(
+        Entries, block=of.owned("block"), law=of["law"], law_tables=of.owned("law_tables"), law_size=of["law_size"],
+        signals=np.ascontiguousarray(signals, np.float64), decisions=decisions, pilot=of["pilot"],
+        pilot_io=of.owned("pilot_io"),
+    )  # fmt: skip
 
 
 def _times(stack: Stack, signals: np.ndarray, chunk: int) -> np.ndarray:
@@ -94,9 +109,9 @@ def _times(stack: Stack, signals: np.ndarray, chunk: int) -> np.ndarray:
     fleet = Fleet(1, stack.law, heads.POOL)
     stack.install(fleet, [0])
     deck = deck_for(fleet, signals, chunk)
-    run, found, begin, size = _decide_kernel.bound(address(deck)), [], int(deck[4]), signals[0].nbytes
+    run, found, whole = _decide_kernel.bound(deck), [], deck.owned("signals")
     for first in range(0, len(signals) - chunk + 1, chunk):
-        deck[4] = begin + first * size
+        deck["signals"] = whole[first:]
         start = time.perf_counter_ns()
         run()
         found.append(time.perf_counter_ns() - start)

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from .deck import refuse_copy
 from .lanes import W, fields, flat, rows, unflat
 
 
@@ -40,10 +41,7 @@ class Columns:
             self.put(name, np.arange(size), cls())
 
     def __reduce__(self) -> Any:
-        raise TypeError(
-            f"a {type(self).__name__} can't be copied or pickled, because kernels know the addresses of its memory; "
-            "make another one and give it the same seeds"
-        )
+        refuse_copy(self)
 
     def put(self, name: str, machines: Any, value: tuple) -> None:
         """Writes a part (a name of ``places``) into the columns of ``machines``."""

@@ -463,7 +463,7 @@ def _optimised(functions: Sequence[Callable[..., None]]) -> codegen.CPUCodeLibra
         stages += library.stages if isinstance(library, _Library) else []
     for name in stages:
         whole._final_module.get_function(name).add_function_attribute("noinline")
-    entries = {symbol(function) + end for function in functions for end in ("", ".bound")}
+    entries = {symbol(function) for function in functions}
     for f in whole._final_module.functions:
         if not f.is_declaration and f.name not in entries:
             f.linkage = "internal"
@@ -484,19 +484,4 @@ def _entry(function: Callable[..., None], module: ir.Module, context: Any) -> _L
     inner = context.declare_function(module, result.fndesc)
     context.call_conv.call_function(builder, inner, types.none, arguments, list(entry.args))
     builder.ret_void()
-    if len(arguments) == 1:
-        _bound_entry(entry, module)
     return result.library
-
-
-def _bound_entry(entry: ir.Function, module: ir.Module) -> None:
-    """A method without arguments, as Python calls it fastest: ``self`` is a Python int, the kernel's argument, and the
-    answer, because it is at hand."""
-    word, thing = ir.IntType(64), ir.IntType(8).as_pointer()
-    method = ir.Function(module, ir.FunctionType(thing, [thing, thing]), f"{entry.name}.bound")
-    builder = ir.IRBuilder(method.append_basic_block())
-    number = cgutils.get_or_insert_function(module, ir.FunctionType(word, [thing]), "PyLong_AsUnsignedLongLong")
-    keep = cgutils.get_or_insert_function(module, ir.FunctionType(ir.VoidType(), [thing]), "Py_IncRef")
-    builder.call(entry, [builder.call(number, [method.args[0]])])
-    builder.call(keep, [method.args[0]])
-    builder.ret(method.args[0])

@@ -20,7 +20,9 @@ from collections.abc import Callable, Iterable
 from importlib.metadata import version
 from typing import Any
 
-from .addresses import Address
+import numpy as np
+
+from .deck import Deck, refuse_copy, word
 from .lanes import W
 
 FOLDERS = ("engine", "plant")
@@ -66,48 +68,45 @@ class Kernel:
         return self
 
     @functools.cached_property
-    def _addresses(self) -> tuple[int, int]:
+    def address(self) -> int:
+        """Of the machine code, which stays for as long as the program runs."""
         return _addresses(self._together)[self]
 
-    @property
-    def address(self) -> int:
-        """Of the machine code."""
-        return self._addresses[0]
+    def _callable(self, kind: Callable[..., Any]) -> Any:
+        return kind(None, *[ctypes.c_uint64] * self.function.__code__.co_argcount)(self.address)
 
     @functools.cached_property
     def _call(self) -> Any:
-        words = [ctypes.c_uint64] * self.function.__code__.co_argcount
-        return ctypes.CFUNCTYPE(None, *words)(self.address)
-
-    def __call__(self, *words: int) -> None:
-        """Runs it without holding Python's lock, so that other threads go on."""
-        self._call(*words)
+        return self._callable(ctypes.CFUNCTYPE)
 
     @functools.cached_property
-    def _method(self) -> "_Method":
-        return _Method(b"kernel", self._addresses[1], _NO_ARGUMENTS, None)
+    def _short_call(self) -> Any:
+        return self._callable(ctypes.PYFUNCTYPE)
 
-    def bound(self, word: Address) -> Callable[[], Any]:
-        """The kernel with its only argument given, as a function whose call costs Python next to nothing.
+    def __call__(self, *given: int | np.ndarray | Deck) -> None:
+        """Runs it without holding Python's lock, so that other threads go on; arrays and decks are given by their
+        addresses."""
+        self._call(*map(word, given))
 
-        The function keeps alive what the address belongs to. Its ``PyMethodDef`` belongs to the kernel, so it keeps
-        that, too.
+    def bound(self, given: np.ndarray | Deck) -> Callable[[], None]:
+        """The kernel with its only argument given, as a function that keeps the argument alive.
+
+        For many short calls: it holds Python's lock. It can't be copied or pickled.
         """
-        assert isinstance(word, Address), "a plain number keeps nothing alive"
-        return _new_method(ctypes.byref(self._method), Address(word, (word, self)), None)
+        if not isinstance(given, np.ndarray | Deck):
+            raise TypeError(f"{given!r} keeps nothing alive; a kernel is bound to a deck or an array")
+        made = Bound(self._short_call, ctypes.c_uint64(word(given)))
+        made.given = given
+        return made
 
 
-class _Method(ctypes.Structure):
-    """Python's ``PyMethodDef``."""
+class Bound(functools.partial[None]):
+    """A kernel and what it works on, see :meth:`Kernel.bound`."""
 
-    _fields_ = (
-        ("name", ctypes.c_char_p), ("function", ctypes.c_void_p), ("flags", ctypes.c_int), ("doc", ctypes.c_char_p),
-    )  # fmt: skip
+    given: np.ndarray | Deck
 
-
-_NO_ARGUMENTS = 4
-_new_method = ctypes.pythonapi.PyCFunction_NewEx
-_new_method.restype, _new_method.argtypes = ctypes.py_object, (ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p)
+    def __reduce__(self) -> Any:
+        refuse_copy(self)
 
 
 def symbol(function: Callable[..., None]) -> str:
@@ -115,8 +114,8 @@ def symbol(function: Callable[..., None]) -> str:
     return f"kerfgym.{function.__qualname__}"
 
 
-def _addresses(kernels: tuple[Kernel, ...]) -> dict[Kernel, tuple[int, int]]:
-    """Addresses of kernels (and of their bound entries) that share an object file, from the disk or the compiler."""
+def _addresses(kernels: tuple[Kernel, ...]) -> dict[Kernel, int]:
+    """Addresses of kernels that share an object file, from the disk or the compiler."""
     file, names = _file(kernels), [symbol(kernel.function) for kernel in kernels]
     kept = _kept(file)
     if kept is None:
@@ -212,7 +211,7 @@ def _keep(file: pathlib.Path, code: bytes, runtime: bool) -> None:
 _engines: list[Any] = []  # own the machine code
 
 
-def _load(code: bytes, symbols: Iterable[str], runtime: bool) -> list[tuple[int, int]]:
+def _load(code: bytes, symbols: Iterable[str], runtime: bool) -> list[int]:
     from llvmlite import binding as llvm
 
     if runtime:
@@ -227,4 +226,4 @@ def _load(code: bytes, symbols: Iterable[str], runtime: bool) -> list[tuple[int,
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
     _engines.append(engine)
-    return [(engine.get_function_address(s), engine.get_function_address(f"{s}.bound")) for s in symbols]
+    return [engine.get_function_address(s) for s in symbols]

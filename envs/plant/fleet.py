@@ -2,12 +2,12 @@
 
 import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..engine.addresses import Address, Words, address
 from ..engine.columns import Columns
+from ..engine.deck import Deck
 from ..engine.lanes import W, fields, flat
 from ..engine.quantity import InvalidInput
 from ..engine.workers import workers
@@ -17,8 +17,18 @@ from .controller import Law, stage_of
 from .gantries import Gantries
 
 
+class Filtered(NamedTuple):
+    """The deck of a stage between filter and table."""
+
+    numbers: int  # array of its own
+    machine: int  # the words of the machine's deck
+
+
 class Fleet(Columns):
     """``size`` machines that share a law; every other parameter may differ from machine to machine.
+
+    Its :attr:`deck` owns what kernels work on; the fleet may go while a stepper, or anything else that was handed out,
+    goes on.
 
     Args:
         size: number of machines, at least 1.
@@ -35,23 +45,18 @@ class Fleet(Columns):
         super().__init__(size, machine.ROWS, machine.PLACES)
         self.law, self.threads = law, threads
         self._keys = np.zeros(self.blocks * W, np.uint64)
-        self._owned: dict[int, np.ndarray] = {}
         self._contours: dict[int, tuple[path.Contour, int]] = {}  # with the index of their first sample
         self._profiles: dict[int, tuple[np.ndarray, int]] = {}
         self._randoms: dict[tuple[float, float, float, int], tuple[np.ndarray, int]] = {}
         self._maps: dict[int, tuple[np.ndarray, np.ndarray]] = {}
-        self._deck = np.zeros(machine.DECK, np.uint64)
-        self._at = int(address(self._deck))
-        self._deck[machine.D_MACHINES] = size
-        self._deck[machine.D_STEPS] = self._usual = 1
+        self.deck = Deck(machine.Entries, machines=size, block=self._block, keys=self._keys)
+        self.deck["steps"] = self._usual = 1
         self._promised = False  # a stepper has been handed out that does the usual steps
-        self._point(machine.D_BLOCK, self._block)
-        self._point(machine.D_KEYS, self._keys)
-        self._point(machine.D_FREQUENCIES, tables.frequencies)
-        self._point(machine.D_HEIGHTS, tables.heights)
-        self._deck[machine.D_TABLES] = tables.frequencies.size
+        self.deck["frequencies"] = tables.frequencies
+        self.deck["heights"] = tables.heights
+        self.deck["tables"] = tables.frequencies.size
         self.drive_by(law)
-        self._pilots: dict[str, tuple[int, Words]] = {}
+        self._pilots: dict[str, tuple[int, Deck]] = {}
         self.record: np.ndarray | None = None
         self.gantries: Gantries | None = None
         every = np.arange(size)
@@ -60,10 +65,6 @@ class Fleet(Columns):
         self.put_law(every, law.Params())
 
     # ------------------------------------------------------------------------------------------ columns
-
-    def _point(self, slot: int, array: np.ndarray) -> None:
-        self._owned[slot] = array  # keeps it alive
-        self._deck[slot] = address(array)
 
     def put_law(self, machines: Any, params: tuple) -> None:
         """Writes the law's ``Params``."""
@@ -94,7 +95,7 @@ class Fleet(Columns):
         tip = np.asarray(amplitude) * sheet.attenuation(k)
         felt = np.asarray(amplitude) * sheet.attenuation(k, plate)
         self._put_list(machine.WAVES, 5, machines, i, (tip, kx, ky, phase, felt - tip))
-        self._deck[machine.D_WAVES] = max(int(self._deck[machine.D_WAVES]), i + 1)
+        self.deck["waves"] = max(self.deck["waves"], i + 1)
 
     def put_vibration(self, machines: Any, i: int, amplitude: Any, frequency: Any, phase: Any, zeta: Any = 0.0) -> None:
         """Vibration ``i``: amplitude in mm (of a band √2 times its RMS), frequency in Hz, damping ratio (0: a tone)."""
@@ -102,7 +103,7 @@ class Fleet(Columns):
         self._put_list(machine.VIBRATIONS, 4, machines, i, (amplitude, omega, phase, zeta))
         if np.any(np.asarray(zeta) > 0):
             self.use(machine.F_BANDS)
-        self._deck[machine.D_VIBRATIONS] = max(int(self._deck[machine.D_VIBRATIONS]), i + 1)
+        self.deck["vibrations"] = max(self.deck["vibrations"], i + 1)
 
     def put_feature(self, machines: Any, i: int, start: Any, stop: Any, rise: Any, across: Any) -> None:
         """Feature ``i`` along the path, mm, see :class:`sheet.Feature`."""
@@ -130,12 +131,12 @@ class Fleet(Columns):
     @property
     def waves(self) -> int:
         """Waves that the kernel adds up."""
-        return int(self._deck[machine.D_WAVES])
+        return self.deck["waves"]
 
     @property
     def vibrations(self) -> int:
         """Vibrations that the kernel adds up."""
-        return int(self._deck[machine.D_VIBRATIONS])
+        return self.deck["vibrations"]
 
     def clear_features(self, machines: Any) -> None:
         """Takes all steps, holes and edges away."""
@@ -163,8 +164,8 @@ class Fleet(Columns):
             self._randoms[*source, pair] = (sheet.random_tables(*source, pair), begin)
         if missing:
             known = [tables for tables, _ in self._randoms.values()]
-            self._point(machine.D_RANDOM, known[0] if len(known) == 1 else np.concatenate(known))
-            self._deck[machine.D_RANDOMS] = sum(len(tables) for tables in known)
+            self.deck["random"] = known[0] if len(known) == 1 else np.concatenate(known)
+            self.deck["randoms"] = sum(len(tables) for tables in known)
         first = np.array([self._randoms[*source, pair][1] for pair in wanted.tolist()], float)[which]
         for name, value in zip(sheet.Random._fields, (first, *numbers), strict=True):
             self.set(f"random.{name}", machines, value)
@@ -180,24 +181,24 @@ class Fleet(Columns):
 
     def use(self, flag: Any) -> None:
         """Switches on an optional stage, see ``machine.F_…``."""
-        self._deck[machine.D_FLAGS] |= flag
+        self.deck["flags"] |= int(flag)
 
     def put_filter(self, machines: Any, params: filters.Params) -> None:
         """Filter settings; raises :class:`InvalidInput` if the trim eats the window."""
         p = filters.validated(params)
         self.put("filter", machines, p)
-        self._deck[machine.D_WINDOW] = max(int(self._deck[machine.D_WINDOW]), int(p.window))
+        self.deck["window"] = max(self.deck["window"], int(p.window))
         if p.trim > 1:
             self.use(machine.F_RANKS)
 
     def forget_filters(self) -> None:
         """Before all machines get new filters: the kernel need not allow for the old ones any more."""
-        self._deck[machine.D_WINDOW] = 1
-        self._deck[machine.D_FLAGS] &= ~machine.F_RANKS
+        self.deck["window"] = 1
+        self.deck["flags"] &= ~int(machine.F_RANKS)
 
     def widest_window(self, window: int, trim: int) -> None:
         """Allows for filters up to this window and trim, when they change during an episode."""
-        self._deck[machine.D_WINDOW] = max(int(self._deck[machine.D_WINDOW]), window)
+        self.deck["window"] = max(self.deck["window"], window)
         if trim > 1:
             self.use(machine.F_RANKS)
 
@@ -207,10 +208,10 @@ class Fleet(Columns):
             if id(contour) not in self._contours:
                 self._contours[id(contour)] = (contour, sum(len(c.x) for c, _ in self._contours.values()))
                 known = [c for c, _ in self._contours.values()]
-                self._point(machine.D_CONTOUR_X, np.concatenate([c.x for c in known]))
-                self._point(machine.D_CONTOUR_Y, np.concatenate([c.y for c in known]))
-                self._point(machine.D_CONTOUR_ON, np.concatenate([c.cutting for c in known]))
-                self._deck[machine.D_CONTOURS] = sum(len(c.x) for c in known)
+                self.deck["contour_x"] = np.concatenate([c.x for c in known])
+                self.deck["contour_y"] = np.concatenate([c.y for c in known])
+                self.deck["contour_on"] = np.concatenate([c.cutting for c in known])
+                self.deck["contours"] = sum(len(c.x) for c in known)
         first = np.array([self._contours[id(contour)][1] for contour in contours])
         self.set("path.contour", machines, first[which])
         self.set("path.samples", machines, np.array([len(contour.x) for contour in contours])[which])
@@ -221,8 +222,8 @@ class Fleet(Columns):
         if id(heights) not in self._profiles:
             self._profiles[id(heights)] = (heights, sum(len(h) for h, _ in self._profiles.values()))
             known = [h for h, _ in self._profiles.values()]
-            self._point(machine.D_PROFILE, np.concatenate(known, dtype=np.float64))
-            self._deck[machine.D_PROFILES] = sum(len(h) for h in known)
+            self.deck["profile"] = np.concatenate(known, dtype=np.float64)
+            self.deck["profiles"] = sum(len(h) for h in known)
         self.set("path.profile", machines, self._profiles[id(heights)][1])
         self.set("path.profile_samples", machines, len(heights))
         self.set("path.profile_spacing", machines, spacing)
@@ -238,28 +239,25 @@ class Fleet(Columns):
 
     def read_from(self, tables: Pool, head: int) -> None:
         """Heights of all machines come from this head's table from now on."""
-        self._point(machine.D_FREQUENCIES, tables.frequencies)
-        self._point(machine.D_HEIGHTS, tables.heights)
-        self._deck[machine.D_TABLES] = tables.frequencies.size
+        self.deck["frequencies"] = tables.frequencies
+        self.deck["heights"] = tables.heights
+        self.deck["tables"] = tables.frequencies.size
         every = np.arange(self.size)
         self.set("start.head", every, float(head))
         self._put_rows(int(machine.HINTS) // W, every, [0.0, 0.0])
 
     def replay(self, frequencies: np.ndarray | None) -> None:
         """A recorded signal, Hz, one number for each control period, in place of all sensors'; None: none."""
-        self._deck[machine.D_SIGNALS] = 0 if frequencies is None else len(frequencies)
+        self.deck["signals"] = 0 if frequencies is None else len(frequencies)
         if frequencies is not None:
-            self._point(machine.D_SIGNAL, np.ascontiguousarray(frequencies, np.float64))
+            self.deck["signal"] = np.ascontiguousarray(frequencies, np.float64)
 
     def use_gantries(self, axes: Law, process: Law) -> Gantries:
         """Gives the machines axes that follow jobs, and a cut; see :class:`gantries.Gantries`."""
         self.gantries = Gantries(self.size, axes, process)
-        for slot, kernel in (
-            (machine.D_START, gantry.start), (machine.D_READY, gantry.ready), (machine.D_TRAVEL, gantry.travel),
-            (machine.D_FINISH, gantry.finish),
-        ):  # fmt: skip
-            self._deck[slot] = kernel.address
-        self._deck[machine.D_GANTRY] = self.gantries.address
+        for kernel in (gantry.start, gantry.ready, gantry.travel, gantry.finish):
+            self.deck[kernel.function.__name__.lstrip("_")] = kernel.address
+        self.deck["gantry"] = self.gantries.deck
         return self.gantries
 
     # ------------------------------------------------------------------------------------------------- running
@@ -267,112 +265,111 @@ class Fleet(Columns):
     def drive_by(self, law: Law) -> None:
         """Gives the machines another law (its parameters are written with :meth:`put_law`)."""
         self.law = law
-        self._deck[machine.D_LAW] = stage_of(law, machine.LAW_PLACES)
+        self.deck["law"] = stage_of(law, machine.LAW_PLACES)
         memory = np.zeros(max(1, self.blocks * W * law.memory))  # of each machine, behind the tables
-        self._point(machine.D_LAW_TABLES, np.concatenate([law.tables, memory]))
-        self._deck[machine.D_LAW_SIZE] = law.tables.size
+        self.deck["law_tables"] = np.concatenate([law.tables, memory])
+        self.deck["law_size"] = law.tables.size
 
-    def hook(self, act: int, observe: int, io: Words) -> None:
-        """Stages that an environment runs before and after each period: addresses, and the words they share."""
-        assert isinstance(io, Words), "plain words keep nothing alive"
-        self._deck[machine.D_ACT], self._deck[machine.D_OBSERVE] = act, observe
-        self._point(machine.D_IO, io)
+    def hook(self, act: int, observe: int, io: Deck) -> None:
+        """Stages that an environment runs before and after each period: addresses, and the deck they share."""
+        assert isinstance(io, Deck), "plain words keep nothing alive"
+        self.deck["act"], self.deck["observe"] = act, observe
+        self.deck["io"] = io
 
     def at_end(self, stage: int, numbers: np.ndarray) -> None:
         """A stage at the end of each period of machines without axes: its address, and the array that it gets."""
         assert self.gantries is None
-        assert numbers.dtype == np.float64, "numbers keep nothing alive; addresses need Words"
-        self._deck[machine.D_FINISH] = stage
-        self._point(machine.D_GANTRY, numbers)
+        assert numbers.dtype == np.float64, "numbers keep nothing alive; addresses need a Deck"
+        self.deck["finish"] = stage
+        self.deck["gantry"] = numbers
 
     def after_filter(self, stage: int, numbers: np.ndarray) -> None:
-        """A stage between filter and table: its address, and the array that it gets beside the deck."""
-        self._deck[machine.D_FILTERED] = stage
-        self._point(machine.D_FILTERED_IO, Words((address(numbers), self._at)))
+        """A stage between filter and table: its address, and the array that it gets in :class:`Filtered`."""
+        self.deck["filtered"] = stage
+        self.deck["filtered_io"] = Deck(Filtered, numbers=numbers, machine=self.deck.words)
 
-    def after_sensor(self, stage: int, io: Words) -> None:
-        """A stage between sensor and filter, not run while an episode begins: its address, and the words it gets."""
-        assert isinstance(io, Words), "plain words keep nothing alive"
-        self._deck[machine.D_SENSED] = stage
-        self._point(machine.D_SENSED_IO, io)
+    def after_sensor(self, stage: int, io: Deck) -> None:
+        """A stage between sensor and filter, not run while an episode begins: its address, and the deck it gets."""
+        assert isinstance(io, Deck), "plain words keep nothing alive"
+        self.deck["sensed"] = stage
+        self.deck["sensed_io"] = io
 
-    def after_supervisor(self, stage: int, io: Words) -> None:
-        """A stage between supervisor and drive: its address, and the words it gets."""
-        assert isinstance(io, Words), "plain words keep nothing alive"
-        self._deck[machine.D_SENT] = stage
-        self._point(machine.D_SENT_IO, io)
+    def after_supervisor(self, stage: int, io: Deck) -> None:
+        """A stage between supervisor and drive: its address, and the deck it gets."""
+        assert isinstance(io, Deck), "plain words keep nothing alive"
+        self.deck["sent"] = stage
+        self.deck["sent_io"] = io
 
-    def pilot(self, name: str, stage: int, io: Words) -> None:
+    def pilot(self, name: str, stage: int, io: Deck) -> None:
         """A stage that moves a hand of the machines: it runs when an episode has begun and after each period.
 
         Args:
             name: a second pilot of this name takes the place of the first; others run one after the other.
-            stage: its address; it ends by calling the stage ``io[0]``, unless that is 0, with ``io[1]``.
-            io: what it knows.
+            stage: its address; it ends by calling the stage ``next``, unless that is 0, with ``next_io``.
+            io: what it knows; these two entries are among it.
         """
-        assert isinstance(io, Words), "plain words keep nothing alive"
+        assert isinstance(io, Deck), "plain words keep nothing alive"
         self._pilots[name] = (stage, io)
-        following = (0, 0)
-        for runs, words in reversed(self._pilots.values()):
-            words[0], words[1] = following
-            following = (runs, address(words))
-        self._deck[machine.D_PILOT], self._deck[machine.D_PILOT_IO] = following
+        following: tuple[int, Deck | None] = (0, None)
+        for runs, its in reversed(self._pilots.values()):
+            its["next"], its["next_io"] = following
+            following = (runs, its)
+        self.deck["pilot"], self.deck["pilot_io"] = following
 
     def begin(self, machines: Any, keys: Any) -> None:
         """Starts an episode on ``machines`` (whose parameters are written), with one random stream each."""
         for index, key in zip(np.atleast_1d(machines), np.atleast_1d(keys), strict=True):
-            machine.begin(self._at, int(index), int(key))
+            machine.begin(self.deck, int(index), int(key))
 
     def advance(self, steps: int = 1) -> None:
         """``steps`` control periods of every machine; the result does not depend on the number of threads."""
-        self._deck[machine.D_STEPS] = steps
+        self.deck["steps"] = steps
         try:
             if self.threads == 1 or self.blocks == 1:
-                machine.advance(self._at)
+                machine.advance(self.deck)
             else:
-                self._deck[machine.D_NEXT] = 0
+                self.deck["next"] = 0
                 workers(self.threads).share(self._share)
-                self._deck[machine.D_TICK] += np.uint64(steps)
+                self.deck["tick"] += steps
         finally:
-            self._deck[machine.D_STEPS] = self._usual
+            self.deck["steps"] = self._usual
 
     def _share(self) -> None:
-        machine.share(self._at)
+        machine.share(self.deck)
 
     def stepper(self, steps: int = 1) -> Callable[[], Any]:
         """A function that advances every machine by ``steps`` control periods, as quickly as can be.
 
-        It keeps the fleet alive. It goes on doing just these steps when others are asked for later: only the steps of
-        the first lie in the deck.
+        It keeps alive all that the machines need. It goes on doing just these steps when others are asked for later:
+        only the steps of the first lie in the deck.
         """
         if (self.threads > 1 and self.blocks > 1) or (self._promised and steps != self._usual):
             return functools.partial(self.advance, steps)
         self._promised, self._usual = True, steps
-        self._deck[machine.D_STEPS] = steps
-        return machine.advance.bound(Address(self._at, self))
+        self.deck["steps"] = steps
+        return machine.advance.bound(self.deck)
 
     def run_kernel(self, kernel: Any, steps: int) -> None:
         """``steps`` control periods by another kernel with the deck's contract, such as one to compare speed with."""
-        self._deck[machine.D_STEPS] = steps
+        self.deck["steps"] = steps
         try:
-            kernel(self._at)
+            kernel(self.deck)
         finally:
-            self._deck[machine.D_STEPS] = self._usual
+            self.deck["steps"] = self._usual
 
     def start_recording(self, steps: int) -> np.ndarray:
         """Keeps the next ``steps`` periods: float32 of shape (steps, channels, size), see ``machine.CHANNELS``."""
         self.record = np.zeros((steps, len(machine.CHANNELS), self.size), np.float32)
-        self._point(machine.D_RECORD, self.record)
-        self._deck[machine.D_RECORD_TICK], self._deck[machine.D_RECORD_STEPS] = self._deck[machine.D_TICK], steps
+        self.deck["record"] = self.record
+        self.deck["record_tick"], self.deck["record_steps"] = self.deck["tick"], steps
         return self.record
 
     def stop_recording(self) -> None:
         """Ends :meth:`start_recording`; further periods are not kept."""
-        self._deck[machine.D_RECORD] = 0
-        self._owned.pop(machine.D_RECORD, None)
+        self.deck["record"] = None
         self.record = None
 
     @property
     def tick(self) -> int:
         """Control periods that the fleet has lived through."""
-        return int(self._deck[machine.D_TICK])
+        return self.deck["tick"]

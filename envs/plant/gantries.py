@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from ..engine.addresses import Address, address
 from ..engine.columns import Columns
+from ..engine.deck import Deck
 from ..engine.lanes import W, fields, flat, rows, unflat
 from . import gantry, xy_axes
 from .controller import Law, stage_of
@@ -22,26 +22,14 @@ class Gantries(Columns):
 
     def __init__(self, size: int, axes: Law, process: Law) -> None:
         super().__init__(size, gantry.ROWS, gantry.PLACES)
-        self._owned: dict[int, np.ndarray] = {}
         self._jobs: dict[int, tuple[Any, int]] = {}  # with the index of their first sample
-        self._deck = np.zeros(gantry.DECK, np.uint64)
-        self._deck[gantry.D_MACHINES] = size
-        self._point(gantry.D_BLOCK, self._block)
-        self._point(gantry.D_JOBS, np.zeros(2 * len(gantry.JOB)))  # until there is a job, they rest
+        self.deck = Deck(gantry.Entries, machines=size, block=self._block)
+        self.deck["jobs"] = np.zeros(2 * len(gantry.JOB))  # until there is a job, they rest
         self.record: np.ndarray | None = None
         self.laws: dict[str, Law] = {}
         for law in (axes, process):
             self.drive_by(law)
             self.put_law(law.slot, np.arange(size), law.Params())
-
-    def _point(self, slot: int, array: np.ndarray) -> None:
-        self._owned[slot] = array  # keeps it alive
-        self._deck[slot] = address(array)
-
-    @property
-    def address(self) -> Address:
-        """Of their deck; it keeps all of them alive, because what the deck points to may change."""
-        return Address(address(self._deck), self)
 
     @property
     def nbytes(self) -> int:
@@ -51,12 +39,10 @@ class Gantries(Columns):
     def drive_by(self, law: Law) -> None:
         """Puts a law into its slot (its parameters are written with :meth:`put_law`)."""
         self.laws[law.slot] = law
-        slot = (
-            gantry.D_LAW if law.slot == "xy" else gantry.D_PROCESS
-        )  # address, tables and their size follow one another
-        self._deck[slot] = stage_of(law, gantry.LAW_PLACES[law.slot])
-        self._point(slot + 1, law.tables if law.tables.size else np.zeros(1))
-        self._deck[slot + 2] = law.tables.size
+        name = "law" if law.slot == "xy" else law.slot
+        self.deck[name] = stage_of(law, gantry.LAW_PLACES[law.slot])
+        self.deck[f"{name}_tables"] = law.tables if law.tables.size else np.zeros(1)
+        self.deck[f"{name}_size"] = law.tables.size
 
     def put_law(self, slot: str, machines: Any, params: tuple) -> None:
         """Writes the ``Params`` of the law in a slot."""
@@ -77,7 +63,7 @@ class Gantries(Columns):
             self._jobs[id(job)] = (job, sum(len(other.x) for other, _ in self._jobs.values()))
             known = [other for other, _ in self._jobs.values()]
             table = [np.stack([getattr(k, name) for name in gantry.JOB], axis=1) for k in known]
-            self._point(gantry.D_JOBS, np.concatenate(table, dtype=np.float64).ravel())
+            self.deck["jobs"] = np.concatenate(table, dtype=np.float64).ravel()
         self.set("journey.first", machines, float(self._jobs[id(job)][1]))
         self.set("journey.samples", machines, float(len(job.x)))
         self.set("journey.feed", machines, float(job.cut_feed))
@@ -86,14 +72,13 @@ class Gantries(Columns):
     def start_recording(self, steps: int, tick: int) -> np.ndarray:
         """Keeps the next ``steps`` periods from ``tick`` on: float32 (steps, channels, size), ``gantry.CHANNELS``."""
         self.record = np.zeros((steps, len(gantry.CHANNELS), self.size), np.float32)
-        self._point(gantry.D_RECORD, self.record)
-        self._deck[gantry.D_RECORD_TICK], self._deck[gantry.D_RECORD_STEPS] = tick, steps
+        self.deck["record"] = self.record
+        self.deck["record_tick"], self.deck["record_steps"] = tick, steps
         return self.record
 
     def stop_recording(self) -> None:
         """Ends :meth:`start_recording`; further periods are not kept."""
-        self._deck[gantry.D_RECORD] = 0
-        self._owned.pop(gantry.D_RECORD, None)
+        self.deck["record"] = None
         self.record = None
 
     def trail(self, tick: int, index: int = 0) -> gantry.Trail:

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..engine.deck import places
 from ..engine.kernels import Kernel
 from ..engine.lanes import (
     U0,
@@ -192,10 +193,26 @@ PLACES = {
 }  # fmt: skip
 """Offset and class of each part that Python reads or writes."""
 
-(D_BLOCK, D_JOBS, D_LAW, D_LAW_TABLES, D_LAW_SIZE, D_PROCESS, D_PROCESS_TABLES, D_PROCESS_SIZE, D_RECORD,
- D_RECORD_TICK, D_MACHINES, D_RECORD_STEPS) = range(12)  # fmt: skip
-DECK = 12
-_DECK = U(DECK)
+
+class Entries(NamedTuple):
+    """The deck of the gantries' stages; arrays are float64 unless another type is named."""
+
+    block: int  # array of all columns
+    machines: int
+    jobs: int  # array of the samples of all jobs, see JOB
+    law: int  # stage of the axes' law
+    law_tables: int  # array (law_size,)
+    law_size: int
+    process: int  # stage of the process' law
+    process_tables: int  # array (process_size,)
+    process_size: int
+    record: int  # float32 array (record_steps, channels, machines)
+    record_tick: int  # its first tick
+    record_steps: int
+
+
+D = places(Entries)
+DECK = U(len(D))
 
 CHANNELS = (
     *Trail._fields, "gap_error", *(f"command_{name}" for name in Process._fields),
@@ -558,8 +575,8 @@ def column_of(at):
 
 def _start(block_address, at, n, deck_address, tick):
     """Starts a job: slides at rest at its first point, the whole trail there too, the first servo instant at hand."""
-    deck, block = words(deck_address, _DECK), doubles(block_address, _ANY)
-    g, jobs = doubles(deck[D_BLOCK], _ANY), doubles(deck[D_JOBS], _ANY)
+    deck, block = words(deck_address, DECK), doubles(block_address, _ANY)
+    g, jobs = doubles(deck[D.block], _ANY), doubles(deck[D.jobs], _ANY)
     base = column_of(at)
     j = load(Journey, g, base + P_JOURNEY)
     x, y = between(jobs, j, 0.0, U0), between(jobs, j, 0.0, U1)
@@ -576,14 +593,14 @@ def _start(block_address, at, n, deck_address, tick):
     for i in range(TRAIL_LAST + U1):
         store(g, base + TRAIL + i * _TRAIL, first)
     head_all(g, base, U1, jobs)
-    call(deck[D_LAW], deck[D_BLOCK], base, U1, deck[D_LAW_TABLES], deck[D_LAW_SIZE])
+    call(deck[D.law], deck[D.block], base, U1, deck[D.law_tables], deck[D.law_size])
     store(block, at + machine.S_PATH, path.State(-PERIOD, first.s, x, y, x, y, 0.0, first.s))
 
 
 def _travel(block_address, at, n, deck_address, tick):
     """Axes and path: one control period, ``AHEAD`` ms ahead of the machine."""
-    deck, block = words(deck_address, _DECK), doubles(block_address, _ANY)
-    g, jobs = doubles(deck[D_BLOCK], _ANY), doubles(deck[D_JOBS], _ANY)
+    deck, block = words(deck_address, DECK), doubles(block_address, _ANY)
+    g, jobs = doubles(deck[D.block], _ANY), doubles(deck[D.jobs], _ANY)
     base = column_of(at)
     ahead, now = TRAIL + ((tick + _AHEAD) & TRAIL_LAST) * _TRAIL, TRAIL + (tick & TRAIL_LAST) * _TRAIL
     apply_all(g, base, n)
@@ -592,28 +609,28 @@ def _travel(block_address, at, n, deck_address, tick):
     locate_all(g, base, n, jobs, ahead)
     hand_over(block, at, g, base, n, ahead, now)
     head_all(g, base, n, jobs)
-    call(deck[D_LAW], deck[D_BLOCK], base, n, deck[D_LAW_TABLES], deck[D_LAW_SIZE])
+    call(deck[D.law], deck[D.block], base, n, deck[D.law_tables], deck[D.law_size])
 
 
 def _finish(block_address, at, n, deck_address, tick):
     """The end of a period: the cut, the recorder, and what comes next."""
-    deck, block = words(deck_address, _DECK), doubles(block_address, _ANY)
-    g, jobs = doubles(deck[D_BLOCK], _ANY), doubles(deck[D_JOBS], _ANY)
+    deck, block = words(deck_address, DECK), doubles(block_address, _ANY)
+    g, jobs = doubles(deck[D.block], _ANY), doubles(deck[D.jobs], _ANY)
     base = column_of(at)
     now, after = TRAIL + (tick & TRAIL_LAST) * _TRAIL, TRAIL + ((tick + U1) & TRAIL_LAST) * _TRAIL
     cut_all(block, at, g, base, n, now)
-    if deck[D_RECORD] > U0 and tick - deck[D_RECORD_TICK] < deck[D_RECORD_STEPS]:
+    if deck[D.record] > U0 and tick - deck[D.record_tick] < deck[D.record_steps]:
         first = (at // _STRIDE_Z) * UW
-        where = (tick - deck[D_RECORD_TICK]) * _CHANNELS * deck[D_MACHINES] + first
-        record_all(block, at, g, base, n, now, singles(deck[D_RECORD], _ANY), where, deck[D_MACHINES])
+        where = (tick - deck[D.record_tick]) * _CHANNELS * deck[D.machines] + first
+        record_all(block, at, g, base, n, now, singles(deck[D.record], _ANY), where, deck[D.machines])
     decide_all(block, at, g, base, n, jobs, now, after)
-    call(deck[D_PROCESS], deck[D_BLOCK], base, n, deck[D_PROCESS_TABLES], deck[D_PROCESS_SIZE])
+    call(deck[D.process], deck[D.block], base, n, deck[D.process_tables], deck[D.process_size])
 
 
 def _ready(block_address, at, n, deck_address, tick):
     """The end of the beginning: sums are empty, the process is decided for the first time."""
-    deck, block = words(deck_address, _DECK), doubles(block_address, _ANY)
-    g, jobs = doubles(deck[D_BLOCK], _ANY), doubles(deck[D_JOBS], _ANY)
+    deck, block = words(deck_address, DECK), doubles(block_address, _ANY)
+    g, jobs = doubles(deck[D.block], _ANY), doubles(deck[D.jobs], _ANY)
     base = column_of(at)
     store(g, base + S_CUT, cut.fresh())
     store(g, base + FIGURES, cut.nothing())
@@ -625,7 +642,7 @@ def _ready(block_address, at, n, deck_address, tick):
     store(g, base + BEFORE, none)
     now, after = TRAIL + (tick & TRAIL_LAST) * _TRAIL, TRAIL + ((tick + U1) & TRAIL_LAST) * _TRAIL
     decide_all(block, at, g, base, n, jobs, now, after)
-    call(deck[D_PROCESS], deck[D_BLOCK], base, n, deck[D_PROCESS_TABLES], deck[D_PROCESS_SIZE])
+    call(deck[D.process], deck[D.block], base, n, deck[D.process_tables], deck[D.process_size])
 
 
 start = Kernel(_start)

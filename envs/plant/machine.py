@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..engine.deck import places
 from ..engine.kernels import Kernel
 from ..engine.lanes import (
     GOLD,
@@ -152,14 +153,60 @@ CHANNELS = (
 mm; motor velocity, mm/s; motor acceleration, mm/s²; command after and before the supervisor, mm/s; its mode; whether
 the period counts as cutting; distance along the path, mm; whether the supervisor overrode the law."""
 
-# Addresses and counts that a kernel gets in one array, the deck.
-(D_BLOCK, D_KEYS, D_MACHINES, D_TICK, D_WINDOW, D_WAVES, D_VIBRATIONS, D_FLAGS, D_FREQUENCIES, D_HEIGHTS, D_TABLES,
- D_CONTOUR_X, D_CONTOUR_Y, D_CONTOUR_ON, D_CONTOURS, D_PROFILE, D_PROFILES, D_LAW, D_LAW_TABLES, D_LAW_SIZE, D_ACT,
- D_OBSERVE, D_IO, D_RECORD, D_RECORD_TICK, D_NEXT, D_STEPS, D_START, D_READY, D_TRAVEL,
- D_FINISH, D_GANTRY, D_SIGNAL, D_SIGNALS, D_PILOT, D_PILOT_IO, D_FILTERED, D_FILTERED_IO, D_SENSED, D_SENSED_IO,
- D_SENT, D_SENT_IO, D_RECORD_STEPS, D_RANDOM, D_RANDOMS) = range(45)  # fmt: skip
-DECK = 45
-_DECK = U(DECK)
+
+class Entries(NamedTuple):
+    """The deck of the machine's kernels. Arrays are float64 unless another type is named; stages are addresses of
+    compiled code, 0: none."""
+
+    block: int  # array of all columns
+    keys: int  # uint64 array (machines,), random streams
+    machines: int
+    tick: int  # control periods so far
+    steps: int  # control periods of a call
+    next: int  # block that the next free thread takes
+    flags: int  # F_…
+    window: int  # samples of the longest filter
+    waves: int  # that are added up
+    vibrations: int
+    frequencies: int  # arrays (tables,), Hz and mm: calibration tables one behind the other
+    heights: int
+    tables: int
+    contour_x: int  # arrays (contours,), mm, mm and flags: samples of all contours
+    contour_y: int
+    contour_on: int
+    contours: int
+    profile: int  # array (profiles,), mm: samples of measured profiles and maps
+    profiles: int
+    random: int  # array (randoms,): tables of sheets of continuous spectrum
+    randoms: int
+    signal: int  # array (signals,), Hz, in place of the sensors'
+    signals: int
+    law: int  # stage
+    law_tables: int  # array (law_size,), and behind it the machines' memories
+    law_size: int
+    act: int  # an environment's stages, and its deck
+    observe: int
+    io: int
+    sensed: int  # stage after the sensor, and its deck
+    sensed_io: int
+    filtered: int  # stage after the filter, and its deck
+    filtered_io: int
+    sent: int  # stage after the supervisor, and its deck
+    sent_io: int
+    pilot: int  # first of the stages that move a hand, and its deck
+    pilot_io: int
+    start: int  # stages of axes that follow a job
+    ready: int
+    travel: int
+    finish: int  # stage at the end of a period
+    gantry: int  # what these four are given: the gantries' deck, or an array
+    record: int  # float32 array (record_steps, channels, machines)
+    record_tick: int  # its first tick
+    record_steps: int
+
+
+D = places(Entries)
+DECK = U(len(D))
 
 F_CONTOURS, F_FEATURES, F_PROFILES, F_BULGES, F_RANKS, F_PLATES, F_RANDOM, F_BANDS, F_TURNS, F_BRISTLES = (
     U(2**i) for i in range(10)
@@ -239,7 +286,7 @@ def supervise_all(block, at, n, tick):
 @stage
 def travel_all(block, at, n, tick, deck):
     """Path and sheet: the surface in the middle and at the end of the period that lies AHEAD ms ahead."""
-    flags = deck[D_FLAGS]
+    flags = deck[D.flags]
     slot_middle, slot_end = (
         ((tick + tick + _AHEAD2) & SURFACES_LAST) * UW,
         ((tick + tick + _AHEAD2 + U1) & SURFACES_LAST) * UW,
@@ -254,16 +301,16 @@ def travel_all(block, at, n, tick, deck):
             block[a + ON + UW] = sheet.turned(p, p.random, t)
             block[a + ON + U2 * UW] = sheet.turned(p, p.vibrations, t)
             block[a + ON + U(3) * UW] = sheet.turned(p, p.impulses, t)
-    if deck[D_TRAVEL] > U0:  # axes that follow a job
-        call(deck[D_TRAVEL], deck[D_BLOCK], at, n, deck[D_GANTRY], tick)
+    if deck[D.travel] > U0:  # axes that follow a job
+        call(deck[D.travel], deck[D.block], at, n, deck[D.gantry], tick)
     else:
         for lane in range(n):
             a = at + lane
             p, s = load(path.Params, block, a + P_PATH), load(path.State, block, a + S_PATH)
             store(block, a + S_PATH, path.advance(p, s, PERIOD, AHEAD_S))
     if flags & F_CONTOURS:
-        xs, ys = doubles(deck[D_CONTOUR_X], deck[D_CONTOURS]), doubles(deck[D_CONTOUR_Y], deck[D_CONTOURS])
-        on = doubles(deck[D_CONTOUR_ON], deck[D_CONTOURS])
+        xs, ys = doubles(deck[D.contour_x], deck[D.contours]), doubles(deck[D.contour_y], deck[D.contours])
+        on = doubles(deck[D.contour_on], deck[D.contours])
         for lane in range(n):
             a = at + lane
             p, s = load(path.Params, block, a + P_PATH), load(path.State, block, a + S_PATH)
@@ -301,7 +348,7 @@ def travel_all(block, at, n, tick, deck):
     if flags & F_PLATES:
         for lane in range(n):
             block[felt_middle + lane], block[felt_end + lane] = 0.0, 0.0
-    for i in range(deck[D_WAVES]):
+    for i in range(deck[D.waves]):
         offset = WAVES + i * _WAVE
         for lane in range(n):
             a = at + lane
@@ -313,9 +360,9 @@ def travel_all(block, at, n, tick, deck):
             block[felt_middle + lane] += w.felt * halfway
             block[felt_end + lane] += w.felt * whole
     if flags & F_BANDS:
-        shake_all(block, at, n, tick, middle, end, words(deck[D_KEYS], U(2**40)), deck[D_VIBRATIONS])
+        shake_all(block, at, n, tick, middle, end, words(deck[D.keys], U(2**40)), deck[D.vibrations])
     else:
-        for i in range(deck[D_VIBRATIONS]):
+        for i in range(deck[D.vibrations]):
             offset = VIBRATIONS + i * _VIBRATION
             for lane in range(n):
                 a = at + lane
@@ -324,7 +371,7 @@ def travel_all(block, at, n, tick, deck):
                 block[middle + lane] += on * sheet.vibration(v, where.time - 0.5 * PERIOD)
                 block[end + lane] += on * sheet.vibration(v, where.time)
     if flags & F_RANDOM:
-        randoms = doubles(deck[D_RANDOM], deck[D_RANDOMS])
+        randoms = doubles(deck[D.random], deck[D.randoms])
         for lane in range(n):
             a = at + lane
             p, where, on = (
@@ -360,7 +407,7 @@ def travel_all(block, at, n, tick, deck):
             block[felt_middle + lane] += sheet.features(s, half, plate) - halfway
             block[felt_end + lane] += sheet.features(s, where.distance, plate) - whole
     if flags & F_PROFILES:
-        profile = doubles(deck[D_PROFILE], deck[D_PROFILES])
+        profile = doubles(deck[D.profile], deck[D.profiles])
         for lane in range(n):
             a = at + lane
             p, s = load(path.Params, block, a + P_PATH), load(path.State, block, a + S_PATH)
@@ -465,7 +512,7 @@ def move_all(block, at, n, k, bristles):
 @part
 def has_bristles(deck):
     """Whether the friction of at least one machine has bristles; without, a period takes a seventh less time."""
-    return (deck[D_FLAGS] & F_BRISTLES) > U0
+    return (deck[D.flags] & F_BRISTLES) > U0
 
 
 @part
@@ -501,8 +548,8 @@ def sense_all(block, at, n, tick, keys, first):
 @stage
 def replay_all(block, at, n, tick, deck):
     """A recorded signal in place of the sensor's: one frequency for each control period, from the episode's start."""
-    now, signal = at + SAMPLES + (tick & SAMPLES_LAST) * UW, doubles(deck[D_SIGNAL], deck[D_SIGNALS])
-    last = np.float64(np.int64(deck[D_SIGNALS])) - 1.0
+    now, signal = at + SAMPLES + (tick & SAMPLES_LAST) * UW, doubles(deck[D.signal], deck[D.signals])
+    last = np.float64(np.int64(deck[D.signals])) - 1.0
     for lane in range(n):
         a = at + lane
         f = signal[U(np.int64(min(max(load(Tally, block, a + TALLY).ticks, 0.0), last)))]
@@ -571,7 +618,7 @@ def rank_all(block, at, n, tick, window):
 @stage
 def look_up_all(block, at, n, tick, deck):
     """Table: filtered and newest frequency to heights. Gathers, so a stage of its own."""
-    frequencies, heights = doubles(deck[D_FREQUENCIES], deck[D_TABLES]), doubles(deck[D_HEIGHTS], deck[D_TABLES])
+    frequencies, heights = doubles(deck[D.frequencies], deck[D.tables]), doubles(deck[D.heights], deck[D.tables])
     now = at + SAMPLES + (tick & SAMPLES_LAST) * UW
     for lane in range(n):
         a = at + lane
@@ -660,51 +707,51 @@ def record_all(block, at, n, tick, record, where, machines):
 def sense_and_control(block, at, n, tick, keys, first, deck):
     """The second half of a period: sense, filter, look up, report, control."""
     sense_all(block, at, n, tick, keys, first)
-    if deck[D_SIGNALS] > U0:
+    if deck[D.signals] > U0:
         replay_all(block, at, n, tick, deck)
-    if deck[D_SENSED] > U0:
-        call(deck[D_SENSED], deck[D_BLOCK], at, n, deck[D_SENSED_IO], tick)
-    filter_all(block, at, n, tick, deck[D_WINDOW], deck[D_FLAGS] & F_RANKS)
-    if deck[D_FILTERED] > U0:
-        call(deck[D_FILTERED], deck[D_BLOCK], at, n, deck[D_FILTERED_IO], tick)
+    if deck[D.sensed] > U0:
+        call(deck[D.sensed], deck[D.block], at, n, deck[D.sensed_io], tick)
+    filter_all(block, at, n, tick, deck[D.window], deck[D.flags] & F_RANKS)
+    if deck[D.filtered] > U0:
+        call(deck[D.filtered], deck[D.block], at, n, deck[D.filtered_io], tick)
     look_up_all(block, at, n, tick, deck)
     report_all(block, at, n, tick)
-    call(deck[D_LAW], deck[D_BLOCK], at, n, deck[D_LAW_TABLES], deck[D_LAW_SIZE])
+    call(deck[D.law], deck[D.block], at, n, deck[D.law_tables], deck[D.law_size])
 
 
 @stage
 def live_all(deck, b):
     """All periods that the deck asks for, of the machines of block ``b``; an environment acts before them all and
     observes after them all."""
-    machines = deck[D_MACHINES]
+    machines = deck[D.machines]
     blocks = (machines + UW - U1) // UW
-    block = doubles(deck[D_BLOCK], blocks * STRIDE)
-    keys = words(deck[D_KEYS], blocks * UW)
-    record = singles(deck[D_RECORD], U(2**40))
+    block = doubles(deck[D.block], blocks * STRIDE)
+    keys = words(deck[D.keys], blocks * UW)
+    record = singles(deck[D.record], U(2**40))
     at = b * STRIDE
     n = min(UW, machines - b * UW)
-    tick = deck[D_TICK]
-    steps = deck[D_STEPS]
+    tick = deck[D.tick]
+    steps = deck[D.steps]
     for i in range(steps):
-        if deck[D_ACT] > U0 and i == U0:
-            call(deck[D_ACT], deck[D_BLOCK], at, n, deck[D_IO], b * UW)
+        if deck[D.act] > U0 and i == U0:
+            call(deck[D.act], deck[D.block], at, n, deck[D.io], b * UW)
         supervise_all(block, at, n, tick)
-        if deck[D_SENT] > U0:
-            call(deck[D_SENT], deck[D_BLOCK], at, n, deck[D_SENT_IO], tick)
+        if deck[D.sent] > U0:
+            call(deck[D.sent], deck[D.block], at, n, deck[D.sent_io], tick)
         travel_all(block, at, n, tick, deck)
         prepare_all(block, at, n, tick)
         for k in range(0, SUBSTEPS, _AT_ONCE):
             move_all(block, at, n, k, has_bristles(deck))
         sense_and_control(block, at, n, tick, keys, b * UW, deck)
-        if deck[D_RECORD] > U0 and tick - deck[D_RECORD_TICK] < deck[D_RECORD_STEPS]:
-            place = (tick - deck[D_RECORD_TICK]) * _CHANNELS * machines + b * UW
+        if deck[D.record] > U0 and tick - deck[D.record_tick] < deck[D.record_steps]:
+            place = (tick - deck[D.record_tick]) * _CHANNELS * machines + b * UW
             record_all(block, at, n, tick, record, place, machines)
-        if deck[D_FINISH] > U0:
-            call(deck[D_FINISH], deck[D_BLOCK], at, n, deck[D_GANTRY], tick)
-        if deck[D_PILOT] > U0:
-            call(deck[D_PILOT], deck[D_BLOCK], at, n, deck[D_PILOT_IO], b * UW)
-        if deck[D_OBSERVE] > U0 and i + U1 == steps:
-            call(deck[D_OBSERVE], deck[D_BLOCK], at, n, deck[D_IO], b * UW)
+        if deck[D.finish] > U0:
+            call(deck[D.finish], deck[D.block], at, n, deck[D.gantry], tick)
+        if deck[D.pilot] > U0:
+            call(deck[D.pilot], deck[D.block], at, n, deck[D.pilot_io], b * UW)
+        if deck[D.observe] > U0 and i + U1 == steps:
+            call(deck[D.observe], deck[D.block], at, n, deck[D.io], b * UW)
         tick += U1
 
 
@@ -712,22 +759,22 @@ def _advance(deck_address):
     """Some control periods of all machines, as the deck says; its tick moves on by the periods.
 
     Args:
-        deck_address: of the uint64 array of addresses and counts, see :class:`fleet.Fleet`.
+        deck_address: of the words of a deck of :class:`Entries`, see :class:`fleet.Fleet`.
     """
-    deck = words(deck_address, _DECK)
-    for b in range((deck[D_MACHINES] + UW - U1) // UW):
+    deck = words(deck_address, DECK)
+    for b in range((deck[D.machines] + UW - U1) // UW):
         live_all(deck, b)
-    deck[D_TICK] += deck[D_STEPS]
+    deck[D.tick] += deck[D.steps]
 
 
 def _share(deck_address):
     """The same for several threads at once: each takes the next block until none is left. The tick stays as it is."""
-    deck = words(deck_address, _DECK)
-    blocks = (deck[D_MACHINES] + UW - U1) // UW
-    b = take(deck, D_NEXT)
+    deck = words(deck_address, DECK)
+    blocks = (deck[D.machines] + UW - U1) // UW
+    b = take(deck, D.next)
     while b < blocks:
         live_all(deck, b)
-        b = take(deck, D_NEXT)
+        b = take(deck, D.next)
 
 
 def _begin(deck_address, machine, key):
@@ -736,18 +783,18 @@ def _begin(deck_address, machine, key):
     The head stands at the starting gap over the sheet; the sheet ahead is known, the filter is filled with one reading,
     and the law has seen its first signals. ``key`` is the episode's random stream.
     """
-    deck = words(deck_address, _DECK)
+    deck = words(deck_address, DECK)
     b, lane = machine // UW, machine % UW
-    blocks = (deck[D_MACHINES] + UW - U1) // UW
-    block = doubles(deck[D_BLOCK], blocks * STRIDE)
-    keys = words(deck[D_KEYS], blocks * UW)
+    blocks = (deck[D.machines] + UW - U1) // UW
+    block = doubles(deck[D.block], blocks * STRIDE)
+    keys = words(deck[D.keys], blocks * UW)
     at = b * STRIDE + lane
-    tick = deck[D_TICK] - U1  # the period before the first
+    tick = deck[D.tick] - U1  # the period before the first
     # Counting on from the block's tick must give the stream that a machine alone would get from tick 0.
     keys[machine] = key - (tick + U1) * _WORDS * GOLD
     start, feed = load(Start, block, at + START), path.feed_at(load(path.Params, block, at + P_PATH), 0.0)
-    if deck[D_START] > U0:
-        call(deck[D_START], deck[D_BLOCK], at, U1, deck[D_GANTRY], tick)
+    if deck[D.start] > U0:
+        call(deck[D.start], deck[D.block], at, U1, deck[D.gantry], tick)
 
     growth = load(sheet.Params, block, at + P_SHEET).bulge_growth  # the prefill's first step grows it to 0 at time 0
     store(block, at + S_SHEET, sheet.State(
@@ -777,7 +824,7 @@ def _begin(deck_address, machine, key):
     gains = z_axis.gains(load(z_axis.Params, block, at + P_Z), DT)
     store(block, at + GAINS, gains)
     if gains.spring > 0.0:
-        deck[D_FLAGS] |= F_BRISTLES
+        deck[D.flags] |= F_BRISTLES
     felt = block[at + FELT + _surface(tick, U0)]
     store(block, at + COURSE, Course(surface, 0.0, 0.0, 0.75, 0.2, 1.0, felt, False, True))
     store(block, at + MOMENT, Moment(start.gap, head, start.gap, head, start.gap))
@@ -785,7 +832,7 @@ def _begin(deck_address, machine, key):
 
     # One reading of the head at rest; the ring and the recursive filters start from it.
     sense_all(block, at, U1, tick, keys, machine)
-    if deck[D_SIGNALS] > U0:
+    if deck[D.signals] > U0:
         replay_all(block, at, U1, tick, deck)
     reading = block[at + SAMPLES + (tick & SAMPLES_LAST) * UW]
     for i in range(SAMPLES_LAST + U1):
@@ -793,9 +840,9 @@ def _begin(deck_address, machine, key):
     store(block, at + S_FILTER, filters.State(reading, 1e6, 0.0, 0.0))
     block[at + HINTS], block[at + HINTS + UW] = 0.0, 0.0
     block[at + SLOPE] = 1e9  # nothing is a jump before the first reading
-    filter_all(block, at, U1, tick, deck[D_WINDOW], deck[D_FLAGS] & F_RANKS)
-    if deck[D_FILTERED] > U0:
-        call(deck[D_FILTERED], deck[D_BLOCK], at, U1, deck[D_FILTERED_IO], tick)
+    filter_all(block, at, U1, tick, deck[D.window], deck[D.flags] & F_RANKS)
+    if deck[D.filtered] > U0:
+        call(deck[D.filtered], deck[D.block], at, U1, deck[D.filtered_io], tick)
     look_up_all(block, at, U1, tick, deck)
     report_all(block, at, U1, tick)
     block[at + SIGNALS + _FRESH] = 1.0
@@ -806,13 +853,13 @@ def _begin(deck_address, machine, key):
         block[at + COMMANDS + i * UW] = 0.0
     block[at + ORIGIN] = block[at + SIGNALS + _HEAD_POSITION]
     store(block, at + HAND, Hand(1.0, 0.0))
-    call(deck[D_LAW], deck[D_BLOCK], at, U1, deck[D_LAW_TABLES], deck[D_LAW_SIZE])
-    if deck[D_READY] > U0:
-        call(deck[D_READY], deck[D_BLOCK], at, U1, deck[D_GANTRY], tick)
-    if deck[D_PILOT] > U0:
-        call(deck[D_PILOT], deck[D_BLOCK], at, U1, deck[D_PILOT_IO], machine)
-    if deck[D_OBSERVE] > U0:
-        call(deck[D_OBSERVE], deck[D_BLOCK], at, U1, deck[D_IO], machine)
+    call(deck[D.law], deck[D.block], at, U1, deck[D.law_tables], deck[D.law_size])
+    if deck[D.ready] > U0:
+        call(deck[D.ready], deck[D.block], at, U1, deck[D.gantry], tick)
+    if deck[D.pilot] > U0:
+        call(deck[D.pilot], deck[D.block], at, U1, deck[D.pilot_io], machine)
+    if deck[D.observe] > U0:
+        call(deck[D.observe], deck[D.block], at, U1, deck[D.io], machine)
 
 
 advance = Kernel(_advance)

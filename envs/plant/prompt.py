@@ -16,16 +16,17 @@ from typing import Any
 import numpy as np
 
 from ..engine.columns import aligned
+from ..engine.deck import places
 from ..engine.kernels import Kernel
-from ..engine.lanes import U0, U1, U2, UW, W, doubles, load, stage, store, words
+from ..engine.lanes import U1, U2, UW, W, doubles, load, stage, store, words
 from . import filters, machine, sensor
-from .fleet import Fleet
+from .fleet import Filtered, Fleet
 
 _ROWS = machine.ROWS + 1
 _STRIDE, _ON = np.uint64(_ROWS * W), np.uint64(machine.ROWS * W)
 _ANY = np.uint64(2**40)
 _LAST = machine.SAMPLES_LAST
-_DECK = np.uint64(machine.DECK)
+D = places(Filtered)
 
 
 @stage
@@ -67,14 +68,14 @@ def _mend_all(block, at, shadow, mine, n, tick):
 
 
 def _prompt(block_address, at, n, words_address, tick):
-    """Stage between filter and table; ``words_address`` leads to the addresses of shadow and deck."""
+    """Stage between filter and table; its deck is of :class:`fleet.Filtered`, the numbers are the shadow."""
     known = words(words_address, U2)
-    deck = words(known[U1], _DECK)
-    block, shadow = doubles(block_address, _ANY), doubles(known[U0], _ANY)
+    deck = words(known[D.machine], machine.DECK)
+    block, shadow = doubles(block_address, _ANY), doubles(known[D.numbers], _ANY)
     mine = at // machine.STRIDE * _STRIDE + at % machine.STRIDE
     _count_all(block, at, shadow, mine, n, tick)
     _begin_all(block, at, shadow, mine, n, tick)
-    machine.filter_all(shadow, mine, n, tick, deck[machine.D_WINDOW], deck[machine.D_FLAGS] & machine.F_RANKS)
+    machine.filter_all(shadow, mine, n, tick, deck[machine.D.window], deck[machine.D.flags] & machine.F_RANKS)
     _mend_all(block, at, shadow, mine, n, tick)
 
 

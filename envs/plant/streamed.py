@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from ..engine.addresses import address
 from ..engine.kernels import Kernel
 from ..engine.lanes import UW, U, W, doubles, flat, load, rows, stage, store
 from . import cut
@@ -61,6 +60,6 @@ def figures(p: cut.Params, b: cut.Beam, speed: Any, error: Any, contour: Any = 0
         for k, x in enumerate(runs):
             block[:, k, : some.stop - first] = x if x.shape[1] == 1 else x[:, some]
         column = numbers.copy()
-        _kernel(address(column), address(block), address(found), steps, round(dt * 1e9))
+        _kernel(column, block, found, steps, round(dt * 1e9))
         out[:, :, some] = found[:, :, : some.stop - first]
     return out if len(shape) == 2 else out[:, :, 0]

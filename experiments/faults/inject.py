@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...envs.engine.addresses import Words, address
 from ...envs.engine.columns import Columns
+from ...envs.engine.deck import Deck, places
 from ...envs.engine.lanes import U0, U1, U2, UW, Layout, U, W, call, doubles, load, rows, store, words
 from ...envs.engine.quantity import InvalidInput
 from ...envs.plant import filters, heads, machine, sensor, supervisor, z_axis
@@ -74,7 +74,18 @@ _ENDS = _layout.place(rows(_Ends))
 _ROWS = _layout.rows
 _STRIDE = U(_ROWS * W)
 
-_ANY, _IO, _DECK = U(2**40), U(4), U(machine.DECK)
+
+class Io(NamedTuple):
+    """The deck of the three stages."""
+
+    next: int  # stage and deck of the next pilot; 0: none
+    next_io: int
+    faults: int  # array of all columns
+    machine: int  # the words of the machine's deck
+
+
+IO = places(Io)
+_ANY, _IO = U(2**40), U(len(IO))
 _TICKS = machine.TALLY
 _COUNT, _TOLD, _FRESH = (
     machine.SIGNALS + U(Privileged._fields.index(name)) * UW for name in ("frequency", "command", "fresh")
@@ -92,7 +103,7 @@ _MODE, _ALARM, _OVERRIDE, _CAPTURED, _SENT = (
 def spoil_commands(block_address, at, n, io_address, first):
     """Pilot: the law's command, with whatever a policy has added, becomes that of the fault."""
     block, io = doubles(block_address, _ANY), words(io_address, _IO)
-    faults, deck = doubles(io[2], _ANY), words(io[3], _DECK)
+    faults, deck = doubles(io[IO.faults], _ANY), words(io[IO.machine], machine.DECK)
     mine = at // machine.STRIDE * _STRIDE + at % machine.STRIDE
     for lane in range(n):
         a, b = at + lane, mine + lane
@@ -101,7 +112,8 @@ def spoil_commands(block_address, at, n, io_address, first):
         if without.memory > 0.5 and since == p.length:
             told = block[a + _TOLD]
             block[a + _FRESH], block[a + _TOLD] = 1.0, faults[b + _KEPT]
-            call(deck[machine.D_LAW], block_address, a, U1, deck[machine.D_LAW_TABLES], deck[machine.D_LAW_SIZE])
+            law = deck[machine.D.law]
+            call(law, block_address, a, U1, deck[machine.D.law_tables], deck[machine.D.law_size])
             block[a + _FRESH], block[a + _TOLD] = 0.0, told
         hand = load(machine.Hand, block, a + machine.HAND)
         wish = hand.gain * block[a + machine.WISH] + hand.residual
@@ -119,14 +131,14 @@ def spoil_commands(block_address, at, n, io_address, first):
                 spoilt = faults[b + _RING + ((now - U(np.int64(p.back))) & _LAST) * UW]
             block[a + machine.WISH] = spoilt
             store(block, a + machine.HAND, machine.Hand(1.0, 0.0))
-    if io[0] > U0:
-        call(io[0], block_address, at, n, io[1], first)
+    if io[IO.next] > U0:
+        call(io[IO.next], block_address, at, n, io[IO.next_io], first)
 
 
 def spoil_counts(block_address, at, n, io_address, tick):
     """Stage after the sensor: count and ring of samples become those of the fault."""
     block, io = doubles(block_address, _ANY), words(io_address, _IO)
-    faults = doubles(io[2], _ANY)
+    faults = doubles(io[IO.faults], _ANY)
     mine = at // machine.STRIDE * _STRIDE + at % machine.STRIDE
     now = machine.SAMPLES + (tick & machine.SAMPLES_LAST) * UW
     last = machine.SAMPLES + ((tick - U1) & machine.SAMPLES_LAST) * UW
@@ -172,7 +184,7 @@ def spoil_counts(block_address, at, n, io_address, tick):
 def pass_commands(block_address, at, n, io_address, tick):
     """Stage after the supervisor: the command that it was given goes to the drive. NaN goes as 0 mm/s."""
     block, io = doubles(block_address, _ANY), words(io_address, _IO)
-    faults = doubles(io[2], _ANY)
+    faults = doubles(io[IO.faults], _ANY)
     mine = at // machine.STRIDE * _STRIDE + at % machine.STRIDE
     now = machine.COMMANDS + (tick & machine.HISTORY_LAST) * UW
     for lane in range(n):
@@ -204,7 +216,7 @@ class Faults(Columns):
         first, every = fleet.column("start.head").astype(int) * POINTS, np.arange(fleet.size)
         self.set("ends.low", every, heads.POOL.frequencies[first])
         self.set("ends.high", every, heads.POOL.frequencies[first + POINTS - 1])
-        io = Words((0, 0, address(self._block), address(fleet._deck)))
+        io = Deck(Io, faults=self._block, machine=fleet.deck.words)
         # The last pilot: a policy's share of the command is spoilt with it.
         fleet.pilot("faults", stage_address(spoil_commands), io)
         fleet.after_sensor(stage_address(spoil_counts), io)

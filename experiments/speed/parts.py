@@ -18,50 +18,49 @@ from ...envs.plant import machine
 from .. import rollout
 from .proof import NothingDone
 
-_DECK, _ANY, _AGAIN = U(machine.DECK), U(2**40), 20
-_WINDOW, _FLAGS = U(machine.D_WINDOW), U(machine.D_FLAGS)
+_ANY, _AGAIN = U(2**40), 20
 
 
 @part
 def _blocks(deck):
-    return (deck[machine.D_MACHINES] + UW - U1) // UW
+    return (deck[machine.D.machines] + UW - U1) // UW
 
 
 @part
 def _lanes(deck, b):
-    return min(UW, deck[machine.D_MACHINES] - b * UW)
+    return min(UW, deck[machine.D.machines] - b * UW)
 
 
 # Each runs one stage over all blocks, several times on each while it is in the cache.
 
 
 def _supervise(deck_address):
-    deck = words(deck_address, _DECK)
-    block = doubles(deck[machine.D_BLOCK], _ANY)
+    deck = words(deck_address, machine.DECK)
+    block = doubles(deck[machine.D.block], _ANY)
     for b in range(_blocks(deck)):
         for i in range(_AGAIN):
-            machine.supervise_all(block, b * machine.STRIDE, _lanes(deck, b), deck[machine.D_TICK] + U(i))
+            machine.supervise_all(block, b * machine.STRIDE, _lanes(deck, b), deck[machine.D.tick] + U(i))
 
 
 def _travel(deck_address):
-    deck = words(deck_address, _DECK)
-    block = doubles(deck[machine.D_BLOCK], _ANY)
+    deck = words(deck_address, machine.DECK)
+    block = doubles(deck[machine.D.block], _ANY)
     for b in range(_blocks(deck)):
         for i in range(_AGAIN):
-            machine.travel_all(block, b * machine.STRIDE, _lanes(deck, b), deck[machine.D_TICK] + U(i), deck)
+            machine.travel_all(block, b * machine.STRIDE, _lanes(deck, b), deck[machine.D.tick] + U(i), deck)
 
 
 def _prepare(deck_address):
-    deck = words(deck_address, _DECK)
-    block = doubles(deck[machine.D_BLOCK], _ANY)
+    deck = words(deck_address, machine.DECK)
+    block = doubles(deck[machine.D.block], _ANY)
     for b in range(_blocks(deck)):
         for i in range(_AGAIN):
-            machine.prepare_all(block, b * machine.STRIDE, _lanes(deck, b), deck[machine.D_TICK] + U(i))
+            machine.prepare_all(block, b * machine.STRIDE, _lanes(deck, b), deck[machine.D.tick] + U(i))
 
 
 def _move(deck_address):
-    deck = words(deck_address, _DECK)
-    block = doubles(deck[machine.D_BLOCK], _ANY)
+    deck = words(deck_address, machine.DECK)
+    block = doubles(deck[machine.D.block], _ANY)
     for b in range(_blocks(deck)):
         for _ in range(_AGAIN):
             for k in range(0, machine.SUBSTEPS, 5):
@@ -69,47 +68,47 @@ def _move(deck_address):
 
 
 def _sense(deck_address):
-    deck = words(deck_address, _DECK)
-    block = doubles(deck[machine.D_BLOCK], _ANY)
-    keys = words(deck[machine.D_KEYS], _blocks(deck) * UW)
+    deck = words(deck_address, machine.DECK)
+    block = doubles(deck[machine.D.block], _ANY)
+    keys = words(deck[machine.D.keys], _blocks(deck) * UW)
     for b in range(_blocks(deck)):
         for i in range(_AGAIN):
-            at, tick = b * machine.STRIDE, deck[machine.D_TICK] + U(i)
+            at, tick = b * machine.STRIDE, deck[machine.D.tick] + U(i)
             machine.sense_all(block, at, _lanes(deck, b), tick, keys, b * UW)
 
 
 def _filter(deck_address):
-    deck = words(deck_address, _DECK)
-    block = doubles(deck[machine.D_BLOCK], _ANY)
+    deck = words(deck_address, machine.DECK)
+    block = doubles(deck[machine.D.block], _ANY)
     for b in range(_blocks(deck)):
         for i in range(_AGAIN):
-            at, tick = b * machine.STRIDE, deck[machine.D_TICK] + U(i)
-            machine.filter_all(block, at, _lanes(deck, b), tick, deck[_WINDOW], deck[_FLAGS] & machine.F_RANKS)
+            at, tick, ranks = b * machine.STRIDE, deck[machine.D.tick] + U(i), deck[machine.D.flags] & machine.F_RANKS
+            machine.filter_all(block, at, _lanes(deck, b), tick, deck[machine.D.window], ranks)
 
 
 def _look_up(deck_address):
-    deck = words(deck_address, _DECK)
-    block = doubles(deck[machine.D_BLOCK], _ANY)
+    deck = words(deck_address, machine.DECK)
+    block = doubles(deck[machine.D.block], _ANY)
     for b in range(_blocks(deck)):
         for i in range(_AGAIN):
-            machine.look_up_all(block, b * machine.STRIDE, _lanes(deck, b), deck[machine.D_TICK] + U(i), deck)
+            machine.look_up_all(block, b * machine.STRIDE, _lanes(deck, b), deck[machine.D.tick] + U(i), deck)
 
 
 def _report(deck_address):
-    deck = words(deck_address, _DECK)
-    block = doubles(deck[machine.D_BLOCK], _ANY)
+    deck = words(deck_address, machine.DECK)
+    block = doubles(deck[machine.D.block], _ANY)
     for b in range(_blocks(deck)):
         for i in range(_AGAIN):
-            machine.report_all(block, b * machine.STRIDE, _lanes(deck, b), deck[machine.D_TICK] + U(i))
+            machine.report_all(block, b * machine.STRIDE, _lanes(deck, b), deck[machine.D.tick] + U(i))
 
 
 def _law(deck_address):
-    deck = words(deck_address, _DECK)
+    deck = words(deck_address, machine.DECK)
     for b in range(_blocks(deck)):
         for _ in range(_AGAIN):
-            tables, size = deck[machine.D_LAW_TABLES], deck[machine.D_LAW_SIZE]
+            tables, size = deck[machine.D.law_tables], deck[machine.D.law_size]
             at, n = b * machine.STRIDE, _lanes(deck, b)
-            call(deck[machine.D_LAW], deck[machine.D_BLOCK], at, n, tables, size)
+            call(deck[machine.D.law], deck[machine.D.block], at, n, tables, size)
 
 
 @part
@@ -127,26 +126,26 @@ def _move_one(block, a, bristles):
 
 def _registers(deck_address):
     """The same machine, one after the other, nothing to vectorise: what the lanes are compared with."""
-    deck = words(deck_address, _DECK)
-    machines, block = deck[machine.D_MACHINES], doubles(deck[machine.D_BLOCK], _ANY)
-    keys = words(deck[machine.D_KEYS], _blocks(deck) * UW)
+    deck = words(deck_address, machine.DECK)
+    machines, block = deck[machine.D.machines], doubles(deck[machine.D.block], _ANY)
+    keys = words(deck[machine.D.keys], _blocks(deck) * UW)
     for b in range(_blocks(deck)):
         for lane in range(min(UW, machines - b * UW)):
             a, i = b * machine.STRIDE + lane, b * UW + lane
-            tick = deck[machine.D_TICK]
-            for _ in range(deck[machine.D_STEPS]):
+            tick = deck[machine.D.tick]
+            for _ in range(deck[machine.D.steps]):
                 machine.supervise_all(block, a, U1, tick)
                 machine.travel_all(block, a, U1, tick, deck)
                 machine.prepare_all(block, a, U1, tick)
                 _move_one(block, a, machine.has_bristles(deck))
                 machine.sense_all(block, a, U1, tick, keys, i)
-                machine.filter_all(block, a, U1, tick, deck[_WINDOW], deck[_FLAGS] & machine.F_RANKS)
+                machine.filter_all(block, a, U1, tick, deck[machine.D.window], deck[machine.D.flags] & machine.F_RANKS)
                 machine.look_up_all(block, a, U1, tick, deck)
                 machine.report_all(block, a, U1, tick)
-                law, tables, size = deck[machine.D_LAW], deck[machine.D_LAW_TABLES], deck[machine.D_LAW_SIZE]
-                call(law, deck[machine.D_BLOCK], a, U1, tables, size)
+                law, tables, size = deck[machine.D.law], deck[machine.D.law_tables], deck[machine.D.law_size]
+                call(law, deck[machine.D.block], a, U1, tables, size)
                 tick += U1
-    deck[machine.D_TICK] += deck[machine.D_STEPS]
+    deck[machine.D.tick] += deck[machine.D.steps]
 
 
 registers = Kernel(_registers)

@@ -14,7 +14,6 @@ import pytest
 from numba.core.runtime import _nrt_python, rtsys
 
 from kerfgym.envs.engine import compiler, kernels
-from kerfgym.envs.engine.addresses import address
 from kerfgym.envs.engine.columns import aligned
 from kerfgym.envs.engine.compiler import for_python
 from kerfgym.envs.engine.kernels import Kernel
@@ -165,7 +164,7 @@ def test_kernels_together_share_a_file_and_a_bound_kernel_needs_no_argument(cach
         first = Kernel(_scaled)
         second = Kernel(_added).together_with(first)
         x = np.array([1.0, -2.5, 0.0, 1e6])
-        step = first.bound(address(x))
+        step = first.bound(x)
         step()
         assert x.tolist() == SCALED
         second(x.ctypes.data, 3)

@@ -2,7 +2,6 @@
 
 import pytest
 
-from kerfgym.envs.engine.addresses import address
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.plant import heads, machine
 from kerfgym.envs.plant.fleet import Fleet
@@ -19,7 +18,7 @@ def test_what_is_timed_decides_as_the_machine_did(spec):
     fleet.advance(200)
     alone = Fleet(1, stack.law, heads.POOL)
     stack.install(alone, [0])
-    decisions._decide_kernel.bound(address(decisions.deck_for(alone, signals, len(signals))))()
+    decisions._decide_kernel.bound(decisions.deck_for(alone, signals, len(signals)))()
     assert alone.slots(machine.WISH, 1)[0] == fleet.slots(machine.WISH, 1)[0] != 0.0
 
 

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from kerfgym.envs import scenarios, stack
-from kerfgym.envs.engine.addresses import Words
+from kerfgym.envs.engine.deck import Deck
 from kerfgym.envs.engine.lanes import U, call, doubles, load, store, words
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.plant import calibration, filters, heads, machine, z_axis
@@ -180,6 +180,16 @@ def test_without_filter_the_newest_count_counts():
 # ------------------------------------------------------------------------------------------------------ who is to blame
 
 
+class Planted(NamedTuple):
+    """The deck of a defect before a stage of the campaign's; it begins as that stage's own."""
+
+    next: int
+    next_io: int
+    faults: int
+    machine: int
+    stage: int
+
+
 def dive(block_address, at, n, io_address, tick):
     """A supervisor's defect: for 100 ms after the start of a fault the drive gets −60 mm/s, whatever is asked for."""
     block, io = doubles(block_address, _ANY), words(io_address, U(5))
@@ -238,8 +248,9 @@ def plant(monkeypatch, defect):
     def planted(self, fleet):
         install(self, fleet)
         if defect == "supervisor":
-            io = [*fleet._owned[machine.D_SENT_IO], stage_address(inject.pass_commands)]
-            fleet.after_supervisor(stage_address(dive), Words(io))
+            its, stage = fleet.deck.owned("sent_io"), stage_address(inject.pass_commands)
+            io = Deck(Planted, faults=its.owned("faults"), machine=its.owned("machine"), stage=stage)
+            fleet.after_supervisor(stage_address(dive), io)
         else:
             top = heads.POOL.frequencies[calibration.POINTS - 1]
             fleet.after_filter(stage_address(read_high), np.array([top, float(self._block.ctypes.data)]))

@@ -6,7 +6,6 @@ import pytest
 from scipy.linalg import expm
 
 from kerfgym.envs.engine.quantity import InvalidInput
-from kerfgym.envs.plant import machine
 from kerfgym.envs.plant.controller import PERIOD
 from kerfgym.envs.scenarios import Scenario
 from kerfgym.envs.stack import get, python_stack, resolve
@@ -154,7 +153,7 @@ def test_a_fault_of_nothing_changes_nothing(monkeypatch):
         bench = Bench(stack)
         seen = recorded(bench, monkeypatch)
         if not faulty:
-            bench.fleet._deck[machine.D_FINISH] = 0
+            bench.fleet.deck["finish"] = 0
         bench.settles(stack, np.ones(1), np.zeros(1))
         heads.append(seen[0]["head"])
     assert np.array_equal(*heads)

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from kerfgym.envs import scenarios, stack
-from kerfgym.envs.engine.addresses import address
+from kerfgym.envs.engine.deck import Deck
 from kerfgym.envs.plant import machine
 from kerfgym.envs.plant.fleet import Fleet
 from kerfgym.experiments import cli, rollout
@@ -139,7 +139,7 @@ def test_programs_that_fail_or_compile_nothing_are_no_measurement(tmp_path):
 
 def freed(fleet, steps=1):
     """What ``Fleet.stepper`` once gave: the kernel on memory that has become somebody else's, here zeros."""
-    return machine.advance.bound(address(np.zeros(machine.DECK, np.uint64)))
+    return machine.advance.bound(Deck(machine.Entries))
 
 
 @pytest.mark.parametrize("broken", [freed, lambda fleet, steps=1: lambda: None])
