@@ -1,31 +1,24 @@
 """From the parts to machine code, by Numba; imported only when a kernel is not in the cache yet.
 
 Numba compiles each function as something that Python may call: wrapped, optimised, linked, loaded. Parts only ever run
-inside a kernel. Here they are lowered once, by the few passes that scalar code needs; then a kernel is linked with all
-parts it calls, optimised and turned into an object file, once.
+inside a kernel. Here they are lowered once and no more; then a kernel is linked with all parts it calls, optimised and
+turned into an object file, once. What to do when Numba changes stands in ``docs/engine.md``.
 """
 
-import contextlib
 import types as python_types
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, cast
 
 from llvmlite import binding as llvm
 from llvmlite import ir
 from numba import njit, types
-from numba.core import cgutils, codegen, errors, untyped_passes
+from numba.core import cgutils, codegen, errors
 from numba.core import ir as numba_ir
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
-from numba.core.compiler_machinery import PassManager, register_pass
+from numba.core.compiler_machinery import register_pass
 from numba.core.dispatcher import Dispatcher
 from numba.core.registry import cpu_target
-from numba.core.typed_passes import (
-    IRLegalization,
-    NativeLowering,
-    NoPythonBackend,
-    NopythonTypeInference,
-    PreLowerStripPhis,
-)
+from numba.core.typed_passes import NativeLowering
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 
@@ -257,10 +250,10 @@ def _holds_parts(module: python_types.ModuleType) -> bool:
 def _dispatcher(function: Callable[..., Any], forceinline: bool) -> Any:
     """The function as compiled code calls it; nothing is compiled yet."""
     copy = _copied(function)
-    lean = function.__module__.split(".")[0] == PACKAGE
+    ours = function.__module__.split(".")[0] == PACKAGE  # allocates nothing
     _dispatchers[function] = njit(
         error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True,
-        pipeline_class=_Lean if lean else _Full, _nrt=not lean, forceinline=forceinline,
+        pipeline_class=_Pipeline, _nrt=not ours, forceinline=forceinline,
     )(copy)  # fmt: skip
     _translate_globals(copy)  # only now, because an attribute may have the name of the function itself
     return _dispatchers[function]
@@ -370,8 +363,8 @@ class _Lowering(NativeLowering):
         return True
 
 
-class _Full(CompilerBase):
-    """All of Numba's passes, for laws of users."""
+class _Pipeline(CompilerBase):
+    """Numba's own passes; only what comes out at their end is another."""
 
     def define_pipelines(self):
         passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
@@ -381,53 +374,7 @@ class _Full(CompilerBase):
         return [passes]
 
 
-class _Passes(PassManager):
-    """Passes one after the other; the checks between them are for code that is less plain."""
-
-    def _runPass(self, index, pss, internal_state):
-        pss.analysis = self._analysis
-        pss.run_pass(internal_state)
-
-
-class _Lean(CompilerBase):
-    """The passes that the package's own scalar code needs."""
-
-    def define_pipelines(self):
-        passes = _Passes("kerfgym")
-        for each in (
-            untyped_passes.TranslateByteCode, untyped_passes.FixupArgs,
-            untyped_passes.GenericRewrites, untyped_passes.ReconstructSSA, NopythonTypeInference, PreLowerStripPhis,
-            IRLegalization, _Lowering, NoPythonBackend,
-        ):  # fmt: skip
-            passes.add_pass(each, each.__name__)
-        passes.finalize()
-        return [passes]
-
-
 # --------------------------------------------------------------------------------------------------------- kernels
-
-
-_PLAIN = frozenset((types.float64, types.float32, types.int64, types.uint64, types.int32, types.uint32, types.boolean))
-
-
-@contextlib.contextmanager
-def _remembering() -> Iterator[None]:
-    """What an operator gives for plain numbers is found once, not every time anew among all kinds of arrays."""
-    found: dict[Any, Any] = {}
-    plain = types.Function.get_call_type
-
-    def get_call_type(self: Any, context: Any, args: tuple, kws: Any) -> Any:
-        if kws or not all(a in _PLAIN for a in args):
-            return plain(self, context, args, kws)
-        if (self, args) not in found:
-            found[self, args] = plain(self, context, args, kws)
-        return found[self, args]
-
-    types.Function.get_call_type = get_call_type
-    try:
-        yield
-    finally:
-        types.Function.get_call_type = plain
 
 
 def compiled(functions: Sequence[Callable[..., None]]) -> Object:
@@ -452,9 +399,8 @@ def _optimised(functions: Sequence[Callable[..., None]]) -> codegen.CPUCodeLibra
     whole = codegen.CPUCodeLibrary(context.codegen(), "kerfgym")
     module = whole.create_ir_module("entries")
     needed: dict[Any, None] = {}
-    with _remembering():
-        for function in functions:
-            needed = _entry(function, module, context).everything(needed)
+    for function in functions:
+        needed = _entry(function, module, context).everything(needed)
     whole.add_ir_module(module)
     stages: list[str] = []
     # Numba's own last: the linker takes of its run-time library only what is called already.
