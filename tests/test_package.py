@@ -21,6 +21,9 @@ ROOT = Path(kerfgym.__file__).parent
 LAYERS = ("envs", "baselines", "agents", "experiments")
 """Each may import itself and those before it."""
 
+OLD = ("envs.plant.lanes", "envs.plant.quantity")
+"""Old names of modules, which warn whoever imports them."""
+
 ROOMS = {"envs.engine": ("envs.engine",), "envs.plant": ("envs.plant", "envs.engine")}
 """What the modules of a folder may import of the package."""
 
@@ -96,6 +99,21 @@ def test_imports_point_one_way(module):
             assert not outside, f"{module} imports {outside}"
 
 
+@pytest.mark.parametrize("old", OLD)
+def test_laws_of_users_find_what_they_need_under_its_old_name_and_are_told_the_new_one(old):
+    new, law = old.replace("plant", "engine"), f"from kerfgym.{old} import *\n"
+    sys.modules.pop(f"kerfgym.{old}", None)
+    space = {"__name__": "mine"}
+    with pytest.warns(DeprecationWarning, match=f"kerfgym.{old} has moved to kerfgym.{new}") as told:
+        exec(compile(law, "mine.py", "exec"), space)
+    assert told[0].filename == "mine.py"
+    own = vars(importlib.import_module(f"kerfgym.{new}"))
+    names = {name for name, thing in own.items() if getattr(thing, "__module__", "") == f"kerfgym.{new}"}
+    assert names >= {"part", "clip", "sine"} or names >= {"Quantity", "InvalidInput"}
+    assert all(space[name] is own[name] for name in names if not name.startswith("_"))
+    assert not [name for name in SOURCES if old in imported(name, SOURCES[name])]  # nobody in the package needs it
+
+
 def test_the_walk_over_imports_sees_both_spellings():
     assert "envs.engine.lanes" in {
         name.rpartition(".")[0] for name in imported("envs.plant.sheet", SOURCES["envs.plant.sheet"])
@@ -138,7 +156,7 @@ def declared():
     """Every class of the package with declared quantities, by name."""
     found = {}
     for name in SOURCES:
-        if name.split(".")[0] in ("envs", "baselines"):
+        if name.split(".")[0] in ("envs", "baselines") and name not in OLD:
             for cls in vars(importlib.import_module(f"kerfgym.{name}")).values():
                 if is_part(cls) and quantities(cls):
                     found[f"{cls.__module__}.{cls.__qualname__}"] = cls
