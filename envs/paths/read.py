@@ -48,7 +48,7 @@ def read(
             where, and what is allowed.
     """
     file = Path(path)
-    if not file.exists():
+    if not files.exists(file):
         raise InvalidInput(f"{file}: no such file")
     suffix = file.suffix.lower()
     if suffix not in FORMATS:
