@@ -41,13 +41,6 @@ for _key, _value in TINY.items():
     WORDS += ["--set", f"{_key}={json.dumps(_value)}"]
 
 
-@pytest.fixture
-def here(tmp_path, monkeypatch):
-    """A folder of its own."""
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     """The tiny search by its command, not interrupted: its folder."""
