@@ -322,7 +322,7 @@ def render(
         from .plans import draw
 
         for note in draw(out, plan, scenario, how, drawing.reading()):
-            typed.say(note)
+            typed.say(f"{plan}: {note}")
         print(out)
         return
     from .film import film

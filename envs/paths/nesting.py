@@ -20,13 +20,16 @@ GAP = SPACING
 SLIGHT = 1e-9
 """Share of its squared length below which what a closed contour encloses is nothing: there and back along a line."""
 
+THIN = 1e-4
+"""The same share below which a closed contour is a thin slit, or one whose lobes make up for each other."""
+
 _BLOCK = 256
 """Contours whose boxes are looked up at a time; all at once would fill the memory on a sheet of rings in rings."""
 
 
 @dataclass(frozen=True)
 class Nesting:
-    """How contours lie within each other.
+    """How contours lie within each other; what one encloses that crosses itself follows the even-odd rule.
 
     ``around[i]``: the contours next around contour i, the smallest first; mostly none or one. ``depth[i]``: how many
     are around it in all. ``area[i]``: mm² that it encloses, positive if it runs counter-clockwise; 0 if it is open or
@@ -53,7 +56,7 @@ def nested(pieces: list[Points], closed: list[bool]) -> Nesting:
     import shapely  # type: ignore[import-untyped]  # slow, as the readers of files are
 
     count = len(pieces)
-    area = np.array([signed_area(p) if c else 0.0 for p, c in zip(pieces, closed, strict=True)])
+    area = np.array([enclosed(p) if c else 0.0 for p, c in zip(pieces, closed, strict=True)])
     low, high = (np.array([f(p, axis=0) for p in pieces]).reshape(-1, 2) for f in (np.min, np.max))
     around: list[list[int]] = [[] for _ in range(count)]
     depth = np.zeros(count, np.int64)
@@ -103,10 +106,31 @@ def _around(
 
 def signed_area(points: Points) -> float:
     """mm² that a closed polyline encloses, positive if it runs counter-clockwise; 0 if it is next to nothing."""
-    x, y = (points - points[0]).T
-    area = float(x[:-1] @ y[1:] - x[1:] @ y[:-1]) / 2.0
-    way = float(np.hypot(*np.diff(points, axis=0).T).sum())
+    area, way = _around_it(points)
     return area if abs(area) > SLIGHT * way * way else 0.0
+
+
+def enclosed(points: Points) -> float:
+    """The same by the even-odd rule, where a polyline that crosses itself may enclose more than the difference of what
+    it goes around one way and the other."""
+    area, way = _around_it(points)
+    if abs(area) > THIN * way * way:
+        return area
+    both = even_odd(points) if len(points) > 4 else abs(area)  # of three corners none is a lobe
+    return float(np.copysign(both, area)) if both > SLIGHT * way * way else 0.0
+
+
+def _around_it(points: Points) -> tuple[float, float]:
+    """mm² that a closed polyline goes around, counter-clockwise less clockwise, and its length, mm."""
+    x, y = (points - points[0]).T
+    return float(x[:-1] @ y[1:] - x[1:] @ y[:-1]) / 2.0, float(np.hypot(*np.diff(points, axis=0).T).sum())
+
+
+def even_odd(points: Points) -> float:
+    """mm² of all lobes of a closed polyline."""
+    import shapely
+
+    return float(shapely.make_valid(shapely.polygons(points)).area) if len(points) > 3 else 0.0
 
 
 def probes(points: Points) -> Points:

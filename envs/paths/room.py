@@ -1,8 +1,4 @@
-"""Where there is room for a way into a contour: not in a part, not along an edge, not near a neighbour.
-
-The contours are cut into short runs of which a tree knows the boxes, so that a question costs as much on a sheet of
-thousands of holes as it does beside a few.
-"""
+"""Where there is room for a way into a contour: not in a part, not along an edge, not near a neighbour."""
 
 from typing import Any
 
@@ -11,9 +7,7 @@ import numpy.typing as npt
 
 from .curve import Indices, Points
 from .nesting import Nesting
-
-RUN = 24
-"""Segments of a contour in a run."""
+from .pieces import short_runs
 
 LEAVES = 0.15
 """Half way a lead-in is at least this share of its length away from its contour: one along the edge is not."""
@@ -38,14 +32,7 @@ class Room:
         import shapely  # type: ignore[import-untyped]  # slow, as the readers of files are
 
         self.nesting, self.half = nesting, 0.5 * kerf
-        runs: list[Points] = []
-        owners: list[int] = []
-        for i, piece in enumerate(pieces):
-            runs += [piece[at : at + RUN + 1] for at in range(0, len(piece) - 1, RUN)]
-            owners += [i] * (len(runs) - len(owners))
-        sizes = [len(run) for run in runs]
-        self.runs = shapely.linestrings(np.concatenate(runs), indices=np.repeat(np.arange(len(runs)), sizes))
-        self.owners: Indices = np.array(owners)
+        self.runs, self.owners = short_runs(pieces)
         self.tree = shapely.STRtree(self.runs)
         self.solid: Indices = np.flatnonzero(nesting.area)
         self.outlines = np.array([shapely.polygons(pieces[i]) for i in self.solid], object)

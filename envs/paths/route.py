@@ -137,7 +137,9 @@ def routed(drawing: Drawing, cutting: Cutting) -> Route:
     warnings += named(drawing, flat, "encloses nothing: it is cut as a line, without a lead-in")
     tight = list(dict.fromkeys(cut.contour for cut in cuts if cut.how == "on the contour"))
     warnings += named(drawing, tight, "has no room for a lead-in: it is pierced on the contour")
-    return Route(drawing, cutting, cuts, uncut, warnings)
+    route = Route(drawing, cutting, cuts, uncut, warnings)
+    vars(route)["nesting"] = nesting  # of thousands of contours it takes a second to find again
+    return route
 
 
 def _without_repeats(drawing: Drawing) -> Drawing:

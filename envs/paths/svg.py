@@ -87,7 +87,10 @@ def read_svg(
     Raises:
         InvalidInput: not an SVG file, unknown units, layer or colour, nothing to cut, or more than a drawing may have.
     """
-    return _Picture(Path(path), layers, units, colours, text).drawing(join)
+    with np.errstate(
+        over="ignore", invalid="ignore"
+    ):  # what comes out as no number, or far away, is told where it is drawn
+        return _Picture(Path(path), layers, units, colours, text).drawing(join)
 
 
 class _Picture:

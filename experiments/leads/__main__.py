@@ -16,8 +16,8 @@ MODULE = "kerfgym.experiments.leads"
 
 
 def main(
-    folders: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FOLDER …")] = (), contours: int = 6000, seed: int = 0,
-    name: str = "leads", docs: bool = False,
+    folders: Annotated[tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="FOLDER …")] = (),
+    contours: int = 6000, seed: int = 0, name: str = "leads", docs: bool = False,
 ) -> None:  # fmt: skip
     """Plan lead-ins into contours made at random, and those of drawings, and look for any that is not in the scrap.
 
