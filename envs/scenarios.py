@@ -343,9 +343,8 @@ class Reading(_Section):
         """
         from .paths.read import read as read_path
 
-        join = None if self.join == SPACING else self.join
         return read_path(
-            file, layers=self.layers or None, units=self.units, colours=self.colours or None, join=join,
+            file, layers=self.layers or None, units=self.units, colours=self.colours or None, join=self.join,
             text=self.text, hatches=self.hatches,
         )  # fmt: skip
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from .contours import GAP
 from .curve import Indices, Points
+from .joining import GAP
 from .overlaps import NEAR
 from .pieces import short_runs
 

@@ -12,10 +12,10 @@ from ..plant.quantity import InvalidInput, did_you_mean
 from . import report
 from .cleaning import Cleaned, TooMany, without_doubles, without_overlaps
 from .collected import LENGTH_RANGE, Collected, listed
-from .contours import ordered
 from .crossings import Meetings, meetings
 from .curve import Curve, Indices, Points
 from .joining import Joints, joined
+from .order import ordered
 from .overlaps import without_curves_on_others
 
 JOIN_RANGE = (0.0, 10.0)

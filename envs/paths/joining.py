@@ -1,7 +1,7 @@
 """Curves to contours: drawings do not know where a contour begins; their curves are joined where their ends meet.
 
-Ends within :data:`.curve.EXACT` are joined first, across a gap only afterwards. What is shorter than
-:data:`.contours.GAP` is a speck.
+Ends within :data:`.curve.EXACT` are joined first, across a gap only afterwards. What is shorter than :data:`GAP` is a
+speck.
 """
 
 from collections import defaultdict, deque
@@ -10,8 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from .contours import GAP
+from ..plant.path import SPACING
 from .curve import EXACT, Curve, Indices, Points, linked
+
+GAP = SPACING
+"""mm, the largest gap between two ends that are joined unless a user says otherwise: what CAD rounds away, and one
+sample of a journey."""
 
 NEAR = 20.0
 """Times the tolerance, within which two ends that stay apart are worth telling."""

@@ -5,9 +5,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .contours import GAP
 from .crossings import Meeting
-from .joining import Gap
+from .joining import GAP, Gap
 
 if TYPE_CHECKING:
     from .drawing import Drawing

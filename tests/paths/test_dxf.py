@@ -9,11 +9,12 @@ import pytest
 from scipy.interpolate import BSpline
 from scipy.special import ellipe
 
-from kerfgym.envs.paths.contours import GAP
+from kerfgym.envs.paths.choice import Reading
 from kerfgym.envs.paths.curve import CHORD
 from kerfgym.envs.paths.drawing import journey
 from kerfgym.envs.paths.dxf import read_dxf
 from kerfgym.envs.paths.dxf_walk import NESTING
+from kerfgym.envs.paths.joining import GAP
 from kerfgym.envs.plant.path import SPACING
 from kerfgym.envs.plant.quantity import InvalidInput
 
@@ -27,7 +28,7 @@ def sheet(tmp_path):
         document.header["$INSUNITS"], document.header["$MEASUREMENT"] = insunits, measurement
         draw(document.modelspace())
         document.saveas(tmp_path / "part.dxf")
-        return read_dxf(tmp_path / "part.dxf", **choices)
+        return read_dxf(tmp_path / "part.dxf", Reading(**choices))
 
     return read
 

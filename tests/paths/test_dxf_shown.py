@@ -10,6 +10,7 @@ from ezdxf.math import OCS
 from ezdxf.xclip import XClip
 from scipy.special import ellipe
 
+from kerfgym.envs.paths.choice import Reading
 from kerfgym.envs.paths.curve import CHORD
 from kerfgym.envs.paths.dxf import read_dxf
 from kerfgym.envs.plant.quantity import InvalidInput
@@ -28,7 +29,7 @@ def sheet(tmp_path):
             text = (tmp_path / "part.dxf").read_text(encoding="utf-8")
             assert edit(text) != text
             (tmp_path / "part.dxf").write_text(edit(text), encoding="utf-8")
-        return read_dxf(tmp_path / "part.dxf", **choices)
+        return read_dxf(tmp_path / "part.dxf", Reading(**choices))
 
     return read
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from kerfgym.envs.paths.choice import Reading
 from kerfgym.envs.paths.curve import CHORD
 from kerfgym.envs.paths.gcode import read_gcode
 from kerfgym.envs.plant.quantity import InvalidInput
@@ -14,7 +15,7 @@ def programme(tmp_path):
 
     def read(*lines, **choices):
         (tmp_path / "part.ngc").write_text("\n".join(lines), encoding="utf-8")
-        return read_gcode(tmp_path / "part.ngc", **choices)
+        return read_gcode(tmp_path / "part.ngc", Reading(**choices))
 
     return read
 
@@ -389,7 +390,7 @@ def test_a_programme_that_cuts_nothing_says_what_would_be_cut(programme, lines):
 
 
 def test_layers_cannot_be_chosen_in_a_programme(programme):
-    with pytest.raises(InvalidInput, match=r"layers = \('CUT',\): G-code has no layers"):
+    with pytest.raises(InvalidInput, match=r"layers = \('CUT',\): a programme has none"):
         programme(*SQUARE, layers=("CUT",))
 
 
