@@ -53,7 +53,7 @@ class Choice:
     rules: Rules
     spelt: Callable[[str], str] = str.casefold
     patterns: dict[str, dict[str, str]] = field(init=False)  # for each role: how a name is compared, how it was given
-    seen: dict[str, None] = field(init=False, default_factory=dict)
+    seen: dict[str, str] = field(init=False, default_factory=dict)  # names and their roles
 
     def __post_init__(self) -> None:
         given = [self.rules] if isinstance(self.rules, str) else list(self.rules or [])
@@ -81,11 +81,10 @@ class Choice:
 
     def role(self, name: str) -> str:
         """One of :data:`ROLES`."""
-        self.seen.setdefault(name)
-        for role in ("ignore", "engrave", "cut"):
-            if self._among(name, self.patterns[role]):
-                return role
-        return "ignore" if self.patterns["cut"] else "cut"
+        if name not in self.seen:
+            fitting = (role for role in ("ignore", "engrave", "cut") if self._among(name, self.patterns[role]))
+            self.seen[name] = next(fitting, "ignore" if self.patterns["cut"] else "cut")
+        return self.seen[name]
 
     def named(self, name: str) -> bool:
         """Whether the user asked for exactly this name to be cut or engraved, without a wildcard."""

@@ -83,15 +83,18 @@ def without_overlaps(curves: list[Curve]) -> tuple[list[Curve], Cleaned]:
 
 def _legs(curves: list[Curve]) -> tuple[Legs, npt.NDArray[np.int64]]:
     """Every straight piece of lines and polylines, and which curve it is of; the chords of smooth curves are none."""
-    legs, owners = [np.zeros((0, 2, 2))], [np.zeros(0, np.int64)]
-    for i, curve in enumerate(curves):
-        sharp = np.zeros(len(curve.points), bool)
-        sharp[[0, -1]] = True
-        sharp[curve.corners] = True
-        straight = sharp[:-1] & sharp[1:]  # a leg next to a smooth vertex may be a chord
-        legs.append(np.stack([curve.points[:-1], curve.points[1:]], axis=1)[straight])
-        owners.append(np.full(int(straight.sum()), i))
-    return np.concatenate(legs), np.concatenate(owners)
+    sizes = np.array([len(c.points) for c in curves], np.int64)
+    first = np.cumsum(sizes) - sizes
+    sharp = np.zeros(int(sizes.sum()), bool)
+    sharp[first[sizes > 0]] = sharp[(first + sizes - 1)[sizes > 0]] = True
+    for begin, curve in zip(first.tolist(), curves, strict=True):
+        if len(curve.corners):
+            sharp[begin + curve.corners] = True
+    points = np.concatenate([np.zeros((0, 2)), *(c.points for c in curves)])
+    owners = np.repeat(np.arange(len(curves)), sizes)
+    # A leg next to a smooth vertex may be a chord.
+    straight = np.flatnonzero(sharp[:-1] & sharp[1:] & (owners[:-1] == owners[1:]))
+    return np.stack([points[straight], points[straight + 1]], axis=1), owners[straight]
 
 
 def _touching(legs: Legs, owners: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:

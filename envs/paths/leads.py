@@ -97,6 +97,8 @@ def leads(
     search = _Search(pieces, corners, room, length, joined)
     left = wanted
     for stage in (search.first, search.as_drawn, search.elsewhere, search.anywhere, search.from_the_middle):
+        if stage not in (search.first, search.as_drawn) and not room.worth_asking:
+            break
         for own, lead in stage(left).items():
             found[own] = lead
         left = np.array([i for i in left if found[i].how == "none"], np.int64)
@@ -172,7 +174,7 @@ class _Search:
         for i in left[self.room.nesting.hole[left]].tolist():
             ring = self.pieces[i]
             outline = shapely.polygons(ring)
-            if not outline.is_valid:
+            if not outline.is_valid or not self.room.worth_asking:
                 continue
             spoke = shapely.get_coordinates(shapely.maximum_inscribed_circle(outline, 1e-3 * self.room.half or 1e-4))
             start = onto(i, ring, self.side[i], spoke[1])
@@ -198,6 +200,8 @@ class _Search:
             max(min(n, least), int(n * min(share, 1.0))) for n, least in zip(many, LEAST_STARTS, strict=True)
         )  # fmt: skip
         for at in range(0, len(left), BLOCK):
+            if not self.room.worth_asking:
+                break
             block = left[at : at + BLOCK].tolist()
             starts = together([others(i, self.pieces[i], self.side[i], spread, corners) for i in block])
             found |= self._best(starts, ELSEWHERE, keep, "elsewhere")

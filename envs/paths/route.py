@@ -16,7 +16,7 @@ from .joints import away_from_corners, joints, runs
 from .leads import leads, restarts
 from .naming import named
 from .nesting import Nesting, nested
-from .room import Room
+from .room import MOST_WORK, Room
 
 REPEAT = 1e-9
 """mm, from which on two points are two."""
@@ -103,7 +103,8 @@ def routed(drawing: Drawing, cutting: Cutting) -> Route:
     drawing, warnings = _without_repeats(drawing), []
     pieces = drawing.pieces
     nesting = nested(pieces, drawing.closed)
-    room = Room(pieces, nesting, cutting.kerf)
+    # Where thousands of contours lie on top of each other hardly anything is a part.
+    room = Room(pieces, nesting, cutting.kerf, MOST_WORK // 4 if drawing.meetings.cut_short else MOST_WORK)
     gap = cutting.joint_width + cutting.kerf
     count = np.zeros(len(pieces), np.int64)
     if cutting.joints or cutting.joint_spacing:
@@ -136,7 +137,10 @@ def routed(drawing: Drawing, cutting: Cutting) -> Route:
     flat = [i for i, c in enumerate(drawing.closed) if c and not nesting.area[i]]
     warnings += named(drawing, flat, "encloses nothing: it is cut as a line, without a lead-in")
     tight = list(dict.fromkeys(cut.contour for cut in cuts if cut.how == "on the contour"))
-    warnings += named(drawing, tight, "has no room for a lead-in: it is pierced on the contour")
+    no_room = "has no room for a lead-in"
+    if not room.worth_asking:
+        no_room = "has no lead-in, for too much lies on top of each other to look for room everywhere"
+    warnings += named(drawing, tight, f"{no_room}: it is pierced on the contour")
     route = Route(drawing, cutting, cuts, uncut, warnings)
     vars(route)["nesting"] = nesting  # of thousands of contours it takes a second to find again
     return route
