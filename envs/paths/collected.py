@@ -17,7 +17,7 @@ MOST_POINTS = 4_000_000
 FARTHEST = 1e9
 """mm from the origin. Beyond, numbers cannot tell apart what lies 1 µm apart once they are squared."""
 
-LENGTH_RANGE = (1.0, 1e7)
+LENGTH_RANGE = (0.1, 1e7)
 """mm of the way through a drawing, moves between its contours included."""
 
 TOLD = 5

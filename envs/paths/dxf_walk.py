@@ -86,7 +86,8 @@ class Walk:
     def _entity(self, entity: Any, place: Place) -> None:
         kind, look = entity.dxftype(), self.layers.look(entity, place.look)
         skipped, named = self.found.skipped, self.layer_choice.named(look.layer)
-        if self.layers.hidden(look.layer) and not named:
+        hidden = self.layers.frozen if kind == "INSERT" else self.layers.hidden
+        if hidden(look.layer) and not named:
             skipped[f"{kind} on hidden layer '{look.layer}'"] += 1
         elif attribute(entity, "invisible", 0):
             skipped[f"invisible {kind}"] += 1

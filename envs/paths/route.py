@@ -132,6 +132,7 @@ def routed(drawing: Drawing, cutting: Cutting) -> Route:
         ways = restarts(pieces, room, cutting.lead_in, np.full(len(parts) - 1, i), begins[1:])
         for run, way in zip(parts, [lead.way, *ways], strict=True):
             how = lead.how if way is lead.way else "drawn" if len(way) > 1 else "on the contour"
+            how = how if cutting.lead_in > 0 else "none"
             cuts.append(Cut(i, way, run.points, run.corners, how))
         uncut += [np.array([a.points[-1], b]) for a, b in zip(parts, [*begins[1:], begins[0]], strict=True)]
     flat = [i for i, c in enumerate(drawing.closed) if c and not nesting.area[i]]

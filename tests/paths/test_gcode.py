@@ -397,3 +397,7 @@ def test_layers_cannot_be_chosen_in_a_programme(programme):
 def test_a_journey_beyond_all_sheets_is_refused(programme):
     with pytest.raises(InvalidInput, match=r"a journey of 1e\+08 mm .* was read in mm"):
         programme("G21 F600 G0 X0 Y0", "M3", "G1 X100000000")
+
+
+def test_a_cut_of_less_than_a_millimetre_is_read(programme):
+    assert programme("G21 G0 X1 Y1", "M3", "G1 X1.4 F600", "M5", "M2").cut_length == pytest.approx(0.4)
