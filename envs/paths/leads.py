@@ -109,21 +109,23 @@ def leads(
     return found
 
 
-def restarts(pieces: list[Points], room: Room, length: float, own: Indices, at: Points) -> list[Points]:
+def restarts(pieces: list[Points], room: Room, length: float, starts: list[tuple[int, Points]]) -> list[Points]:
     """Ways into contours behind joints, a single point where there is no room.
 
     Args:
         pieces: all contours.
         room: around them.
         length: mm, at most; 0: no lead-ins.
-        own: the contour of each start.
-        at: the starts, on the contours, shape (n, 2), mm.
+        starts: each a contour and the point on it, mm.
     """
-    found = [point[None] for point in at]
-    if length > 0 and len(own):
+    found = [point[None] for _, point in starts]
+    if length > 0 and starts:
         search = _Search(pieces, [np.zeros(0, np.int64)] * len(pieces), room, length, np.ones(len(pieces), bool))
-        for k, lead in search.behind_joints(own, at).items():
-            found[k] = lead.way
+        for first in range(0, len(starts), BLOCK):
+            some = starts[first : first + BLOCK]
+            own, at = np.array([i for i, _ in some]), np.array([point for _, point in some])
+            for k, lead in search.behind_joints(own, at).items():
+                found[first + k] = lead.way
     return found
 
 

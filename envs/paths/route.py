@@ -123,17 +123,19 @@ def routed(drawing: Drawing, cutting: Cutting) -> Route:
     found = leads(pieces, corners, room, cutting.lead_in, count > 0)
     cuts: list[Cut] = []
     uncut: list[Points] = []
+    parted = {i: runs(found[i].piece, found[i].corners, int(count[i]), gap) for i in np.flatnonzero(count).tolist()}
+    later = [(i, run.points[0]) for i, parts in parted.items() for run in parts[1:]]
+    ways = iter(restarts(pieces, room, cutting.lead_in, later))
     for i, lead in enumerate(found):
-        if not count[i]:
+        if i not in parted:
             cuts.append(Cut(i, lead.way, lead.piece, lead.corners, lead.how))
             continue
-        parts = runs(lead.piece, lead.corners, int(count[i]), gap)
-        begins = np.array([run.points[0] for run in parts])
-        ways = restarts(pieces, room, cutting.lead_in, np.full(len(parts) - 1, i), begins[1:])
-        for run, way in zip(parts, [lead.way, *ways], strict=True):
-            how = lead.how if way is lead.way else "drawn" if len(way) > 1 else "on the contour"
-            how = how if cutting.lead_in > 0 else "none"
-            cuts.append(Cut(i, way, run.points, run.corners, how))
+        parts = parted[i]
+        begins = [run.points[0] for run in parts]
+        for k, run in enumerate(parts):
+            way = next(ways) if k else lead.way
+            how = lead.how if not k else "drawn" if len(way) > 1 else "on the contour"
+            cuts.append(Cut(i, way, run.points, run.corners, how if cutting.lead_in > 0 else "none"))
         uncut += [np.array([a.points[-1], b]) for a, b in zip(parts, [*begins[1:], begins[0]], strict=True)]
     flat = [i for i, c in enumerate(drawing.closed) if c and not nesting.area[i]]
     warnings += named(drawing, flat, "encloses nothing: it is cut as a line, without a lead-in")
