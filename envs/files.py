@@ -49,7 +49,13 @@ def checked(path: str | Path, most: int) -> Path:
     Raises:
         InvalidInput: it is none, too large, or cannot be opened.
     """
-    os.close(_opened(path, most))
+    handle = _opened(path, most)
+    try:
+        os.read(handle, 1)  # some files of the system pass for regular ones until they are read
+    except OSError as error:
+        raise InvalidInput(f"cannot read '{path}': {error.strerror}") from None
+    finally:
+        os.close(handle)
     return Path(path)
 
 

@@ -207,6 +207,7 @@ def test_only_regular_files_are_read(here, kind):
     with socket.socket(socket.AF_UNIX) as listening:
         for make, word in (
             (lambda: os.mkfifo(path), "a named pipe"), (lambda: path.symlink_to("/dev/zero"), "a device"),
+            (lambda: path.symlink_to("/proc/self/mem"), "Input/output error"),
             (path.mkdir, "a folder"), (lambda: listening.bind(str(path)), "|No such device"),
         ):  # fmt: skip
             make()
