@@ -32,6 +32,10 @@ SHIPPED: dict[str, tuple[str, str, int, dict[str, Any]]] = {
     # Window, trim and gain of the paper's loop from millisecond to millisecond, against the best fixed ones.
     "height-following-schedule-ppo": ("ppo", "kerfgym/HeightFollowing-v0", 0, {
         "environment.control": "schedule", "environment.base": "xi2023-tuned",
+        "environment.scenario": [
+            "tilt", "tilt", "wavy", "rough", "random-k2", "random-k3", "step", "step-flutter", "impulses", "impulses",
+            "flutter", "chatter", "chatter", "corners", "tone.toml", "mixed.toml",
+        ],
         "environment.reward.rate": 0.3,  # the default: a change of gain is no tremor
         "environment.reward.tolerance": 5e-4, "policy.spread": 0.4, "policy.spread_by_state": False,
         "algorithm.learning_rate": 1e-3, "algorithm.gamma": 0.98,  # what a window did shows later than a velocity
