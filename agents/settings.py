@@ -6,7 +6,6 @@ are changed by dotted name: ``algorithm.gamma=0.97``, ``environment.reward.rate=
 
 import importlib
 import inspect
-import sys
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
@@ -179,9 +178,8 @@ def _check_argument(key: str, value: Any, default: Any) -> None:
         return
     if key == "algorithm.gradient_steps" and value == -1:  # as many as samples
         return
+    most = 1.0 if key.split(".")[1] in _SHARES else LARGEST
     whole = isinstance(default, int)
-    # However large a rate is, a training with it can begin; it fails by its numbers, and is told so.
-    most = 1.0 if key.split(".")[1] in _SHARES else LARGEST if whole else sys.float_info.max
     number = isinstance(value, int if whole else int | float) and not isinstance(value, bool)
     if not number or not 0 <= value <= most:
         kind = "a whole number" if whole else "a number"
