@@ -183,7 +183,9 @@ def _check_argument(key: str, value: Any, default: Any) -> None:
     number = isinstance(value, int if whole else int | float) and not isinstance(value, bool)
     if not number or not 0 <= value <= most:
         kind = "a whole number" if whole else "a number"
-        raise InvalidInput(f"{key} = {files.shown(value)}; {kind} {'from 0 to 1' if most == 1.0 else 'from 0 on'}")
+        raise InvalidInput(
+            f"{key} = {files.shown(value)}; {kind} {'from 0 to 1' if most == 1.0 else f'from 0 on, at most {most:g}'}"
+        )
 
 
 def known(settings: Settings, table: str) -> list[str]:

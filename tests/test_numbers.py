@@ -127,7 +127,7 @@ ALLOWED: dict[str, dict[str, str]] = {
         "1 to 20 ms of dropouts": "a definition of the campaign",
         "impulses of 1 to 5 ms, ten times as many": "a definition of the campaign",
         "count that says 10 mm is no such": "an example from the definitions",
-        "fall by more than 1 mm in 5 ms": "the default of supervisor.Params.sudden",
+        "fall by 1 mm and more in 5 ms": "supervisor.SUDDEN times the default of Params.rise",
     },
     "docs/security.md": {
         "1 MB for settings, 32 MB for a CSV table, 64 MB for a drawing": "limits, constants of envs.files",

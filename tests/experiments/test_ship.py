@@ -36,14 +36,14 @@ def figures(name, team, seeds=6):
 
 
 def test_the_contour_policy_keeps_twice_as_close_to_the_path_in_no_more_time():
-    """On each job of the suite, two of which it was not trained on, on average; in corners both slow down."""
+    """On each job of the suite, two of which it was not trained on; in corners both slow down."""
     for name in scenarios.suite("contour"):
         teams = [stack.team(controller) for controller in ("contour-following-ppo", "wu-tuned")]
         assert [team.xy.part("plan").corners for team in teams] == [1.0, 1.0]
         mine, base = (figures(name, team) for team in teams)
         rms = [float(np.sqrt(np.mean(each["contour_rms"] ** 2))) for each in (mine, base)]
         assert 2.0 * rms[0] < rms[1], (name, rms)
-        assert np.mean(mine["time"]) <= np.mean(base["time"]), name
+        assert np.all(mine["time"] <= base["time"]), name
         for worse in ("dross", "roughness"):
             assert np.mean(mine[worse]) <= 1.05 * np.mean(base[worse]), (name, worse)
 

@@ -252,10 +252,9 @@ def test_the_tables_are_printed_whole(capsys):
         assert words in shown
 
 
-def test_a_machine_takes_little_more_than_4_and_a_half_kb_beside_the_tables():
-    """577 numbers: half a KB more than in version 0.1, the last one for `guard.sudden`."""
+def test_a_machine_takes_no_more_than_4_and_a_half_kb_beside_the_tables():
     block = run.memory().set_index("what").bytes["machine"]
-    assert machine.ROWS * 8 < block <= 577 * 8
+    assert machine.ROWS * 8 < block <= 4608
 
 
 def test_programs_of_the_start_up_give_their_cpu_time():
