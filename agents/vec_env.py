@@ -14,6 +14,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from ..envs.contour_following import ContourFollowingVectorEnv
 from ..envs.cutting import CuttingVectorEnv
+from ..envs.engine.deck import refuse_copy
 from ..envs.engine.quantity import InvalidInput, did_you_mean
 from ..envs.height_following import check_render_mode
 from ..envs.vector import HeightFollowingVectorEnv, KernelVectorEnv, make_batch, put_sequences
@@ -67,6 +68,9 @@ class KernelVecEnv(VecEnv):
         self._ready = False
         self._random = np.random.default_rng()
         super().__init__(num_envs, self.batch.observation_space, self.batch.action_space)
+
+    def __reduce__(self) -> Any:
+        refuse_copy(self)
 
     # ------------------------------------------------------------------------------------------------- stepping
 

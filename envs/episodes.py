@@ -11,6 +11,7 @@ import gymnasium as gym
 import numpy as np
 
 from . import files, scenarios
+from .engine.deck import refuse_copy
 from .engine.lanes import mix
 from .engine.quantity import InvalidInput, did_you_mean
 from .plant.fleet import Fleet
@@ -51,6 +52,9 @@ class Episodes:
         self.scenario_seeds, self.scenario_of = np.zeros(size, np.int64), np.zeros(size, np.int64)
         self._prepared = np.full(size, -1, np.int64)  # index of the scenario whose physics the column holds
         self._sequence, self._episode = np.full(size, -1, np.int64), np.zeros(size, np.int64)
+
+    def __reduce__(self) -> Any:
+        refuse_copy(self)
 
     @property
     def arrays(self) -> dict[str, np.ndarray]:

@@ -6,6 +6,7 @@ import gymnasium as gym
 import numpy as np
 
 from .batch import Batch
+from .engine.deck import refuse_copy
 from .engine.quantity import InvalidInput, did_you_mean
 from .film import Film
 from .interface import INFO
@@ -151,6 +152,9 @@ class HeightFollowingEnv(gym.Env):
         self._observed, self._values = batch.observations[0].copy, batch.infos[:, 0].tolist
         self._single, self._left = self._shape == (1,), 0
         self._film: Film | None = None
+
+    def __reduce__(self) -> Any:
+        refuse_copy(self)
 
     @property
     def base(self) -> Any:

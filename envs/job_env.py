@@ -5,6 +5,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from .engine.deck import refuse_copy
 from .engine.quantity import InvalidInput, did_you_mean
 from .height_following import check_render_mode
 from .job_batch import JobBatch
@@ -30,6 +31,9 @@ class JobEnv(gym.Env):
         """Names of the entries of ``info`` that make the vector of objectives."""
         self._over = True
         self._film: KerfFilm | None = None
+
+    def __reduce__(self) -> Any:
+        refuse_copy(self)
 
     @property
     def scenario(self) -> Scenario:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from . import scenarios
+from .engine.deck import refuse_copy
 from .engine.quantity import InvalidInput, did_you_mean
 from .plant import calibration, heads, supervisor
 from .plant.controller import PERIOD
@@ -87,6 +88,9 @@ class Panel:
         self._speed = self._fleet.row("path.feed")
         self._log: list[tuple[float, ...]] = []
         self.events: list[tuple[float, str]] = []
+
+    def __reduce__(self) -> Any:
+        refuse_copy(self)
 
     # ------------------------------------------------------------------------------------------- what there is to see
 

@@ -7,6 +7,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from .batch import Batch
+from .engine.deck import refuse_copy
 from .engine.quantity import InvalidInput, did_you_mean
 from .episodes import Episodes
 from .height_following import HeightFollowingEnv, check_render_mode
@@ -45,6 +46,9 @@ class KernelVectorEnv(VectorEnv):
         self._every = np.arange(num_envs)
         self._films: list[Any] = [None] * num_envs
         self._names = (*self.BATCH.INFO, *(f"_{name}" for name in self.BATCH.INFO))
+
+    def __reduce__(self) -> Any:
+        refuse_copy(self)
 
     def reset(
         self, *, seed: int | list[int | None] | np.ndarray | None = None, options: dict[str, Any] | None = None

@@ -479,22 +479,42 @@ KEPT_BY_KERNELS = {
     "fleet": FLEETS["law"], "gantries": lambda: FLEETS["job"]().gantries, "deck": lambda: FLEETS["law"]().deck,
     "stepper": lambda: FLEETS["law"]().stepper(), "stepper of threads": lambda: FLEETS["law"](2, 40).stepper(),
     "batch": lambda: episode(Batch), "following": HeightFollowingEnv, "cutting": CuttingEnv, "panel": panel.Panel,
+    "vector": lambda: HeightFollowingVectorEnv(2), "VecEnv": lambda: HeightFollowingVecEnv(2),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("kind", KEPT_BY_KERNELS)
 @pytest.mark.parametrize("way", [copy.copy, copy.deepcopy, pickle.dumps])
 def test_what_kernels_work_on_is_not_copied(kind, way):
-    if way is copy.copy and kind in ("batch", "following", "cutting", "panel", "stepper of threads"):
-        return  # a second name for the same fleet
+    if kind == "stepper of threads" and way is copy.copy:
+        return  # Python's own function with an argument: a second name for it
     thing = KEPT_BY_KERNELS[kind]()
-    with pytest.raises(TypeError, match="can't be copied or pickled, because kernels know the addresses"):
+    name = "Fleet" if kind == "stepper of threads" else type(thing).__name__
+    with pytest.raises(TypeError, match=f"a {name} can't be copied or pickled, because kernels know the addresses"):
         way(thing)
+
+
+@pytest.mark.parametrize("way", [copy.copy, copy.deepcopy, lambda stack: pickle.loads(pickle.dumps(stack))])
+@pytest.mark.parametrize("spec", ["self-tuning", "height-following-ppo", "recipe", "cutting-ppo"])
+def test_a_copy_of_a_stack_or_a_team_controls_as_the_original_does(spec, way):
+    if stacks.resolve(spec).slot == "z":
+        make, scenario, run = stacks.resolve, scenarios.load("wavy"), rollout.fleet_for
+    else:
+        make, scenario, run = stacks.team, scenarios.load("cut-square"), workshop.fleet_for
+    original = run(scenario, make(spec), EVERY)
+    copied = run(scenario, way(make(spec)), EVERY)
+    churn()
+    expected, found = (fleet.start_recording(10 * PERIODS) for fleet in (original, copied))
+    original.advance(10 * PERIODS), copied.advance(10 * PERIODS)
+    assert np.abs(np.diff(expected[:, machine.CHANNELS.index("command")], axis=0)).max() > 0.0
+    np.testing.assert_array_equal(found, expected)
 
 
 def test_addresses_are_taken_in_one_place():
     root = Path(kerfgym.__file__).parent
-    taken = re.compile(r"\.ctypes\.data|__array_interface__|addressof\(|c_void_p\.from|\.data_ptr\(")
+    taken = re.compile(
+        r"\.ctypes\.data|__array_interface__|addressof\(|c_void_p\.from|\.data_ptr\(|byref\(|from_buffer\("
+    )
     found = {
         f"{folder}/{file.relative_to(root / folder)}"
         for folder in ("envs", "baselines", "agents", "experiments")

@@ -4,6 +4,7 @@ A kernel gets plain numbers, and a plain number keeps nothing alive. So whatever
 and whoever holds the deck, or a function that runs a kernel on it, holds all of that.
 """
 
+import ctypes
 from collections.abc import Mapping
 from typing import Any, NoReturn, TypeVar
 
@@ -88,3 +89,14 @@ def word(value: int | np.ndarray | Deck | None) -> int:
             raise ValueError(f"an array of strides {value.strides} is not contiguous; kernels read numbers in a row")
         return int(value.ctypes.data)
     return 0 if value is None else int(value)
+
+
+def pointer(given: np.ndarray | Deck) -> Any:
+    """The same as :func:`word` for calls in quick succession: ctypes passes it on as it is. It keeps the array alive,
+    or the deck's words, but not what these point to.
+
+    Raises:
+        TypeError: an array that is not contiguous or can't be written.
+    """
+    words: Any = given.words if isinstance(given, Deck) else given
+    return ctypes.byref(ctypes.c_char.from_buffer(words))

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from .deck import Deck, refuse_copy, word
+from .deck import Deck, pointer, refuse_copy, word
 from .lanes import W
 
 FOLDERS = ("engine", "plant")
@@ -72,16 +72,13 @@ class Kernel:
         """Of the machine code, which stays for as long as the program runs."""
         return _addresses(self._together)[self]
 
-    def _callable(self, kind: Callable[..., Any]) -> Any:
-        return kind(None, *[ctypes.c_uint64] * self.function.__code__.co_argcount)(self.address)
-
     @functools.cached_property
     def _call(self) -> Any:
-        return self._callable(ctypes.CFUNCTYPE)
+        return ctypes.CFUNCTYPE(None, *[ctypes.c_uint64] * self.function.__code__.co_argcount)(self.address)
 
     @functools.cached_property
     def _short_call(self) -> Any:
-        return self._callable(ctypes.PYFUNCTYPE)
+        return ctypes.PYFUNCTYPE(None)(self.address)  # its argument is a pointer already; nothing is converted
 
     def __call__(self, *given: int | np.ndarray | Deck) -> None:
         """Runs it without holding Python's lock, so that other threads go on; arrays and decks are given by their
@@ -92,10 +89,16 @@ class Kernel:
         """The kernel with its only argument given, as a function that keeps the argument alive.
 
         For many short calls: it holds Python's lock. It can't be copied or pickled.
+
+        Raises:
+            TypeError: a plain number, which keeps nothing alive; a kernel of several arguments; an array that is not
+                contiguous or can't be written.
         """
+        if (count := self.function.__code__.co_argcount) != 1:
+            raise TypeError(f"{symbol(self.function)} has {count} arguments; only a kernel of one can be bound")
         if not isinstance(given, np.ndarray | Deck):
             raise TypeError(f"{given!r} keeps nothing alive; a kernel is bound to a deck or an array")
-        made = Bound(self._short_call, ctypes.c_uint64(word(given)))
+        made = Bound(self._short_call, pointer(given))
         made.given = given
         return made
 

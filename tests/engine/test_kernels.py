@@ -173,6 +173,20 @@ def test_kernels_together_share_a_file_and_a_bound_kernel_needs_no_argument(cach
     assert len(kept(cache)) == 1
 
 
+@pytest.mark.parametrize(
+    ("kernel", "given", "message"),
+    [
+        (_scaled, 12345, "12345 keeps nothing alive"),
+        (_scaled, np.zeros((4, 4))[:, 0], "not C contiguous"),
+        (_scaled, np.broadcast_to(0.0, 4), "not writable"),
+        (_added, np.zeros(4), "has 2 arguments; only a kernel of one can be bound"),
+    ],
+)
+def test_what_a_kernel_cannot_be_bound_to_is_refused_at_once(cache, kernel, given, message):
+    with pytest.raises(TypeError, match=message):
+        Kernel(kernel).bound(given)
+
+
 def _flipped(content: bytes) -> bytes:
     return content[:-100] + bytes([content[-100] ^ 1]) + content[-99:]
 
