@@ -99,6 +99,22 @@ def test_imports_point_one_way(module):
             assert not outside, f"{module} imports {outside}"
 
 
+def of_the_room(name):
+    """The modules of its room that a module imports anywhere in it."""
+    room = name.rpartition(".")[0]
+    whole = {thing if thing in SOURCES else thing.rpartition(".")[0] for thing in imported(name, SOURCES[name])}
+    return {other for other in whole if other in SOURCES and other.startswith(f"{room}.")}
+
+
+@pytest.mark.parametrize("module", [name for name in SOURCES if name.rpartition(".")[0] in ROOMS])
+def test_no_module_of_engine_or_plant_imports_itself_by_way_of_others(module):
+    reached, further = set(), {module}
+    while further:
+        further = set().union(*map(of_the_room, further)) - reached
+        reached |= further
+    assert module not in reached
+
+
 @pytest.mark.parametrize("old", OLD)
 def test_laws_of_users_find_what_they_need_under_its_old_name_and_are_told_the_new_one(old):
     new, law = old.replace("plant", "engine"), f"from kerfgym.{old} import *\n"

@@ -6,7 +6,7 @@ turned into an object file, once. What to do when Numba changes stands in ``docs
 """
 
 import types as python_types
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, cast
 
 from llvmlite import binding as llvm
@@ -23,7 +23,6 @@ from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 
 from . import lanes
-from .kernels import symbol
 
 PACKAGE = __name__.split(".")[0]
 
@@ -377,8 +376,9 @@ class _Pipeline(CompilerBase):
 # --------------------------------------------------------------------------------------------------------- kernels
 
 
-def compiled(functions: Sequence[Callable[..., None]]) -> Object:
-    """Machine code of kernels that belong together: functions of unsigned 64-bit integers that return nothing."""
+def compiled(functions: Mapping[str, Callable[..., None]]) -> Object:
+    """Machine code of kernels that belong together: functions of unsigned 64-bit integers that return nothing, by the
+    names that they get in the object file."""
     whole = _optimised(functions)
     needs = {f.name for f in whole._final_module.functions if f.is_declaration}
     if "numba_gil_release" in needs:
@@ -387,20 +387,20 @@ def compiled(functions: Sequence[Callable[..., None]]) -> Object:
     return Object(whole.codegen._tm.emit_object(whole._final_module), runtime)
 
 
-def assembly(functions: Sequence[Callable[..., None]]) -> str:
+def assembly(functions: Mapping[str, Callable[..., None]]) -> str:
     """The same as assembly, to look at what the loops have become."""
     whole = _optimised(functions)
     return whole.codegen._tm.emit_assembly(whole._final_module)
 
 
-def _optimised(functions: Sequence[Callable[..., None]]) -> codegen.CPUCodeLibrary:
+def _optimised(functions: Mapping[str, Callable[..., None]]) -> codegen.CPUCodeLibrary:
     """The kernels linked with all that they call, and optimised."""
     context = cpu_target.target_context
     whole = codegen.CPUCodeLibrary(context.codegen(), "kerfgym")
     module = whole.create_ir_module("entries")
     needed: dict[Any, None] = {}
-    for function in functions:
-        needed = _entry(function, module, context).everything(needed)
+    for name, function in functions.items():
+        needed = _entry(name, function, module, context).everything(needed)
     whole.add_ir_module(module)
     stages: list[str] = []
     # Numba's own last: the linker takes of its run-time library only what is called already.
@@ -409,23 +409,22 @@ def _optimised(functions: Sequence[Callable[..., None]]) -> codegen.CPUCodeLibra
         stages += library.stages if isinstance(library, _Library) else []
     for name in stages:
         whole._final_module.get_function(name).add_function_attribute("noinline")
-    entries = {symbol(function) for function in functions}
     for f in whole._final_module.functions:
-        if not f.is_declaration and f.name not in entries:
+        if not f.is_declaration and f.name not in functions:
             f.linkage = "internal"
     whole._optimize_final_module()
     whole._final_module.verify()
     return whole
 
 
-def _entry(function: Callable[..., None], module: ir.Module, context: Any) -> _Library:
+def _entry(name: str, function: Callable[..., None], module: ir.Module, context: Any) -> _Library:
     """Puts the C function that calls a kernel into ``module``; returns the kernel's code."""
     dispatcher = _dispatcher(function, forceinline=True)
     arguments = (types.uint64,) * function.__code__.co_argcount
     dispatcher.compile(types.void(*arguments))
     result = dispatcher.overloads[arguments]
     kind = ir.FunctionType(ir.VoidType(), [ir.IntType(64)] * len(arguments))
-    entry = ir.Function(module, kind, symbol(function))
+    entry = ir.Function(module, kind, name)
     builder = ir.IRBuilder(entry.append_basic_block())
     inner = context.declare_function(module, result.fndesc)
     context.call_conv.call_function(builder, inner, types.none, arguments, list(entry.args))

@@ -124,7 +124,7 @@ def _addresses(kernels: tuple[Kernel, ...]) -> dict[Kernel, int]:
     if kept is None:
         from . import compiler
 
-        kept = compiler.compiled([kernel.function for kernel in kernels])
+        kept = compiler.compiled({symbol(kernel.function): kernel.function for kernel in kernels})
         _keep(file, *kept)
     return dict(zip(kernels, _load(kept[0], names, kept[1]), strict=True))
 

@@ -195,7 +195,7 @@ def instructions() -> dict[str, tuple[int, int, int]]:
     """
     from ...envs.engine import compiler
 
-    text = compiler.assembly([machine.advance.function])
+    text = compiler.assembly({"advance": machine.advance.function})
     found = {}
     for name, function in FUNCTIONS.items():
         body = re.search(rf"^\S*{len(function)}{function}\S*:\n(.*?)^\s+\.size", text, re.M | re.S)

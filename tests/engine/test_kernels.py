@@ -124,7 +124,7 @@ def compilations(monkeypatch):
     plain = compiler.compiled
 
     def compiled(functions):
-        names.append([f.__name__ for f in functions])
+        names.append([f.__name__ for f in functions.values()])
         return plain(functions)
 
     monkeypatch.setattr(compiler, "compiled", compiled)
