@@ -47,6 +47,7 @@ class Deck:
         self._owned: dict[str, Any] = {}
         self.words = np.zeros(len(self._index), np.uint64)
         """The words alone. They keep nothing alive: for those that the deck keeps alive itself."""
+        self._address = int(self.words.ctypes.data)
         for name, value in values.items():
             self[name] = value
 
@@ -59,7 +60,7 @@ class Deck:
             ValueError: an array that is not contiguous.
         """
         self.words[self._index[name]] = word(value)
-        if isinstance(value, np.ndarray | Deck):
+        if isinstance(value, (np.ndarray, Deck)):  # a union is slower
             self._owned[name] = value
         else:
             self._owned.pop(name, None)
@@ -82,13 +83,15 @@ def word(value: int | np.ndarray | Deck | None) -> int:
     Raises:
         ValueError: an array that is not contiguous.
     """
+    if isinstance(value, int):
+        return value
     if isinstance(value, Deck):
-        value = value.words
+        return value._address
     if isinstance(value, np.ndarray):
         if not value.flags.c_contiguous:
             raise ValueError(f"an array of strides {value.strides} is not contiguous; kernels read numbers in a row")
         return int(value.ctypes.data)
-    return 0 if value is None else int(value)
+    return int(value or 0)
 
 
 def pointer(given: np.ndarray | Deck) -> Any:

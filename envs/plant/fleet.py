@@ -323,7 +323,9 @@ class Fleet(Columns):
 
     def advance(self, steps: int = 1) -> None:
         """``steps`` control periods of every machine; the result does not depend on the number of threads."""
-        self.deck["steps"] = steps
+        other = steps != self._usual
+        if other:
+            self.deck["steps"] = steps
         try:
             if self.threads == 1 or self.blocks == 1:
                 machine.advance(self.deck)
@@ -332,7 +334,8 @@ class Fleet(Columns):
                 workers(self.threads).share(self._share)
                 self.deck["tick"] += steps
         finally:
-            self.deck["steps"] = self._usual
+            if other:
+                self.deck["steps"] = self._usual
 
     def _share(self) -> None:
         machine.share(self.deck)
