@@ -210,6 +210,9 @@ def _grid(folder: Path, name: str, entry: Any, meta: dict[str, Any], notes: list
         lacking = [c for c in ("controller", "information", "scenario", "seed", "failed") if c not in rows]
         if lacking or not len(rows):
             raise InvalidInput(f"'{at / 'runs.parquet'}' has {'no column ' + lacking[0] if lacking else 'no rows'}")
+        twice = rows.loc[rows.duplicated(["controller", "scenario", "seed"]), ["controller", "scenario", "seed"]]
+        for controller, scenario, seed in twice.head(1).itertuples(index=False):
+            raise InvalidInput(f"'{at / 'runs.parquet'}' has {controller} in {scenario} with seed {seed} twice")
         own = {**meta, **{key: value for key, value in entry.items() if key not in _RESTS}}
         core = tuple(c for c in entry["core"] if c in entry["scenarios"])
         if kind == "jobs":

@@ -1,5 +1,6 @@
 """Run folders of benchmarks: what is written is read back, one grid or several."""
 
+import shutil
 from dataclasses import fields
 from unittest import mock
 
@@ -7,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.envs.scenarios import load as scenario
 from kerfgym.experiments.archive import load
 from kerfgym.experiments.benchmark import Grid, run_grids
@@ -61,3 +63,13 @@ def test_grids_lie_apart_and_the_record_is_common(stored):
     assert (folder / "contour" / "scenarios" / "contour-circle.toml").is_file()
     assert {p.name for p in folder.iterdir()} == {"run.json", "summary.md", "following", "contour"}
     assert load(folder).meta["command"] == "kerfgym benchmark"
+
+
+def test_a_table_with_a_run_that_is_there_twice_is_an_error(stored, tmp_path):
+    folder = tmp_path / "twice"
+    shutil.copytree(stored[0], folder)
+    table = folder / "following" / "runs.parquet"
+    rows = pd.read_parquet(table)
+    pd.concat([rows, rows.tail(1)]).to_parquet(table)
+    with pytest.raises(InvalidInput, match=r"runs.parquet' has pid in tip-up with seed 1002 twice"):
+        load(folder)

@@ -410,7 +410,7 @@ def test_what_lies_beyond_numbers_is_named_with_its_handle_and_the_limit(sheet, 
     kind, draw = FAR[what]
     said = rf"part.dxf: {kind} #\w+ reaches \S+ mm away from the origin, out of range; allowed: 1e\+09 mm \(1000 km\)"
     none = rf"{kind} that cannot be read \(\d\); entities that cannot be read are left out: {kind}\(#\w+\): coord"
-    with pytest.raises(InvalidInput, match=said if np.isfinite(value) or what == "bulge" and value > 0 else none):
+    with pytest.raises(InvalidInput, match=said if np.isfinite(value) or (what == "bulge" and value > 0) else none):
         sheet(draw(value))
     assert not recwarn.list
 
