@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.envs.scenarios import load as scenario
 from kerfgym.experiments.archive import load
 from kerfgym.experiments.benchmark import Grid, run_grids
@@ -71,5 +70,21 @@ def test_a_table_with_a_run_that_is_there_twice_is_an_error(stored, tmp_path):
     table = folder / "following" / "runs.parquet"
     rows = pd.read_parquet(table)
     pd.concat([rows, rows.tail(1)]).to_parquet(table)
-    with pytest.raises(InvalidInput, match=r"runs.parquet' has pid in tip-up with seed 1002 twice"):
-        load(folder)
+    found = load(folder)
+    assert list(found.grids) == ["contour"]
+    (told,) = [note for note in found.meta["notes"] if "left out" in note]
+    assert told.endswith("runs.parquet' has pid in tip-up with seed 1002 twice.")
+
+
+def test_a_job_without_its_range_in_iso_9013_has_a_dash_there(stored, tmp_path):
+    folder = tmp_path / "without"
+    shutil.copytree(stored[0], folder)
+    table = folder / "contour" / "runs.parquet"
+    known = load(folder).grids["contour"].summary()["iso_taper"]
+    rows = pd.read_parquet(table)
+    rows["iso_roughness"] = pd.Series([None, "2"], dtype=object)
+    rows["iso_taper"] = None
+    rows.to_parquet(table)
+    summary = load(folder).grids["contour"].summary()
+    assert list(summary["iso_roughness"]) == ["2"]
+    assert list(summary["iso_taper"]) == ["–"] != list(known)
