@@ -22,6 +22,9 @@ SLIGHT = 1e-9
 THIN = 1e-4
 """The same share below which a closed contour is a thin slit, or one whose lobes make up for each other."""
 
+_LEGS, _CROSSINGS, _LINES = 16, 4000, 512
+"""Segments looked at together, meetings of them beyond which a contour is a scribble, and lines across one."""
+
 _BLOCK = 256
 """Contours whose boxes are looked up at a time; all at once would fill the memory on a sheet of rings in rings."""
 
@@ -153,10 +156,38 @@ def _around_it(points: Points) -> tuple[float, float]:
 
 
 def even_odd(points: Points) -> float:
-    """mm² of all lobes of a closed polyline."""
+    """mm² of all lobes of a closed polyline; of a scribble that crosses itself thousands of times about so many."""
     import shapely
 
-    return float(shapely.make_valid(shapely.polygons(points)).area) if len(points) > 3 else 0.0
+    if len(points) <= 3:
+        return 0.0
+    return _scanned(points) if _is_scribble(points) else float(shapely.make_valid(shapely.polygons(points)).area)
+
+
+def _is_scribble(points: Points) -> bool:
+    """Whether a polyline crosses itself so often that to take its lobes apart would take minutes."""
+    import shapely
+
+    legs = shapely.linestrings(np.stack([points[:-1], points[1:]], axis=1))
+    tree, met = shapely.STRtree(legs), 0
+    for at in range(0, len(legs), _LEGS):
+        met += tree.query(legs[at : at + _LEGS], predicate="intersects").shape[1]
+        if met > 3 * len(legs) + _CROSSINGS:  # itself and its neighbours meet every leg
+            return True
+    return False
+
+
+def _scanned(points: Points) -> float:
+    """mm² by the even-odd rule, from what lies within on :data:`_LINES` lines across."""
+    (x0, y0), (x1, y1) = points[:-1].T, points[1:].T
+    low, high = float(points[:, 1].min()), float(points[:, 1].max())
+    step = (high - low) / _LINES
+    total = 0.0
+    for y in (low + step * (np.arange(_LINES) + 0.5)).tolist():
+        cut = (y0 <= y) != (y1 <= y)
+        x = np.sort(x0[cut] + (y - y0[cut]) / (y1[cut] - y0[cut]) * (x1[cut] - x0[cut]))
+        total += float((x[1::2] - x[::2]).sum())
+    return total * step
 
 
 def probes(points: Points) -> Points:
