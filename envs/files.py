@@ -224,13 +224,20 @@ def within(folder: Path, name: Any, what: str) -> Path:
     """The path of a name that a file gives for something in a folder.
 
     Raises:
-        InvalidInput: it is no text, or leads out of the folder.
+        InvalidInput: it is no text, leads out of the folder, or is longer than a name can be.
     """
     if isinstance(name, str) and "\0" not in name and not Path(name).is_absolute() and ".." not in Path(name).parts:
         found = folder / name
-        if found.resolve().is_relative_to(folder.resolve()):
+        try:
+            if found.resolve().is_relative_to(folder.resolve()):
+                os.lstat(found)
+                return found
+        except FileNotFoundError:
             return found
-    raise InvalidInput(f"{what} {name!r} leads out of '{folder}'; allowed: names of what lies in it")
+        except (OSError, ValueError, RuntimeError) as error:  # too long, no text of this system, links in a ring
+            why = getattr(error, "strerror", None) or error
+            raise InvalidInput(f"{what} {shown(name)}: nothing in '{folder}' can be called so: {why}") from None
+    raise InvalidInput(f"{what} {shown(name)} leads out of '{folder}'; allowed: names of what lies in it")
 
 
 def _opened(path: str | Path, most: int) -> int:

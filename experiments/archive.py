@@ -151,8 +151,8 @@ def _record(folder: Path) -> dict[str, Any]:
         hint = f"; {did_you_mean(folder.name, there)}" if there else f"; there is none in '{folder.parent}'"
         raise InvalidInput(f"no run folder '{folder}'{hint.replace('; (', ' (')}")
     file = folder / "run.json"
-    if not file.is_file():
-        if (folder / PARTS).is_dir() or (folder / runs.BEGUN).is_file():
+    if not files.is_file(file):
+        if files.is_folder(folder / PARTS) or files.is_file(folder / runs.BEGUN):
             raise InvalidInput(f"run '{folder}' was interrupted; {resumption(folder)} finishes it")
         raise InvalidInput(f"'{folder}' is not a run folder: it has no run.json")
     record = files.json_(file)
@@ -210,6 +210,9 @@ def _grid(folder: Path, name: str, entry: Any, meta: dict[str, Any], notes: list
         lacking = [c for c in ("controller", "information", "scenario", "seed", "failed") if c not in rows]
         if lacking or not len(rows):
             raise InvalidInput(f"'{at / 'runs.parquet'}' has {'no column ' + lacking[0] if lacking else 'no rows'}")
+        twice = rows.loc[rows.duplicated(["controller", "scenario", "seed"]), ["controller", "scenario", "seed"]]
+        for controller, scenario, seed in twice.head(1).itertuples(index=False):
+            raise InvalidInput(f"'{at / 'runs.parquet'}' has {controller} in {scenario} with seed {seed} twice")
         own = {**meta, **{key: value for key, value in entry.items() if key not in _RESTS}}
         core = tuple(c for c in entry["core"] if c in entry["scenarios"])
         if kind == "jobs":
@@ -249,9 +252,9 @@ def _table(at: Path, name: str, stamp: str | None, notes: list[str], needed: boo
         InvalidInput: it is needed and cannot be read.
     """
     parquet, csv = at / f"{name}.parquet", at / f"{name}.csv"
-    if not parquet.is_file():
+    if not files.is_file(parquet):
         why = f"'{parquet}' is missing"
-        if not stamp and not needed and not csv.is_file():
+        if not stamp and not needed and not files.is_file(csv):
             return pd.DataFrame()
     else:
         try:

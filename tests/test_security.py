@@ -703,6 +703,9 @@ def test_names_in_a_record_stay_in_the_folder(here, changed, capsys, monkeypatch
     (here / "runs" / "link" / "run.json").write_text(json.dumps(record), encoding="utf-8")
     (here / "runs" / "link" / "inside").symlink_to(first)
     assert "leads out of" in refused(archive.load, here / "runs" / "link")
+    (here / "ring").symlink_to("ring")
+    for name in ("a" * 300, "a/" * 3000, "ring", "\ud800"):  # nothing can be called so, or be there
+        assert "can be called so" in refused(files.within, here, name, "folder")
     (here / "secret.toml").write_text('password = "hunter2"', encoding="utf-8")
     for i, make in enumerate((
         lambda place: place.symlink_to(here, target_is_directory=True),

@@ -62,18 +62,21 @@ class Collected:
                 "allowed: no more; are blocks or elements repeated without end?"
             )
 
-    def add(self, kind: str, curve: Curve, layer: str, role: str = "cut") -> None:
-        """Takes a curve, or counts why not; ``kind`` is what a user calls it.
+    def add(self, kind: str, curve: Curve, layer: str, role: str = "cut", which: str = "") -> None:
+        """Takes a curve, or counts why not; ``kind`` is what a user calls it, ``which`` where he finds it, such as
+        ``in line 3``.
 
         Raises:
             InvalidInput: longer, finer or farther away than a drawing may be.
         """
         into = self.engraved if role == "engrave" else self.curves
-        self._within_reach(kind, curve)  # first: far away numbers cannot tell a circle from a point
+        self._within_reach(
+            f"{kind} {which}".rstrip(), curve
+        )  # first: far away numbers cannot tell a circle from a point
         if len(curve.points) < 2 or curve.length < EXACT:
             self.skipped[f"{kind} of zero length"] += 1
             return
-        self._within_limits(curve)
+        self._within_limits(f"{kind} {which}".rstrip(), curve)
         if (its_key := key(curve.points)) in into:
             self.skipped[f"duplicate {kind}"] += 1
             self.doubled += curve.length
@@ -81,22 +84,24 @@ class Collected:
             into[its_key] = curve
             self.layers[layer] = None
 
-    def _within_reach(self, kind: str, curve: Curve) -> None:
+    def _within_reach(self, what: str, curve: Curve) -> None:
         far = float(np.abs(curve.points).max(initial=0.0))
         if far > FARTHEST:
             raise InvalidInput(
-                f"{self.where}: a {kind} reaches {far:g} mm away from the origin, out of range; "
-                f"allowed: {FARTHEST:g} mm; is the unit right?"
+                f"{self.where}: {what} reaches {far:g} mm away from the origin, out of range; "
+                f"allowed: {FARTHEST:g} mm ({FARTHEST / 1e6:g} km); is the unit right?"
             )
 
-    def _within_limits(self, curve: Curve) -> None:
+    def _within_limits(self, what: str, curve: Curve) -> None:
         self.points += len(curve.points)
         self.length += curve.length
         if self.points > MOST_POINTS:
-            raise InvalidInput(f"{self.where}: curves of more than {MOST_POINTS} points, out of range; allowed: fewer")
+            raise InvalidInput(
+                f"{self.where}: curves of more than {MOST_POINTS} points up to {what}, out of range; allowed: fewer"
+            )
         if self.length > LENGTH_RANGE[1]:
             raise InvalidInput(
-                f"{self.where}: more than {LENGTH_RANGE[1]:g} mm to cut, out of range; allowed: "
+                f"{self.where}: more than {LENGTH_RANGE[1]:g} mm to cut up to {what}, out of range; allowed: "
                 f"{LENGTH_RANGE[0]:g} to {LENGTH_RANGE[1]:g} mm; is the unit right?"
             )
 

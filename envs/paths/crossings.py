@@ -173,7 +173,8 @@ def _through(line: Points, ring: Points) -> tuple[float, float] | None:
     along = np.sort(np.concatenate([[0.0, path.length], shapely.line_locate_point(path, places)]))
     middles = shapely.get_coordinates(shapely.line_interpolate_point(path, 0.5 * (along[1:] + along[:-1])))
     asked = np.concatenate([line, middles])
-    asked = asked[shapely.distance(shapely.points(asked), edge) > NEAR]
+    shapely.prepare(edge)
+    asked = asked[~shapely.dwithin(edge, shapely.points(asked), NEAR)]
     inside = shapely.contains_xy(shapely.Polygon(ring), asked)
     if inside.all() or not inside.any():
         return None

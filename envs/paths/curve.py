@@ -33,6 +33,9 @@ CORNER = np.radians(5.0)
 MOST = 100_000
 """Points of one curve; more are of no use, and a curve of astronomic size would have no end of them."""
 
+HALVINGS = 60
+"""Most that the span of a curve is halved; its parameter has no more digits."""
+
 RUN = 500
 """Bézier curves that are flattened together."""
 
@@ -151,7 +154,9 @@ def smooth(at: Callable[[npt.NDArray[np.float64]], Complex], breaks: npt.ArrayLi
     z = at(t)
     chord = max(chord, 1e-9 * float(np.ptp(z.real) + np.ptp(z.imag))) if np.isfinite(z).all() else chord
     coarse = np.ones(len(t) - 1, bool)
-    while coarse.any() and len(t) < MOST:
+    for _ in range(HALVINGS):
+        if not coarse.any() or len(t) >= MOST:
+            break
         i = np.flatnonzero(coarse)
         middle = 0.5 * (t[i] + t[i + 1])
         there = at(middle)

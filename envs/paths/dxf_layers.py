@@ -10,7 +10,7 @@ from typing import Any
 
 from . import colours
 
-BYBLOCK, BYLAYER = 0, 256
+BYBLOCK, BYLAYER, WHITE = 0, 256, 7
 
 BROKEN = ("CENTER", "DASH", "HIDDEN", "PHANTOM", "DOT", "DIVIDE", "BORDER", "ACAD_ISO", "JIS_")
 """How the names of line types begin that are not drawn through, for files whose table does not define them."""
@@ -52,6 +52,7 @@ class Layers:
         self._frozen = {name for name, layer in self.table.items() if layer.is_frozen()}
         self._hidden = self._frozen | {name for name, layer in self.table.items() if layer.is_off()}
         self._unplotted = {name for name, layer in self.table.items() if not attribute(layer, "plot", 1)} | {UNPLOTTED}
+        self._drawn: dict[str, tuple[str, int, int | None]] = {}
         self.broken = {ltype.dxf.name.upper(): _is_broken(ltype) for ltype in document.linetypes}
 
     def names(self, entities: Iterable[Any]) -> list[str]:
@@ -64,20 +65,28 @@ class Layers:
         layer = str(attribute(entity, "layer", "0"))
         if layer == "0":
             layer = around.layer
-        own = self.table.get(layer.casefold())
+        own = self._of(layer)
         linetype = str(attribute(entity, "linetype", "BYLAYER")).upper()
         if linetype == "BYBLOCK":
             linetype = around.linetype
         elif linetype == "BYLAYER":
-            linetype = str(attribute(own, "linetype", "CONTINUOUS")).upper() if own is not None else "CONTINUOUS"
+            linetype = own[0]
         return Look(layer, self._colour(entity, own, around), linetype)
 
-    def _colour(self, entity: Any, layer: Any, around: Look) -> str:
+    def _of(self, layer: str) -> tuple[str, int, int | None]:
+        """Line type, colour's index and exact colour of a layer, which thousands of entities ask for."""
+        if layer not in self._drawn:
+            own = self.table.get(layer.casefold())
+            self._drawn[layer] = ("CONTINUOUS", WHITE, None) if own is None else (
+                str(attribute(own, "linetype", "CONTINUOUS")).upper(), abs(own.dxf.color),
+                attribute(own, "true_color", None),
+            )  # fmt: skip
+        return self._drawn[layer]
+
+    def _colour(self, entity: Any, layer: tuple[str, int, int | None], around: Look) -> str:
         index, exact = attribute(entity, "color", BYLAYER), attribute(entity, "true_color", None)
         if exact is None and index == BYLAYER:
-            if layer is None:
-                return Look().colour
-            index, exact = abs(layer.dxf.color), attribute(layer, "true_color", None)
+            _, index, exact = layer
         if exact is not None:
             return colours.of_rgb(*exact.to_bytes(4, "big")[1:])
         return around.colour if index == BYBLOCK else colours.of_index(abs(index))

@@ -55,7 +55,7 @@ class Walk:
         count = 0
         for entity in entities:
             count += 1
-            if entity.dxftype() == "INSERT" and (block := entity.block()) is not None:
+            if entity.dxftype() == "INSERT" and (block := _block(entity)) is not None:
                 name = str(entity.dxf.name).casefold()
                 if name not in known:
                     known[name] = self._count(block, known, depth + 1)
@@ -122,7 +122,7 @@ class Walk:
         kind = entity.dxftype()
         try:
             for curve in self._curves(entity, kind, place.frame):
-                self._clipped(kind, curve, place.clips, look.layer, role)
+                self._clipped(entity, curve, place.clips, look.layer, role)
         except InvalidInput:
             raise
         except Exception as error:  # a damaged entity raises whatever the damage leads to
@@ -135,14 +135,15 @@ class Walk:
             return filled(entity, frame)
         return [curve_of(entity, frame)]
 
-    def _clipped(self, kind: str, curve: Curve, clips: tuple[Clip, ...], layer: str, role: str) -> None:
-        pieces = [curve]
+    def _clipped(self, entity: Any, curve: Curve, clips: tuple[Clip, ...], layer: str, role: str) -> None:
+        kind, handle = entity.dxftype(), entity.dxf.handle
+        which, pieces = f"#{handle}" if handle else "", [curve]
         for clip in clips:
             pieces = [part for piece in pieces for part in clip.inside(piece)]
         if not pieces:
             self.found.skipped[f"{kind} outside its block's clipping"] += 1
         for piece in pieces:
-            self.found.add(kind, piece, layer, role)
+            self.found.add(kind, piece, layer, role, which)
 
     def _unreadable(self, entity: Any, error: Exception) -> None:
         self.found.skipped[f"{entity.dxftype()} that cannot be read"] += 1
@@ -162,7 +163,7 @@ class Walk:
 
     def _insert(self, insert: Any, place: Place) -> None:
         """What an inserted block consists of, in each place of its grid."""
-        name, block = insert.dxf.get("name", ""), insert.block()
+        name, block = insert.dxf.get("name", ""), _block(insert)
         if block is None:
             self.found.skipped["INSERT of a missing block"] += 1
             self.found.warn("blocks that are not in the file are left out", f"'{name}' ({insert})")
@@ -207,3 +208,9 @@ class Walk:
         self.found.warn("of clipped blocks (XCLIP) only what shows is cut", f"'{name}'")
         corners = [place.frame.x * v.x + place.frame.y * v.y + place.frame.origin for v in path.inner_polygon()]
         return (*place.clips, Clip.of(corners, path.is_inverted_clip))
+
+
+def _block(insert: Any) -> Any:
+    """The block that stands there; None if the file has none, or one so damaged that the reader has dropped it."""
+    block = insert.block()
+    return block if block is not None and block.block.is_alive else None

@@ -38,7 +38,8 @@ def read_gcode(path: str | Path, asked: Reading = Reading()) -> Drawing:  # noqa
         if (given := getattr(asked, name)) != getattr(Reading, name):
             raise InvalidInput(f"{file}: {name} = {given!r}: a programme has none; that is for drawings (DXF, SVG)")
     machine = Machine(file, unit(asked.units)[0] if asked.units is not None else None)
-    machine.run()
+    with np.errstate(over="ignore", invalid="ignore"):  # what comes out as no number is told where it is led to
+        machine.run()
     pieces = machine.beam.pieces()
     _tell(machine, pieces)
     feeds = [piece.mean_feed for piece in pieces]

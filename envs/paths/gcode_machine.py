@@ -17,7 +17,7 @@ from .gcode_frames import SYSTEMS, Frames, Point
 from .gcode_modes import Modes
 from .gcode_motion import Motion
 from .gcode_parameters import Key
-from .gcode_words import Word
+from .gcode_words import Word, shortened
 
 Codes = dict[str, Word]
 
@@ -94,7 +94,7 @@ class Machine:
     def wrong(self, line: Line, word: Word | str, problem: str) -> InvalidInput:
         """An error about a word of a line."""
         text = word if isinstance(word, str) else word.text
-        return InvalidInput(f"{line.where}: '{text}': {problem}")
+        return InvalidInput(f"{line.where}: '{shortened(text)}': {problem}")
 
     def note(self, line: Line, text: str) -> None:
         """Lists a line under a warning."""

@@ -8,6 +8,7 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 from ..engine.quantity import InvalidInput
+from .collected import FARTHEST
 from .curve import EXACT, Curve
 from .drawing import LENGTH_RANGE
 from .gcode_arcs import (
@@ -224,8 +225,11 @@ class Motion:
 
     def check_place(self, line: Line, end: Point) -> None:
         """Whether the place is one that numbers can tell."""
-        if not (abs(end.xy) < 1e9 and abs(end.z) < 1e9):
-            raise InvalidInput(f"{line.where}: it leads to X{end.xy.real:g} Y{end.xy.imag:g} Z{end.z:g} mm")
+        if not (abs(end.xy) < FARTHEST and abs(end.z) < FARTHEST):
+            raise InvalidInput(
+                f"{line.where}: it leads to X{end.xy.real:g} Y{end.xy.imag:g} Z{end.z:g} mm, out of range; allowed: up "
+                f"to {FARTHEST:g} mm ({FARTHEST / 1e6:g} km) from the origin"
+            )
 
     def rate(self, line: Line, values: Values, length: float, share: float) -> float:
         """mm/s in the plane; nan: left open."""

@@ -156,7 +156,7 @@ class _Reader:
                 raise self.wrong(letter, "not a word")
 
     def wrong(self, word: str, problem: str) -> InvalidInput:
-        return InvalidInput(f"{self.where}: '{word}': {problem}")
+        return InvalidInput(f"{self.where}: '{shortened(word)}': {problem}")
 
     def rest(self) -> str:
         """What stands from here on up to the next blank."""

@@ -6,7 +6,6 @@ their boxes, and of the contours around one only the nearest are kept.
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +21,9 @@ SLIGHT = 1e-9
 
 THIN = 1e-4
 """The same share below which a closed contour is a thin slit, or one whose lobes make up for each other."""
+
+_LEGS, _CROSSINGS, _LINES = 16, 4000, 512
+"""Segments looked at together, meetings of them beyond which a contour is a scribble, and lines across one."""
 
 _BLOCK = 256
 """Contours whose boxes are looked up at a time; all at once would fill the memory on a sheet of rings in rings."""
@@ -62,8 +64,9 @@ def nested(pieces: list[Points], closed: list[bool]) -> Nesting:
     solid = np.flatnonzero(area)
     if not len(solid):
         return Nesting(around, depth, area)
-    outlines = {int(i): shapely.polygons(pieces[i]) for i in solid}
-    shapely.prepare(list(outlines.values()))
+    outlines = np.full(count, None, object)
+    outlines[solid] = [shapely.polygons(pieces[i]) for i in solid]
+    shapely.prepare(outlines)
     first = np.cumsum([0, *map(len, pieces[:-1])])
     low, high = (f.reduceat(np.concatenate(pieces), first) for f in (np.minimum, np.maximum))
     boxes = shapely.box(*low.T, *high.T)
@@ -76,30 +79,50 @@ def nested(pieces: list[Points], closed: list[bool]) -> Nesting:
         inner, outer = block[which], solid[found]
         boxed = (low[inner] >= low[outer] - GAP).all(axis=1) & (high[inner] <= high[outer] + GAP).all(axis=1)
         boxed &= size[outer] > size[inner]
-        each = np.split(outer[boxed], np.searchsorted(which[boxed], np.arange(1, len(block))))
-        for i, near in zip(block.tolist(), each, strict=True):
-            if len(near):
-                around[i], depth[i] = _around(probes(pieces[i]), near, rank, outlines, around, depth)
+        which, outer = which[boxed], outer[boxed]
+        rising = np.lexsort((rank[outer], which))
+        which, outer = which[rising], outer[rising]
+        first = np.flatnonzero(np.diff(which, prepend=-1))
+        asked = [probes(pieces[i]) for i in block[which[first]].tolist()]
+        every = np.split(outer, first[1:])
+        for i, points, near, held in zip(
+            block[which[first]].tolist(), asked, every, _hold(outlines[outer[first]], asked), strict=False
+        ):
+            around[i], depth[i] = _around(points, near, bool(held), outlines, around, depth)
     return Nesting(around, depth, area)
 
 
-def _around(
-    points: Points, near: Indices, rank: Indices, outlines: dict[int, Any], around: list[list[int]], depth: Indices
-) -> tuple[list[int], int]:
-    """Of the contours ``near`` those next around ``points``, the smallest first by ``rank``, and how many are around
-    them in all."""
+def _hold(outlines: npt.NDArray[np.object_], points: list[Points]) -> npt.NDArray[np.bool_]:
+    """Whether each outline holds most of its points."""
     import shapely
 
-    def holds(j: int) -> bool:
-        return bool(shapely.contains_xy(outlines[j], points).mean() > 0.5)
+    if not points:
+        return np.zeros(0, bool)
+    sizes = np.array([len(p) for p in points])
+    inside = shapely.contains_xy(np.repeat(outlines, sizes), *np.concatenate(points).T)
+    held = np.add.reduceat(inside.astype(np.int64), np.cumsum(sizes) - sizes)
+    return np.asarray(held / sizes > 0.5)
 
-    smallest = int(near[rank[near].argmin()])
-    if depth[smallest] + 1 == len(near) and holds(smallest):
+
+def _around(
+    points: Points,
+    near: Indices,
+    held: bool,
+    outlines: npt.NDArray[np.object_],
+    around: list[list[int]],
+    depth: Indices,
+) -> tuple[list[int], int]:
+    """Of the contours ``near``, the smallest first, those next around ``points``, and how many are around them in all;
+    ``held``: whether the smallest is."""
+    import shapely
+
+    smallest = int(near[0])
+    if held and depth[smallest] + 1 == len(near):
         return [smallest], len(near)  # all others are around that one
     next_ones: list[int] = []
     known: set[int] = set()
-    for j in near[np.argsort(rank[near])].tolist():
-        if j not in known and holds(j):
+    for j in near.tolist():
+        if j not in known and (held if j == smallest else bool(shapely.contains_xy(outlines[j], points).mean() > 0.5)):
             next_ones.append(j)
             front = [j]
             while front:
@@ -133,10 +156,38 @@ def _around_it(points: Points) -> tuple[float, float]:
 
 
 def even_odd(points: Points) -> float:
-    """mm² of all lobes of a closed polyline."""
+    """mm² of all lobes of a closed polyline; of a scribble that crosses itself thousands of times about so many."""
     import shapely
 
-    return float(shapely.make_valid(shapely.polygons(points)).area) if len(points) > 3 else 0.0
+    if len(points) <= 3:
+        return 0.0
+    return _scanned(points) if _is_scribble(points) else float(shapely.make_valid(shapely.polygons(points)).area)
+
+
+def _is_scribble(points: Points) -> bool:
+    """Whether a polyline crosses itself so often that to take its lobes apart would take minutes."""
+    import shapely
+
+    legs = shapely.linestrings(np.stack([points[:-1], points[1:]], axis=1))
+    tree, met = shapely.STRtree(legs), 0
+    for at in range(0, len(legs), _LEGS):
+        met += tree.query(legs[at : at + _LEGS], predicate="intersects").shape[1]
+        if met > 3 * len(legs) + _CROSSINGS:  # itself and its neighbours meet every leg
+            return True
+    return False
+
+
+def _scanned(points: Points) -> float:
+    """mm² by the even-odd rule, from what lies within on :data:`_LINES` lines across."""
+    (x0, y0), (x1, y1) = points[:-1].T, points[1:].T
+    low, high = float(points[:, 1].min()), float(points[:, 1].max())
+    step = (high - low) / _LINES
+    total = 0.0
+    for y in (low + step * (np.arange(_LINES) + 0.5)).tolist():
+        cut = (y0 <= y) != (y1 <= y)
+        x = np.sort(x0[cut] + (y - y0[cut]) / (y1[cut] - y0[cut]) * (x1[cut] - x0[cut]))
+        total += float((x[1::2] - x[::2]).sum())
+    return total * step
 
 
 def probes(points: Points) -> Points:

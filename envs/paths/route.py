@@ -152,9 +152,13 @@ def routed(drawing: Drawing, cutting: Cutting) -> Route:
 def _without_repeats(drawing: Drawing) -> Drawing:
     """The drawing without points that repeat the one before: no leg without a direction is left."""
     pieces, every = list(drawing.pieces), list(drawing.corners)
-    for i, (piece, corners) in enumerate(zip(drawing.pieces, drawing.corners, strict=True)):
+    sizes = np.array([len(p) for p in pieces])
+    owners = np.repeat(np.arange(len(pieces)), sizes)
+    repeated = ~(np.hypot(*np.diff(np.concatenate(pieces), axis=0).T) > REPEAT) & (owners[1:] == owners[:-1])
+    for i in np.unique(owners[1:][repeated]).tolist():
+        piece, corners = drawing.pieces[i], drawing.corners[i]
         kept = np.append(True, np.hypot(*np.diff(piece, axis=0).T) > REPEAT)
-        if kept.all() or kept.sum() < 2:
+        if kept.sum() < 2:
             continue
         sharp = np.zeros(len(piece), bool)
         sharp[corners] = True

@@ -243,12 +243,12 @@ class _Picture:
             skipped[f"{node.tag} {where if by_layer == 'ignore' else f'with stroke {place.stroke}'}"] += 1
         elif node.tag == "text":
             for curve in letters(node, place.matrix, self.found):
-                self.found.add("letter", curve, place.layer, role)
+                self.found.add("letter", curve, place.layer, role, f"in line {node.line}")
         else:
             self._heavy(node)
             found = list(curves(node, place.matrix, place.width, place.height))
             for curve in found:
-                self.found.add(node.tag, curve, place.layer, role)
+                self.found.add(node.tag, curve, place.layer, role, f"in line {node.line}")
             if not found and node.attributes.get("d") != "":
                 skipped[f"{node.tag} of zero length"] += 1
 

@@ -2,13 +2,14 @@
 
 import collections
 import multiprocessing
+import os
 import shutil
 import sys
 import tempfile
 import threading
-import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -21,10 +22,20 @@ from .targets import TARGETS, case
 from .worker import MOST_MEMORY, Outcome, serve
 
 LONGEST = 20.0
-"""s of the processor after which a file counts as one that hangs."""
+"""s of the processor, or asleep, after which a file counts as one that hangs. On a busy machine a worker that waits for
+its turn is neither, so the count is the same there."""
 
-WAIT = 120.0
-"""s after which no answer is one, too; on a busy machine twenty of the processor take longer."""
+MAKING = 5.0
+"""s more that a worker gets, for it makes the file, too; what reading alone took is in its answer."""
+
+IMPORTS = 60.0
+"""s more for a worker's first file, before which it imports."""
+
+TICK = 0.5
+"""s from look to look at a worker that has not answered."""
+
+TOLD = 3
+"""Slowest files, and those of most memory, that are told."""
 
 FRESH = 2000
 """Cases after which a worker is replaced: libraries keep what they have once taken."""
@@ -37,8 +48,8 @@ class Tally:
     name: str
     outcomes: collections.Counter[str] = field(default_factory=collections.Counter)
     problems: dict[str, list[int]] = field(default_factory=dict)
-    seconds: float = 0.0
-    bytes: int = 0
+    seconds: dict[int, float] = field(default_factory=dict)  # of the processor, by case
+    bytes: dict[int, int] = field(default_factory=dict)
 
     @property
     def counts(self) -> tuple[int, ...]:
@@ -52,7 +63,7 @@ class Tally:
         if outcome.bytes > MOST_MEMORY:
             kind = "memory"
         self.outcomes[kind] += 1
-        self.seconds, self.bytes = max(self.seconds, outcome.seconds), max(self.bytes, outcome.bytes)
+        self.seconds[number], self.bytes[number] = outcome.seconds, outcome.bytes
         if kind not in ("result", "error"):
             known = self.problems.setdefault(f"{kind}: {outcome.words}", [])
             known.append(number)
@@ -86,17 +97,16 @@ class Worker:
             self.end()
             self._begin()
             self.done = 0
-        longest = WAIT + (60.0 if self.done == 0 else 0.0)  # the first has to import
+        longest = LONGEST + MAKING + (IMPORTS if self.done == 0 else 0.0)
         self.done += 1
         self.pipe.send((name, number, seed))
-        start = time.monotonic()
         outcome: Outcome
         try:
-            if self.pipe.poll(longest):
+            if answers(self.pipe, self.process.pid or 0, longest):
                 outcome = self.pipe.recv()
                 slow = outcome.seconds > LONGEST
                 return Outcome("hangs", f"{LONGEST:g} s", outcome.seconds) if slow else outcome
-            outcome = Outcome("hangs", f"{WAIT:g} s", time.monotonic() - start)
+            outcome = Outcome("hangs", f"{LONGEST:g} s without an answer", LONGEST)
         except EOFError:
             self.process.join()
             outcome = Outcome("dies", f"exit code {self.process.exitcode}")
@@ -104,6 +114,26 @@ class Worker:
         self._begin()
         self.done = 0
         return outcome
+
+
+def answers(pipe: Connection, process: int, longest: float) -> bool:
+    """Whether a process answers before it has used the processor for ``longest`` s, or slept that long in all."""
+    begun, asleep = _used(process)[0], 0.0
+    while not pipe.poll(TICK):
+        used, awake = _used(process)
+        asleep += 0.0 if awake else TICK
+        if max(used - begun, asleep) > longest:
+            return False
+    return True
+
+
+def _used(process: int) -> tuple[float, bool]:
+    """s of the processor that a process has used, and whether it wants more of it now."""
+    try:
+        words = Path(f"/proc/{process}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()
+    except OSError:
+        return 0.0, False
+    return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK"), words[0] == "R"
 
 
 def fuzzed(names: list[str], cases: int, seed: int, jobs: int, seeds: Path) -> dict[str, Tally]:
@@ -178,12 +208,22 @@ def fuzz(
                     case(name, numbers[0], seed, where.resolve(), place)
     counts = {name: tally.counts for name, tally in tallies.items()}
     counts["all"] = tuple(sum(column) for column in zip(*counts.values(), strict=True))
-    longest = {name: tally.seconds for name, tally in tallies.items()}
-    most = {name: tally.bytes for name, tally in tallies.items()}
+    longest = {name: max(tally.seconds.values()) for name, tally in tallies.items()}
+    most = {name: max(tally.bytes.values()) for name, tally in tallies.items()}
     longest["all"], most["all"] = max(longest.values()), max(most.values())
     rows = [[name, *counts[name], f"{longest[name]:.1f}", f"{most[name] / 1e6:.0f}"] for name in counts]
     print(table(["kind", "files", "results", "clear errors", "problems", "longest, s", "most memory, MB"], rows))
+    slow = _most({name: tally.seconds for name, tally in tallies.items()})
+    large = _most({name: tally.bytes for name, tally in tallies.items()})
+    print(f"slowest, s of the processor: {', '.join(f'{case} {seconds:.1f}' for case, seconds in slow)}")
+    print(f"most memory, MB: {', '.join(f'{case} {size / 1e6:.0f}' for case, size in large)}")
     return counts["all"][-1]
+
+
+def _most(each: Mapping[str, Mapping[int, float]]) -> list[tuple[str, float]]:
+    """The largest of all kinds, by «kind case»."""
+    every = [(f"{name} case {number}", value) for name, known in each.items() for number, value in known.items()]
+    return sorted(every, key=lambda one: -one[1])[:TOLD]
 
 
 if __name__ == "__main__":

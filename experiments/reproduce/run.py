@@ -75,7 +75,8 @@ def _kept(folder: Path, s: Study, stamp: dict[str, Any]) -> dict[str, Any] | Non
     """What an interrupted run of the same version and seeds found; what is not as we wrote it is found anew."""
     try:
         part = files.json_(_file(folder, s.name))
-        whole = all(files.within(folder / FIGURES, Path(d["file"]).name, "figure").is_file() for d in part["drawings"])
+        drawn = [files.within(folder / FIGURES, Path(d["file"]).name, "figure") for d in part["drawings"]]
+        whole = all(map(files.is_file, drawn))
         mine = part["study"] == s.name and part["stamp"] == stamp and not part["error"]
         mine &= all(d["file"] == f"{FIGURES}/{s.document}-{d['name']}.png" for d in part["drawings"])
         mine &= all(row["verdict"] in VERDICTS for row in part["rows"])

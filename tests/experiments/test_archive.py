@@ -1,5 +1,6 @@
 """Run folders of benchmarks: what is written is read back, one grid or several."""
 
+import shutil
 from dataclasses import fields
 from unittest import mock
 
@@ -61,3 +62,29 @@ def test_grids_lie_apart_and_the_record_is_common(stored):
     assert (folder / "contour" / "scenarios" / "contour-circle.toml").is_file()
     assert {p.name for p in folder.iterdir()} == {"run.json", "summary.md", "following", "contour"}
     assert load(folder).meta["command"] == "kerfgym benchmark"
+
+
+def test_a_table_with_a_run_that_is_there_twice_is_an_error(stored, tmp_path):
+    folder = tmp_path / "twice"
+    shutil.copytree(stored[0], folder)
+    table = folder / "following" / "runs.parquet"
+    rows = pd.read_parquet(table)
+    pd.concat([rows, rows.tail(1)]).to_parquet(table)
+    found = load(folder)
+    assert list(found.grids) == ["contour"]
+    (told,) = [note for note in found.meta["notes"] if "left out" in note]
+    assert told.endswith("runs.parquet' has pid in tip-up with seed 1002 twice.")
+
+
+def test_a_job_without_its_range_in_iso_9013_has_a_dash_there(stored, tmp_path):
+    folder = tmp_path / "without"
+    shutil.copytree(stored[0], folder)
+    table = folder / "contour" / "runs.parquet"
+    known = load(folder).grids["contour"].summary()["iso_taper"]
+    rows = pd.read_parquet(table)
+    rows["iso_roughness"] = pd.Series([None, "2"], dtype=object)
+    rows["iso_taper"] = None
+    rows.to_parquet(table)
+    summary = load(folder).grids["contour"].summary()
+    assert list(summary["iso_roughness"]) == ["2"]
+    assert list(summary["iso_taper"]) == ["–"] != list(known)

@@ -1,8 +1,10 @@
 """The fuzzer: the same cases every time, every kind of problem is noticed, and a few files of every quick kind."""
 
+import multiprocessing
 import random
 import shutil
-import time
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -87,6 +89,43 @@ def test_every_problem_is_noticed(home, use, kind):
     assert not list(home.iterdir())
 
 
+@pytest.mark.parametrize(
+    ("does", "seconds", "answered"),
+    [("pass", 30.0, True), ("time.sleep(60)", 0.3, False), ("while True: pass", 0.3, False)],
+    ids=["answers", "sleeps", "works"],
+)
+def test_a_worker_hangs_that_sleeps_or_works_too_long(monkeypatch, does, seconds, answered):
+    from kerfgym.experiments.fuzz import __main__ as fuzz
+
+    monkeypatch.setattr(fuzz, "TICK", 0.05)
+    receive, send = multiprocessing.Pipe(duplex=False)
+    code = f"import os, time\n{does}\nos.write({send.fileno()}, b'\\0\\0\\0\\1x')"
+    process = subprocess.Popen([sys.executable, "-c", code], pass_fds=[send.fileno()])
+    send.close()
+    try:
+        assert fuzz.answers(receive, process.pid, seconds) is answered
+    finally:
+        process.kill()
+        process.wait()
+
+
+def test_the_slowest_and_the_largest_are_told(monkeypatch, tmp_path, capsys):
+    from kerfgym.experiments.fuzz import __main__ as fuzz
+
+    def fuzzed(names, *_):
+        tallies = {name: fuzz.Tally(name) for name in names}
+        for number, seconds in enumerate((0.5, 7.0, 3.0)):
+            tallies["svg"].add(number, worker.Outcome("result", "", seconds, 1_000_000 * number))
+        tallies["dxf"].add(4, worker.Outcome("error", "no", 5.0, 900_000_000))
+        return tallies
+
+    monkeypatch.setattr(fuzz, "fuzzed", fuzzed)
+    assert fuzz.fuzz(("dxf", "svg"), seeds=tmp_path) == 0
+    said = capsys.readouterr().out
+    assert "slowest, s of the processor: svg case 1 7.0, dxf case 4 5.0, svg case 2 3.0\n" in said
+    assert "most memory, MB: dxf case 4 900, svg case 2 2, svg case 1 1\n" in said
+
+
 def test_a_worker_that_hangs_or_dies_is_replaced(monkeypatch, tmp_path):
     from kerfgym.experiments.fuzz import __main__ as fuzz
 
@@ -100,7 +139,6 @@ def test_a_worker_that_hangs_or_dies_is_replaced(monkeypatch, tmp_path):
             pass
 
         def poll(self, seconds):
-            time.sleep(0.01)
             return self.gone
 
         def recv(self):
@@ -109,7 +147,7 @@ def test_a_worker_that_hangs_or_dies_is_replaced(monkeypatch, tmp_path):
     class Process:
         """One that has ended."""
 
-        exitcode = -11
+        exitcode, pid = -11, 0  # 0 is nobody's: asleep
 
         def join(self):
             pass
@@ -123,6 +161,7 @@ def test_a_worker_that_hangs_or_dies_is_replaced(monkeypatch, tmp_path):
         self.pipe, self.process = Pipe(len(begun) == 1), Process()
 
     monkeypatch.setattr(fuzz.Worker, "_begin", begin)
+    monkeypatch.setattr(fuzz, "TICK", 30.0)
     work = fuzz.Worker(Path("x"))
     died, hung = work("dxf", 0, 0), work("dxf", 1, 0)
     assert (died.kind, died.words) == ("dies", "exit code -11")

@@ -8,7 +8,7 @@ import pytest
 import shapely
 
 from kerfgym.envs.engine.quantity import InvalidInput
-from kerfgym.envs.paths import kerf
+from kerfgym.envs.paths import kerf, nesting
 from kerfgym.envs.paths.crossings import Meetings, meetings
 from kerfgym.envs.paths.curve import arc, line, polyline
 from kerfgym.envs.paths.nesting import nested
@@ -187,7 +187,9 @@ def test_messages_keep_the_numbers_and_places_of_the_drawing_when_contours_vanis
 
 
 def test_a_tiny_circle_far_beyond_every_sheet_is_an_error(dxf):
-    with pytest.raises(InvalidInput, match=r"a CIRCLE reaches 1e\+300 mm away from the origin, out of range; allowed"):
+    with pytest.raises(
+        InvalidInput, match=r"CIRCLE #\w+ reaches 1e\+300 mm away from the origin, out of range; allowed"
+    ):
         dxf(lambda s: (square(s, 0, 0, 100), s.add_circle((1e300, 0), 10)))
 
 
@@ -215,3 +217,15 @@ def test_letters_that_are_no_utf8_are_told_as_such(tmp_path):
 
 def test_a_line_on_a_line_is_left_to_the_cleaning_of_lines():
     assert len(without_curves_on_others([line(0, 10), line(2, 8)])[0]) == 2
+
+
+def test_a_scribble_is_measured_in_bounded_time_and_as_large_as_its_lobes():
+    rng = np.random.default_rng(1)
+    ring = rng.uniform(0, 100, (150, 2))
+    ring = np.concatenate([ring, ring[:1]])
+    assert nesting._scanned(ring) == pytest.approx(nesting.even_odd(ring), rel=0.01)
+    assert not nesting._is_scribble(ring[[0, 1, 2, 0]])
+    many = rng.uniform(0, 100, (20_000, 2))
+    began = time.process_time()
+    assert nesting.even_odd(np.concatenate([many, many[:1]])) == pytest.approx(5000.0, rel=0.05)  # half of the square
+    assert time.process_time() - began < 10.0

@@ -369,8 +369,8 @@ def tower(space):
         (endless_grid, "more than 100000 entities, those of repeated blocks counted each time"),
         (tower, "more than 100000 entities, those of repeated blocks counted each time"),
         (lambda space: [space.add_circle((i, 0), 1e7) for i in range(300)], r"more than 1e\+07 mm to cut"),
-        (lambda space: space.add_line((0, 0), (1e12, 0)), r"a LINE reaches 1e\+12 mm away from the origin"),
-        (lambda space: space.add_line((0, 0), (1e300, 0)), r"a LINE reaches 1e\+300 mm away from the origin"),
+        (lambda space: space.add_line((0, 0), (1e12, 0)), r"LINE #\w+ reaches 1e\+12 mm away from the origin"),
+        (lambda space: space.add_line((0, 0), (1e300, 0)), r"LINE #\w+ reaches 1e\+300 mm away from the origin"),
     ],
 )
 def test_a_drawing_beyond_all_measure_is_refused_at_once(sheet, draw, message):
@@ -378,6 +378,66 @@ def test_a_drawing_beyond_all_measure_is_refused_at_once(sheet, draw, message):
     with pytest.raises(InvalidInput, match=message):
         sheet(draw)
     assert time.process_time() - began < 5.0
+
+
+def inserted(**attributes):
+    def draw(space):
+        space.doc.blocks.new("wheel").add_circle((0, 0), 1)
+        space.add_blockref("wheel", attributes.pop("at", (0, 0)), dxfattribs=attributes)
+
+    return draw
+
+
+FAR = {
+    "circle": ("CIRCLE", lambda v: lambda space: space.add_circle((0, 0), v)),
+    "its centre": ("CIRCLE", lambda v: lambda space: space.add_circle((v, 0), 5)),
+    "arc": ("ARC", lambda v: lambda space: space.add_arc((0, 0), v, 0, 90)),
+    "ellipse": ("ELLIPSE", lambda v: lambda space: space.add_ellipse((v, 0), (1, 0), 0.5)),
+    "spline": ("SPLINE", lambda v: lambda space: space.add_open_spline([(0, 0), (v, 0), (1, 1), (2, 2)])),
+    "polyline": ("LWPOLYLINE", lambda v: lambda space: space.add_lwpolyline([(0, 0), (v, 0), (1, 1)])),
+    "bulge": ("LWPOLYLINE", lambda v: lambda space: space.add_lwpolyline([(0, 0, v), (5, 0, v)], format="xyb")),
+    "old polyline": ("POLYLINE", lambda v: lambda space: space.add_polyline2d([(0, 0), (v, 0), (1, 1)])),
+    "line": ("LINE", lambda v: lambda space: space.add_line((v, 0), (v, 1))),
+    "scale": ("CIRCLE", lambda v: inserted(xscale=v, yscale=v)),
+    "place": ("CIRCLE", lambda v: inserted(at=(v, 0))),
+    "spacing": ("CIRCLE", lambda v: inserted(column_count=2, column_spacing=v)),
+}
+
+
+@pytest.mark.parametrize("value", [1e12, 1e300, float("inf"), float("nan")])
+@pytest.mark.parametrize("what", FAR)
+def test_what_lies_beyond_numbers_is_named_with_its_handle_and_the_limit(sheet, what, value, recwarn):
+    kind, draw = FAR[what]
+    said = rf"part.dxf: {kind} #\w+ reaches \S+ mm away from the origin, out of range; allowed: 1e\+09 mm \(1000 km\)"
+    none = rf"{kind} that cannot be read \(\d\); entities that cannot be read are left out: {kind}\(#\w+\): coord"
+    with pytest.raises(InvalidInput, match=said if np.isfinite(value) or (what == "bulge" and value > 0) else none):
+        sheet(draw(value))
+    assert not recwarn.list
+
+
+def test_a_spline_pulled_into_a_corner_is_read_at_once(sheet):
+    began = time.process_time()
+    ends = [(0, 0), (3, 0), (1, 1), (2, 2)]
+    drawing = sheet(lambda space: space.add_rational_spline(ends, weights=[1, 1e300, 1, 1]))
+    assert time.process_time() - began < 3.0
+    assert drawing.cut_length == pytest.approx(3.0 + np.hypot(1, 2), abs=1e-6)  # from its start to there and on
+
+
+def test_a_block_that_the_reader_has_dropped_is_left_out_with_its_name(sheet, monkeypatch):
+    """As it does with some that are damaged, although their names stay."""
+    from ezdxf.entities import Insert
+
+    known = Insert.block
+
+    def block(insert):
+        found = known(insert)
+        found.block.destroy()
+        return found
+
+    monkeypatch.setattr(Insert, "block", block)
+    drawing = sheet(lambda space: (inserted()(space), box(space, 0, 0, 10)))
+    assert drawing.skipped == {"INSERT of a missing block": 1}
+    assert any("'wheel'" in note for note in drawing.notes)
 
 
 def test_a_file_of_more_entities_than_are_read_is_refused_before_they_are(tmp_path):

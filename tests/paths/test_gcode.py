@@ -401,3 +401,17 @@ def test_a_journey_beyond_all_sheets_is_refused(programme):
 
 def test_a_cut_of_less_than_a_millimetre_is_read(programme):
     assert programme("G21 G0 X1 Y1", "M3", "G1 X1.4 F600", "M5", "M2").cut_length == pytest.approx(0.4)
+
+
+@pytest.mark.parametrize("number", ["1" + "0" * 300, "1" + "0" * 999, "-1" + "0" * 12])
+@pytest.mark.parametrize(
+    "words", ["G1 X{}", "G0 X{}", "G92 X{}\nG1 X5", "G10 L2 P1 X{}\nG1 X5", "G2 X5 Y5 R{}", "G2 X5 Y5 I{} J0"]
+)
+def test_a_place_beyond_numbers_is_told_with_line_and_limit_and_without_a_word_from_a_library(
+    programme, words, number, recwarn
+):
+    with pytest.raises(InvalidInput, match=r"part.ngc, line [34]: .*") as error:
+        programme("G21 G90 F600", "M3 S1", words.format(number))
+    assert not recwarn.list
+    assert len(str(error.value)) < 400
+    assert any(word in str(error.value) for word in ("allowed", "points", "may differ", "shorter than"))
