@@ -29,12 +29,13 @@ from .. import __file__ as _root
 from .. import baselines
 from ..envs import evidence, job_metrics, metrics, scenarios
 from ..envs import stack as stacks
-from ..envs.plant import controller
+from ..envs.plant import controller, sensor
 from ..envs.plant.lanes import is_part
 from ..envs.plant.quantity import InvalidInput, Quantity, quantities
 from . import budgets, search
 from .bounds import record
 from .figures import marks, tables
+from .manual import assumptions, references
 from .markdown import row, table
 from .results import REFERENCE
 from .runs import atomic
@@ -97,8 +98,9 @@ def _table(lines: list[str]) -> list[str]:
 
 
 def _inline(line: str) -> str:
-    """Roles such as ``:func:`x``` and double backquotes as plain code."""
-    return re.sub(r"``([^`]+)``", r"`\1`", re.sub(r":\w+:`~?([^`]+)`", r"`\1`", line))
+    """Roles such as ``:func:`x``` and double backquotes as plain code; pages of the manual as links."""
+    line = re.sub(r"``([^`]+)``", r"`\1`", re.sub(r":\w+:`~?([^`]+)`", r"`\1`", line))
+    return re.sub(r"(?<![`\w])docs/(\w[\w-]*\.md(?:#[\w-]+)?)", r"[\1](\1)", line)
 
 
 # ---------------------------------------------------------------------------------------------------------- the machine
@@ -326,6 +328,19 @@ def scenario_tables() -> str:
     return "\n".join(text)
 
 
+def capacitance() -> str:
+    """What the nominal head reads at some heights, from the sensor's own equations."""
+    p, step, rows = sensor.Params(), 1e-5, []
+    at = lambda h: sensor.oscillator(p, sensor.capacitance(p, h, 1.0), 0.0)  # noqa: E731
+    for h in (0.1, 0.5, 1.0, 2.0, 5.0, 10.0):
+        farads, slope = sensor.capacitance(p, h, 1.0), (at(h + step) - at(h - step)) / (2 * step)  # Hz/mm
+        noise = 1e3 * at(h) * p.noise / (2 * farads) / slope
+        drift = 1e3 * at(h) * 0.0008 / slope
+        rows.append((f"{h:g}", f"{farads:.2f}", f"{1e-6 * at(h):.3f}", f"{1e-3 * slope:.1f}", f"{noise:.2g}", f"{drift:.2g}"))
+    titles = ("gap, mm", "C5, pF", "frequency, MHz", "Hz per µm", "1 fF of noise, µm", "0.16 % of L·C, µm")
+    return table(titles, rows)
+
+
 def suites() -> str:
     """Every suite, from its file."""
     rows = []
@@ -408,6 +423,8 @@ MADE: dict[str, Callable[[], str]] = {
     "presets": presets, "other presets": other_presets, "evidence": evidence_ranges,
     "bounds and estimates": record.comparison,
     "suites": suites, **{f"suite {name}": suite(name) for name in scenarios.suites()},
+    "sources": references.bibliography, "places": references.equations, "assumptions": assumptions.page,
+    "capacitance": capacitance,
     **tables.MADE,
 }  # fmt: skip
 """What stands between marks in pages written by hand."""
