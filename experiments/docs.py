@@ -336,7 +336,9 @@ def capacitance() -> str:
         farads, slope = sensor.capacitance(p, h, 1.0), (at(h + step) - at(h - step)) / (2 * step)  # Hz/mm
         noise = 1e3 * at(h) * p.noise / (2 * farads) / slope
         drift = 1e3 * at(h) * 0.0008 / slope
-        rows.append((f"{h:g}", f"{farads:.2f}", f"{1e-6 * at(h):.3f}", f"{1e-3 * slope:.1f}", f"{noise:.2g}", f"{drift:.2g}"))
+        rows.append(
+            (f"{h:g}", f"{farads:.2f}", f"{1e-6 * at(h):.3f}", f"{1e-3 * slope:.1f}", f"{noise:.3g}", f"{drift:.3g}")
+        )
     titles = ("gap, mm", "C5, pF", "frequency, MHz", "Hz per µm", "1 fF of noise, µm", "0.16 % of L·C, µm")
     return table(titles, rows)
 

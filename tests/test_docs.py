@@ -18,7 +18,7 @@ from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.experiments import cli, docs
 
 ROOT = Path(kerfgym.__file__).parent
-PAGES = [ROOT / "README.md", *sorted(docs.FOLDER.glob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(docs.FOLDER.glob("*.md"))]
 HEAVY = {
     "num_envs=1024": "num_envs=8", "HeightFollowingVecEnv(256,": "HeightFollowingVecEnv(4,", "n_steps=64": "n_steps=8",
     "batch_size=512": "batch_size=16", "learn(1_000_000)": "learn(64)",

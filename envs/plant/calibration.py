@@ -140,7 +140,7 @@ def height(p, frequencies, heights, first, frequency):
 
 
 def isotonic(values: np.ndarray) -> np.ndarray:
-    """The non-decreasing sequence nearest to ``values`` by least squares (pool adjacent violators, Ayer et al. 1955)."""
+    """The rising sequence nearest to ``values`` by least squares (pool adjacent violators, Ayer et al. 1955)."""
     means: list[float] = []
     counts: list[int] = []
     for value in values:

@@ -1,7 +1,8 @@
 """Cut: from beam, speed and errors to melt margin, roughness, dross and kerf, once per control period.
 
-The streaming form of the quality model (docs/physics.md#the-cut); :mod:`envs.quality` holds the full one, which deposits the beam's
-energy along the whole trajectory. Here the energy's lateral density at a depth z is taken in closed form:
+The streaming form of the quality model (docs/physics.md#the-cut); :mod:`envs.quality` holds the full one, which
+deposits the beam's energy along the whole trajectory. Here the energy's lateral density at a depth z is taken in closed
+form:
 
 * Beam radius ``w(z)² = w0²·(1 + ((z − zf)² + κ·az²)/zR²)``, focus depth ``zf``, amplitude ``az`` of its dither; κ is
   such that ∫p² comes out for a uniformly swept focus.

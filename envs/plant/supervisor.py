@@ -7,7 +7,8 @@ is only lifted, by the law, where the sheet comes nearer than the protection hei
 command on, except where one of its guards acts:
 
 - *approach*: until the set height is first reached, the descent is no faster than the speed from which the axis still
-  stops in time, ``sqrt(2·α·a·distance)`` less what the loop's ``delay`` costs (docs/physics.md#approach-and-holes, Patent2022's descent);
+  stops in time, ``sqrt(2·α·a·distance)`` less what the loop's ``delay`` costs (Patent2022's descent,
+  docs/physics.md#approach-and-holes);
 - *hole and edge guard*: when the sheet seems to fall by more than ``rise`` within 5 ms, faster than sheets do, the head
   goes back to where it was before and holds there, until the sheet is back or ``timeout`` has passed (then it
   approaches anew). It looks at encoder − reading, not at the reading: a tight loop hides the rise of the reading by

@@ -17,6 +17,9 @@ from ..markdown import table
 ROOT = Path(_root).parent
 BIBLIOGRAPHY = ROOT / "docs" / "references.bib"
 FOLDERS = ("envs", "baselines", "agents", "experiments", "tests")
+ASIDE = ("experiments/manual/", "tests/test_references.py")
+"""Files that name sources as examples only."""
+
 DOCUMENTS = "The five documents"
 """Topic of the sources that define the machine; the code names them more often than a page can list."""
 
@@ -95,7 +98,7 @@ def sources() -> dict[str, str]:
     for folder in FOLDERS:
         for path in sorted((ROOT / folder).rglob("*")):
             name = path.relative_to(ROOT).as_posix()
-            if path.suffix in (".py", ".toml") and not name.startswith("experiments/manual/"):
+            if path.suffix in (".py", ".toml") and not name.startswith(ASIDE):
                 out[name] = unwrapped(path.read_text(encoding="utf-8"))
     return out
 
@@ -185,7 +188,16 @@ def citation(entry: Entry) -> str:
     link = f.get("howpublished", "")
     link = f"[{link.removeprefix('https://')}]({link})" if link.startswith("https://") else link
     doi = f"[doi:{f['doi']}](https://doi.org/{f['doi']})" if "doi" in f else ""
-    parts = (_authors(f.get("author", ""), 99 if f["topic"] == DOCUMENTS else 4), f"*{f['title']}*", edition, where, link, f.get("year"), doi, f.get("note"))
+    parts = (
+        _authors(f.get("author", ""), 99 if f["topic"] == DOCUMENTS else 4),
+        f"*{f['title']}*",
+        edition,
+        where,
+        link,
+        f.get("year"),
+        doi,
+        f.get("note"),
+    )
     return ". ".join(each for each in parts if each) + "."
 
 

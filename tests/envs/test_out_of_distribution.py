@@ -1,4 +1,4 @@
-"""The suite ``ood``: the core of the following suite with one condition beyond what it draws from (docs/suites.md#ood)."""
+"""The suite ``ood``: the core of the following suite, one condition beyond what it draws from (docs/suites.md#ood)."""
 
 from dataclasses import asdict
 
