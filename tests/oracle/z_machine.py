@@ -370,7 +370,7 @@ class ZMachine:
         return np.sign(distance) * np.minimum(v, self.guard.fastest)
 
     def _supervise(self) -> None:
-        """Approach, hole guard, bumpless handover (docs/physics.md#approach-and-holes); then the D/A and the queue of the dead time."""
+        """Approach, hole guard, bumpless handover (docs/physics.md#approach-and-holes); then D/A and dead time."""
         g, e = self.guard, self.height - self.job.set_height
         sheet_before = self.positions[-1 - WINDOW] - self.heights[-1 - WINDOW]
         fall = sheet_before - (self.encoder - self.height)
