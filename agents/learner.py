@@ -1,11 +1,11 @@
 """The learner of stable-baselines3 (Raffin et al. 2021) or sb3-contrib that settings ask for, and its first policy."""
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ..envs import files
 from ..envs.plant.quantity import InvalidInput
 from .settings import PRESETS, Settings, algorithm_class, environment_class
 
@@ -29,10 +29,10 @@ def _found(scenario: Any) -> Any:
     """A scenario or several, files of the presets' own in place of their names."""
     if isinstance(scenario, list):
         return [_found(each) for each in scenario]
-    if not isinstance(scenario, str) or not scenario.endswith(".toml") or Path(scenario).is_file():
+    if not isinstance(scenario, str) or not scenario.endswith(".toml") or files.is_file(scenario):
         return scenario
     mine = PRESETS / "scenarios" / scenario
-    return str(mine) if mine.is_file() else scenario
+    return str(mine) if files.is_file(mine) else scenario
 
 
 def falling(first: float, last: float) -> Callable[[float], float]:

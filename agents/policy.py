@@ -34,6 +34,12 @@ FORMAT = 1
 LARGEST = 4096
 """Numbers that a layer may take or give."""
 
+RAWEST = 1e4
+"""Largest number of an observation that is not normalised."""
+
+FARTHEST = 1e30
+"""Largest number within a network; beyond 3e38 there is none in single precision."""
+
 DOCUMENT, WEIGHTS = "policy.json", "weights.safetensors"
 
 TASKS = {
@@ -409,10 +415,28 @@ def _network(document: Document, data: bytes, folder: Path) -> Network:
         Layer(layer.kind, tensors[f"layers.{i}.weight"], tensors[f"layers.{i}.bias"], layer.activation)
         for i, layer in enumerate(shape.layers)
     )
+    _bounded(layers, shape.clip if normaliser else RAWEST, f"policy '{folder}': {WEIGHTS}")
     return Network(size, shape.frames, normaliser, layers, shape.output)
 
 
+def _bounded(layers: tuple[Layer, ...], most: float, where: str) -> None:
+    """Raises :class:`InvalidInput` if a network's numbers could grow beyond what its single precision holds.
+
+    Args:
+        layers: of the network.
+        most: largest number that it reads.
+        where: put before the message.
+    """
+    for i, layer in enumerate(layers):
+        rows = np.abs(layer.weight.astype(np.float64)).sum(axis=1)
+        largest = float((rows * max(most, 1.0) + np.abs(layer.bias)).max())
+        if not largest <= FARTHEST:
+            raise InvalidInput(f"{where}: layers.{i} can give {largest:.0e}; allowed: {FARTHEST:.0e}")
+        most = 1.0 if layer.kind == "lstm" or layer.activation == "tanh" else largest
+
+
 def _document(text: str, folder: Path) -> Document:
+    said = files.json_of(text, folder / DOCUMENT)
     try:
         found = Document.model_validate_json(text)
     except ValidationError as error:
@@ -420,7 +444,7 @@ def _document(text: str, folder: Path) -> Document:
         place = ".".join(str(x) for x in first["loc"])
         what = f"{place}: {first['msg']}" if place else first["msg"]
         raise InvalidInput(f"policy '{folder}': {DOCUMENT} is not valid; {what}") from None
-    if found.sha256 and found.sha256 != _digest(json.loads(text)):
+    if found.sha256 and found.sha256 != _digest(said):
         raise InvalidInput(f"policy '{folder}': {DOCUMENT} is not as it was written; export or copy the policy again")
     return found
 

@@ -6,11 +6,11 @@ are changed by dotted name: ``algorithm.gamma=0.97``, ``environment.reward.rate=
 
 import importlib
 import inspect
-import math
-import tomllib
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
+
+from typing_extensions import TypedDict  # as pydantic wants it below Python 3.12
 
 from ..envs import consent, files
 from ..envs.plant.quantity import InvalidInput, did_you_mean
@@ -53,6 +53,35 @@ _RECURRENT = ("lstm_hidden_size", "n_lstm_layers", "shared_lstm", "enable_critic
 _BY_STATE = ("spread_by_state",)
 _CRITICS = ("n_critics",)
 _QUANTILES = ("n_quantiles", "top_quantiles_to_drop_per_net")  # the second belongs to the algorithm
+
+
+class Arguments(TypedDict, total=False):
+    """Kinds of what the tables ``environment`` and ``evaluation`` hold."""
+
+    scenario: str | list[str]
+    control: str
+    observation: str
+    split: str
+    reward: dict[str, float]
+    base: str
+    machine: dict[str, Any]  # a scenario checks it
+    path: str
+    max_steps: int
+    extrapolate: bool
+    num_envs: int
+    num_threads: int
+    every: int
+    episodes: int
+
+
+LARGEST = 10**18
+"""Any number that is larger is a slip; the libraries could not hold it."""
+
+MOST_SCENARIOS = 1000
+"""In a list; each is read and prepared by itself."""
+
+MOST = {"environment.num_envs": 100_000, "environment.num_threads": 1024}
+"""Machines, and threads that step them."""
 
 
 @dataclass(frozen=True)
@@ -151,12 +180,14 @@ def _check_argument(key: str, value: Any, default: Any) -> None:
         return
     if key == "algorithm.gradient_steps" and value == -1:  # as many as samples
         return
-    most = 1.0 if key.split(".")[1] in _SHARES else math.inf
+    most = 1.0 if key.split(".")[1] in _SHARES else LARGEST
     whole = isinstance(default, int)
     number = isinstance(value, int if whole else int | float) and not isinstance(value, bool)
-    if not number or not 0 <= value <= most or math.isinf(value):
+    if not number or not 0 <= value <= most:
         kind = "a whole number" if whole else "a number"
-        raise InvalidInput(f"{key} = {value!r}; {kind} {'from 0 to 1' if most == 1.0 else 'from 0 on'}")
+        raise InvalidInput(
+            f"{key} = {files.shown(value)}; {kind} {'from 0 to 1' if most == 1.0 else f'from 0 on, at most {most:g}'}"
+        )
 
 
 def known(settings: Settings, table: str) -> list[str]:
@@ -191,31 +222,39 @@ def checked(settings: Settings) -> Settings:
     for table in ("environment", "algorithm", "policy", "evaluation", "checkpoint"):
         content, allowed = getattr(settings, table), known(settings, table)
         if not isinstance(content, dict):
-            raise InvalidInput(f"setting '{table}' is a table, not {content!r}")
+            raise InvalidInput(f"setting '{table}' is a table, not {files.shown(content)}")
         for key in content:
             if key not in allowed:
                 shown = [f"{table}.{name}" for name in allowed]
                 raise InvalidInput(f"unknown setting '{table}.{key}'; {did_you_mean(f'{table}.{key}', shown)}")
+        if table in ("environment", "evaluation"):
+            files.fitting(Arguments, content, table)
+            if isinstance(several := content.get("scenario"), list) and len(several) > MOST_SCENARIOS:
+                raise InvalidInput(f"{table}.scenario has {len(several):,} entries; at most {MOST_SCENARIOS:,}")
     counts = {
         "steps": settings.steps,
         "environment.num_envs": settings.environment.get("num_envs", 1),
+        "environment.num_threads": settings.environment.get("num_threads", 1),
         "evaluation.every": settings.evaluation.get("every", 1),
         "evaluation.episodes": settings.evaluation.get("episodes", 1),
         "checkpoint.every": settings.checkpoint.get("every", 1),
     }
     for key, value in counts.items():
-        if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-            raise InvalidInput(f"{key} = {value!r}; a whole number, at least 1")
+        most = MOST.get(key, LARGEST)
+        if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= most:
+            span = f"from 1 to {most:,}" if key in MOST else "at least 1"
+            raise InvalidInput(f"{key} = {files.shown(value)}; a whole number, {span}")
     arguments = _arguments(settings.name)
     for key, value in settings.algorithm.items():
         if key in arguments:
             _check_argument(f"algorithm.{key}", value, arguments[key].default)
     by_state = settings.policy.get("spread_by_state", False)
     if not isinstance(by_state, bool):
-        raise InvalidInput(f"policy.spread_by_state = {by_state!r}; true or false")
+        raise InvalidInput(f"policy.spread_by_state = {files.shown(by_state)}; true or false")
     activation = settings.policy.get("activation", "tanh")
     if activation not in ACTIVATIONS:
-        raise InvalidInput(f"policy.activation = {activation!r}; {did_you_mean(str(activation), ACTIVATIONS)}")
+        given = files.shown(activation)
+        raise InvalidInput(f"policy.activation = {given}; {did_you_mean(given, ACTIVATIONS)}")
     positive = {
         **{f"algorithm.{k}": settings.algorithm[k] for k in _OURS if k in settings.algorithm},
         **{f"policy.{k}": settings.policy[k] for k in ("spread", "output_gain") if k in settings.policy},
@@ -223,8 +262,9 @@ def checked(settings: Settings) -> Settings:
     for key, value in positive.items():
         several = isinstance(value, list) and key == "policy.spread"
         for number in value if several else [value]:
-            if isinstance(number, bool) or not isinstance(number, int | float) or not 0 < number < math.inf:
-                raise InvalidInput(f"{key} = {value!r}; a number above 0{', or one for each action' * several}")
+            if isinstance(number, bool) or not isinstance(number, int | float) or not 0 < number <= LARGEST:
+                which = "a number above 0" + ", or one for each action" * several
+                raise InvalidInput(f"{key} = {files.shown(value)}; {which}")
     return settings
 
 
@@ -273,7 +313,7 @@ def from_file(path: Path, name: str, env: str | None = None, changes: dict[str, 
         env = mine if what == "env" and mine is not None else env
     env = env or next(iter(ENVIRONMENTS))
     if not isinstance(env, str):
-        raise InvalidInput(f"'{path}': env = {env!r}; allowed: {', '.join(ENVIRONMENTS)}")
+        raise InvalidInput(f"'{path}': env = {files.shown(env)}; allowed: {', '.join(ENVIRONMENTS)}")
     preset_file(name, env)  # an unknown one is an error here
     values.pop(PROVENANCE, None)
     tables = known(Settings(name, env), "")
@@ -283,7 +323,11 @@ def from_file(path: Path, name: str, env: str | None = None, changes: dict[str, 
     for table in ("environment", "evaluation"):
         inner = values.get(table)
         consent.required(inner.get("base") if isinstance(inner, dict) else None, f"{path}: {table}.base")
-    return checked(Settings(name, env, **values)).varied(changes or {})
+    try:
+        found = checked(Settings(name, env, **values))
+    except InvalidInput as error:
+        raise InvalidInput(f"{path}: {error}") from None
+    return found.varied(changes or {})
 
 
 def _named(path: Path) -> dict[str, str]:
@@ -304,7 +348,7 @@ def parsed(assignments: list[str]) -> dict[str, Any]:
         if not equals or not key.strip():
             raise InvalidInput(f"--set {text}: not of the form key=value, as in algorithm.gamma=0.97")
         try:
-            changes[key.strip()] = tomllib.loads(f"x = {value}")["x"]
-        except tomllib.TOMLDecodeError:
+            changes[key.strip()] = files.toml_of(f"x = {value}", text)["x"]
+        except InvalidInput:
             changes[key.strip()] = value.strip()
     return changes

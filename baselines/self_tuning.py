@@ -12,6 +12,10 @@ symmetric and positive definite by construction, however long the machine runs: 
 matrix loses both to rounding, and forgetting makes what is lost grow. Along a direction that is not excited D stops
 growing at the variance known before learning.
 
+A reading off what was predicted is bridged by the prediction, unless it goes on from the readings before; one that is
+off for longer than ``hold`` is real. Then the readings of the bridge count after all, and until all that predictions
+are made from lies behind the jump the trend is fed forward instead.
+
 What an innovation exceeds ``gate`` times the usual one by is cut off, so a step hardly disturbs what has been learnt.
 The command is the predicted speed, ``lead`` ahead, with a share of its change, and a proportional term on the error.
 """

@@ -10,7 +10,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from . import scenarios
+from . import files, scenarios
 from .plant.fleet import Fleet
 from .plant.lanes import mix
 from .plant.quantity import InvalidInput, did_you_mean
@@ -185,8 +185,9 @@ def weights_of(reward: dict[str, float] | None, default: Any) -> Any:
     for name, value in (reward or {}).items():
         if name not in default._fields:
             raise InvalidInput(f"unknown reward term '{name}'; {did_you_mean(name, default._fields)}")
-        if not np.isfinite(value) or value < 0:
-            raise InvalidInput(f"reward.{name} = {value} is out of range; allowed: 0 and up")
+        number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+        if not number or not 0 <= value < np.inf:
+            raise InvalidInput(f"reward.{name} = {files.shown(value)} is out of range; allowed: 0 and up")
         if name == "tolerance" and value == 0:
             raise InvalidInput("reward.tolerance = 0 is out of range; allowed: above 0, in mm")
     return default._replace(**(reward or {}))

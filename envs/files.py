@@ -1,13 +1,17 @@
 """Files that others wrote: what may be read of them at all.
 
 Only regular files are read, since a pipe may never end and a device may never stop; only up to a size; text is UTF-8;
-TOML and JSON are flat. Everything else is an error that says what is wrong and what is allowed.
+TOML and JSON are flat, and their whole numbers have 64 bits. Everything else is an error that says what is wrong and
+what is allowed.
 """
 
+import functools
 import json
 import os
+import re
 import stat
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +49,13 @@ def checked(path: str | Path, most: int) -> Path:
     Raises:
         InvalidInput: it is none, too large, or cannot be opened.
     """
-    os.close(_opened(path, most))
+    handle = _opened(path, most)
+    try:
+        os.read(handle, 1)  # some files of the system pass for regular ones until they are read
+    except OSError as error:
+        raise InvalidInput(f"cannot read '{path}': {error.strerror}") from None
+    finally:
+        os.close(handle)
     return Path(path)
 
 
@@ -103,11 +113,13 @@ def toml_of(words: str, where: str | Path) -> dict[str, Any]:
         InvalidInput: it is none, or deeper than any of ours.
     """
     try:
-        return _flat(tomllib.loads(words), where)
+        found = tomllib.loads(words)
     except RecursionError:
         raise _too_deep(where) from None
     except ValueError as error:  # also an integer of thousands of digits
         raise InvalidInput(f"{where}: not valid TOML: {error}") from None
+    _check(found, where)
+    return found
 
 
 def json_(path: str | Path, most: int = RECORD) -> Any:
@@ -126,11 +138,86 @@ def json_of(words: str, where: str | Path) -> Any:
         InvalidInput: it is none, or deeper than any of ours.
     """
     try:
-        return _flat(json.loads(words), where)
+        found = json.loads(words)
     except RecursionError:
         raise _too_deep(where) from None
     except ValueError as error:
         raise InvalidInput(f"cannot read '{where}': not valid JSON: {error}") from None
+    _check(found, where)
+    return found
+
+
+def fitting(kind: Any, found: Any, where: str | Path) -> None:
+    """Makes sure that what a file holds is of a declared kind: no text for a number, no number for a text.
+
+    Args:
+        kind: a ``TypedDict``; keys that it does not name may hold anything.
+        found: what was parsed.
+        where: file, and table within.
+
+    Raises:
+        InvalidInput: the first key of another kind, with its place.
+    """
+    from pydantic import ValidationError
+
+    try:
+        _validator(kind).validate_python(found)
+    except ValidationError as error:
+        first = max(error.errors(include_url=False), key=lambda each: len(each["loc"]))  # the kind that nearly fits
+        place = ".".join(str(key) for key in first["loc"] if key not in _FORMS)
+        value = shown(first["input"]) if isinstance(first["input"], _PLAIN) else f"a {type(first['input']).__name__}"
+        at = f"{place} is {value}" if place else f"found {value}"
+        raise InvalidInput(f"{where}: {at}; {_lower(first['msg'])}") from None
+
+
+@functools.cache
+def _validator(kind: Any) -> Any:
+    from pydantic import TypeAdapter
+
+    kind.__pydantic_config__ = {"extra": "allow", "strict": True, "allow_inf_nan": True}
+    return TypeAdapter(kind)
+
+
+_PLAIN = (str, int, float, bool, type(None))
+
+_FORMS = ("str", "float", "int", "bool", "list[str]", "none")
+"""What pydantic adds to a place where several kinds are allowed."""
+
+
+def _lower(words: str) -> str:
+    return words[:1].lower() + words[1:]
+
+
+def shown(value: Any, most: int = 80) -> str:
+    """A value in an error, however long it is."""
+    try:
+        words = repr(value)
+    except ValueError:  # a whole number of thousands of digits
+        return "a number without an end"
+    return words if len(words) <= most else f"{words[:most]}…"
+
+
+def exists(path: str | Path, is_kind: Callable[[Path], bool] = Path.exists) -> bool:
+    """Whether there is something of this name; there is nothing where none can be called so, as of a longer one.
+
+    Args:
+        path: what a file or a user names.
+        is_kind: what it has to be, such as ``Path.is_dir``.
+    """
+    try:
+        return is_kind(Path(path))
+    except (OSError, ValueError):
+        return False
+
+
+def is_file(path: str | Path) -> bool:
+    """The same of a file."""
+    return exists(path, Path.is_file)
+
+
+def is_folder(path: str | Path) -> bool:
+    """The same of a folder."""
+    return exists(path, Path.is_dir)
 
 
 def within(folder: Path, name: Any, what: str) -> Path:
@@ -172,12 +259,30 @@ def _too_deep(where: str | Path) -> InvalidInput:
     return InvalidInput(f"{where}: more than {DEEPEST} tables or lists within one another")
 
 
-def _flat(found: Any, where: str | Path) -> Any:
-    """What was parsed, if it is not deep: whatever looks at it may call itself."""
+_NO_TEXT = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]")
+
+
+def is_text(words: str) -> bool:
+    """Whether text holds nothing that steers a terminal, ends a path or cannot be written."""
+    return _NO_TEXT.search(words) is None
+
+
+def _check(found: Any, where: str | Path) -> None:
+    """Raises :class:`InvalidInput` unless whatever looks at what was parsed may call itself, show it, write it again:
+    it is not deep, its whole numbers have 64 bits, as TOML wants it, and its text is text."""
     layer = [found]
     for _ in range(DEEPEST):
+        if not layer:
+            return
+        keys = [key for each in layer if isinstance(each, dict) for key in each]
+        for each in (*keys, *layer):
+            if type(each) is int and not -(2**63) <= each < 2**63:
+                raise InvalidInput(f"{where}: {shown(each, 24)} is no number of 64 bits")
+            if isinstance(each, str) and not is_text(each):
+                raise InvalidInput(
+                    f"{where}: {ascii(each)[:80]} is no text: it holds a control character, or half of one"
+                )
         layer = [x for each in layer if isinstance(each, dict | list)
                  for x in (each.values() if isinstance(each, dict) else each)]  # fmt: skip
-        if not layer:
-            return found
-    raise _too_deep(where)
+    if layer:
+        raise _too_deep(where)

@@ -343,9 +343,8 @@ class Reading(_Section):
         """
         from .paths.read import read as read_path
 
-        join = None if self.join == SPACING else self.join
         return read_path(
-            file, layers=self.layers or None, units=self.units, colours=self.colours or None, join=join,
+            file, layers=self.layers or None, units=self.units, colours=self.colours or None, join=self.join,
             text=self.text, hatches=self.hatches,
         )  # fmt: skip
 
@@ -1083,7 +1082,7 @@ def load(name: str | Path | Scenario) -> Scenario:
     for group in suites():
         if str(name) in rules(group)["scenarios"]:
             return _shipped(group, str(name))
-    if str(name).endswith(".toml") or Path(name).is_file():
+    if str(name).endswith(".toml") or files.is_file(name):
         return read(name)
     known = [s for group in suites() for s in suite(group)]
     raise InvalidInput(f"unknown scenario '{name}'; {did_you_mean(str(name), known)}, or a path to a TOML file")

@@ -15,7 +15,6 @@ import copy
 import importlib
 import importlib.util
 import inspect
-import math
 import re
 import sys
 import traceback
@@ -25,6 +24,8 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
+
+from typing_extensions import TypedDict  # as pydantic wants it below Python 3.12
 
 from . import consent, files, secrets
 from .plant import calibration, filters, idle, planning, sensor, supervisor
@@ -354,6 +355,11 @@ def is_team(spec: str) -> bool:
     return len([part for part in spec.split(",") if part.split("=")[0] in SLOTS]) > 1
 
 
+class _Tuned(TypedDict, total=False):
+    controller: str
+    parameters: dict[str, float | str]
+
+
 def tuned(path: str) -> tuple[str, dict[str, Any], dict[str, Any]]:
     """What a ``tuned.toml`` holds: the controller it started from, the parameters that differ, how they were found.
 
@@ -365,8 +371,13 @@ def tuned(path: str) -> tuple[str, dict[str, Any], dict[str, Any]]:
     base, parameters = data.get("controller"), data.get("parameters")
     if not isinstance(base, str) or not isinstance(parameters, dict) or base.endswith(".toml"):
         raise InvalidInput(f"{path}: not a tuned controller; it needs 'controller', a name, and a table [parameters]")
+    files.fitting(_Tuned, data, path)
     consent.required(base, f"{path}: controller")
     return base, parameters, recorded(data.get("provenance", {}), f"{path}: provenance")
+
+
+MOST_SPENT = 1e18
+"""Steps, trials or seconds of a search; what is more was never spent."""
 
 
 def recorded(record: Any, where: str) -> dict[str, Any]:
@@ -377,11 +388,11 @@ def recorded(record: Any, where: str) -> dict[str, Any]:
         InvalidInput: it is no table, its trials, steps or CPU-seconds are no numbers from 0 on, or its seeds no seeds.
     """
     if not isinstance(record, dict):
-        raise InvalidInput(f"{where}: {record!r} is no table such as {{'trials': 40, 'tune_seeds': '0-31'}}")
+        raise InvalidInput(f"{where}: {files.shown(record)} is no table such as {{'trials': 40, 'tune_seeds': '0-31'}}")
     for key in ("trials", "simulated_steps", "steps", "training_steps", "cpu_seconds"):
         value = record.get(key, 0)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < math.inf:
-            raise InvalidInput(f"{where}: {key} is {value!r}; allowed: a number from 0 on")
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= MOST_SPENT:
+            raise InvalidInput(f"{where}: {key} is {files.shown(value)}; allowed: a number from 0 to {MOST_SPENT:g}")
     for key in ("seeds", "tune_seeds", "checked_on"):
         _check_seeds(record.get(key, ""), f"{where}: {key}")
     for key in ("policy", "ledger", "start", *SLOTS):
@@ -396,7 +407,8 @@ def _check_seeds(seeds: Any, where: str) -> None:
     for each in seeds.values() if isinstance(seeds, dict) else [seeds]:
         whole = [each] if isinstance(each, int) else each if isinstance(each, list | tuple) else []
         if not isinstance(each, str | int | list | tuple) or not all(isinstance(n, int) and n >= 0 for n in whole):
-            raise InvalidInput(f"{where} is {each!r}; allowed: text such as '0-31', or whole numbers from 0 on")
+            allowed = "text such as '0-31', or whole numbers from 0 on"
+            raise InvalidInput(f"{where} is {files.shown(each)}; allowed: {allowed}")
 
 
 def _tuned_stack(path: str) -> Stack:
@@ -443,10 +455,7 @@ def _overrides(text: str, spec: str) -> dict[str, Any]:
 def _of_folder(text: str) -> Stack | None:
     """The stack that a folder holds; None if it is a controller's name."""
     folder = shelved().get(text) or Path(text)
-    try:
-        if not text or text in names() or not folder.is_dir():
-            return None
-    except OSError:  # longer than any path
+    if not text or text in names() or not files.is_folder(folder):
         return None
     for loader in FOLDERS:
         module, function = loader.split(":")
@@ -498,7 +507,7 @@ def _told(error: Exception, file: Path | None) -> str:
 
 
 def _import_file(path: Path) -> Any:
-    if not path.exists():
+    if not files.exists(path):
         raise InvalidInput(f"no file '{path}'")
     files.checked(path, files.SETTINGS)
     spec = importlib.util.spec_from_file_location(f"kerfgym_user_{path.stem}", path)

@@ -48,7 +48,8 @@ def drawing_of(
     drawing = kerf.compensated(drawing, job.kerf)
     check_travel(drawing, travel)
     corner = np.concatenate(drawing.pieces).min(axis=0)
-    return replace(drawing, pieces=[piece - corner for piece in drawing.pieces])
+    origin = (drawing.origin[0] + float(corner[0]), drawing.origin[1] + float(corner[1]))
+    return replace(drawing, pieces=[piece - corner for piece in drawing.pieces], origin=origin)
 
 
 def route_of(scenario: Scenario) -> Route:

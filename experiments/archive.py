@@ -129,8 +129,9 @@ def load(folder: str | Path) -> Archive:
     meta = {key: value for key, value in record.items() if key != "format"}
     for name, entry in entries.items():
         try:
-            grids[name] = _grid(folder, name, entry, meta, notes)
-            texts[name] = _texts(files.within(folder, entry["folder"], "folder") / "scenarios")
+            found = _grid(folder, name, entry, meta, notes)
+            texts[name] = _texts(folder, f"{entry['folder']}/scenarios")
+            grids[name] = found
         except InvalidInput as error:
             notes.append(f"Suite {name} of run {folder.name} is left out: {error}.")
     if not grids:
@@ -144,8 +145,9 @@ def load(folder: str | Path) -> Archive:
 
 def _record(folder: Path) -> dict[str, Any]:
     """``run.json`` in today's form."""
-    if not folder.is_dir():
-        there = [file.parent.name for file in sorted(folder.parent.glob("*/run.json"))]
+    if not files.is_folder(folder):
+        beside = folder.parent.glob("*/run.json") if files.is_folder(folder.parent) else ()
+        there = [file.parent.name for file in sorted(beside)]
         hint = f"; {did_you_mean(folder.name, there)}" if there else f"; there is none in '{folder.parent}'"
         raise InvalidInput(f"no run folder '{folder}'{hint.replace('; (', ' (')}")
     file = folder / "run.json"
@@ -226,8 +228,11 @@ def _grid(folder: Path, name: str, entry: Any, meta: dict[str, Any], notes: list
         raise InvalidInput(f"the record of suite '{name}' in '{folder / 'run.json'}' lacks {error}") from None
 
 
-def _texts(folder: Path) -> dict[str, str]:
-    return {file.stem: files.text(file, files.SETTINGS) for file in sorted(folder.glob("*.toml"))}
+def _texts(folder: Path, name: str) -> dict[str, str]:
+    """Scenarios by name; no link among them leads out of the run's folder, since a report holds what they say."""
+    place = files.within(folder, name, "folder")
+    inside = [files.within(folder, f"{name}/{file.name}", "scenario") for file in sorted(place.glob("*.toml"))]
+    return {file.stem: files.text(file, files.SETTINGS) for file in inside}
 
 
 def _table(at: Path, name: str, stamp: str | None, notes: list[str], needed: bool = False) -> pd.DataFrame:

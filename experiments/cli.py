@@ -27,6 +27,10 @@ PIPE_CLOSED = 128 + 13
 TRAINING = ("torch", "stable_baselines3", "sb3_contrib", "tensorboard")
 """Packages that only trainings need; policies run without."""
 
+SAFE_PATH = "PYTHONSAFEPATH"
+"""Tells Python not to look for modules in the folder in which it is started. Worker processes would, and run a json.py
+that lies there."""
+
 KINDS = ("environments", "scenarios", "controllers", "metrics")
 
 
@@ -149,6 +153,9 @@ def benchmark(
         resume: finish what another command began; what the same command began goes on without.
     """
     _agree(allow_code)
+    from . import pool
+
+    pool.check(backend, jobs, scheduler)  # before anything that takes time
     from . import archive, grids, runs
     from . import benchmark as bench
 
@@ -161,7 +168,7 @@ def benchmark(
     if path is not None:
         tell(path, reading)
     for note in grids.planning(planned):
-        print(f"kerfgym: {note}", file=sys.stderr)
+        typed.say(note)
     folder = runs.named(name, resume=resume)
     try:
         results = bench.run_grids(
@@ -315,7 +322,7 @@ def render(
         from .plans import draw
 
         for note in draw(out, plan, scenario, how, drawing.reading()):
-            print(f"kerfgym: {note}", file=sys.stderr)
+            typed.say(f"{plan}: {note}")
         print(out)
         return
     from .film import film
@@ -550,13 +557,18 @@ def main(arguments: list[str] | None = None) -> None:
     after = typed.AFTERWARDS.set(closing)
     if arguments is None:  # a process of its own: its runs are over when it is, at the very last
         atexit.register(closing.close)
+    closing.callback(_alone, os.environ.get(SAFE_PATH))
+    os.environ[SAFE_PATH] = "1"
     try:
         tyro.extras.subcommand_cli_from_dict(
             COMMANDS, prog="kerfgym", description="Testbed for laser-cutting machine control.", args=words
         )
         sys.stdout.flush()
     except InvalidInput as error:
-        print(f"kerfgym: error: {error}", file=sys.stderr)
+        print(f"kerfgym: error: {typed.told(error)}", file=sys.stderr)
+        raise SystemExit(2) from None
+    except MemoryError:
+        print("kerfgym: error: not enough memory for this; what is finished is kept", file=sys.stderr)
         raise SystemExit(2) from None
     except ModuleNotFoundError as error:
         if (error.name or "").split(".")[0] not in TRAINING:
@@ -585,6 +597,14 @@ def main(arguments: list[str] | None = None) -> None:
         typed.AFTERWARDS.reset(after)
         if arguments is not None:
             closing.close()
+
+
+def _alone(before: str | None) -> None:
+    """Lets processes that are started from now on look for modules where they did."""
+    if before is None:
+        os.environ.pop(SAFE_PATH, None)
+    else:
+        os.environ[SAFE_PATH] = before
 
 
 def _unread() -> bool:

@@ -24,7 +24,7 @@ import tyro
 from joblib import Parallel, delayed
 from scipy import stats
 
-from ..envs.plant.quantity import InvalidInput
+from . import script
 from .bars import Bars
 from .inference import LEVEL, Interval, Sample
 from .resampling import Statistic, log_score, mean_of_middle, replicate
@@ -213,7 +213,4 @@ def main(
 
 
 if __name__ == "__main__":
-    try:
-        tyro.cli(main)
-    except InvalidInput as error:
-        raise SystemExit(f"kerfgym: error: {error}") from None
+    script.run(main, "kerfgym.experiments.coverage")

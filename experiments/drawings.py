@@ -1,11 +1,12 @@
 """How the commands read the drawing of ``--path``, and what they say about it."""
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import UseAppendAction, arg
+
+from . import typed
 
 if TYPE_CHECKING:
     from ..envs.scenarios import Reading
@@ -57,4 +58,4 @@ def tell(path: Path, reading: "Reading") -> None:
 
     drawing = drawn(str(path), reading)
     for line in (drawing.summary, *drawing.notes):
-        print(f"kerfgym: {path}: {line}", file=sys.stderr)
+        typed.say(f"{path}: {line}")

@@ -1,5 +1,6 @@
 """Films of one episode."""
 
+import errno
 import itertools
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -121,9 +122,12 @@ def _write(out: Path, frames: Iterator[np.ndarray], expected: int) -> None:
                 output_params=["-f", "mp4"],
             )  # fmt: skip
             film_.send(None)
+            count = 0
             for frame in itertools.chain([first], shown):
                 film_.send(np.ascontiguousarray(frame))
+                count += 1
             film_.close()
+            _whole(part, count)
         elif out.suffix == ".gif":
             others = map(Image.fromarray, shown)
             Image.fromarray(first).save(
@@ -132,3 +136,15 @@ def _write(out: Path, frames: Iterator[np.ndarray], expected: int) -> None:
         else:
             Image.fromarray(first).save(part, format="PNG")
             next(shown, None)
+
+
+def _whole(film_: Path, frames: int) -> None:
+    """Raises :class:`OSError` unless a film has all its frames: ffmpeg says nothing of a full disk."""
+    import imageio_ffmpeg
+
+    try:
+        found = imageio_ffmpeg.count_frames_and_secs(str(film_))[0]
+    except RuntimeError:  # it has not even a head
+        found = 0
+    if found != frames:
+        raise OSError(errno.ENOSPC, f"{found} of {frames} frames were written")

@@ -15,7 +15,6 @@ predicted nothing.
 """
 
 import sys
-import tomllib
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,6 +23,7 @@ import pandas as pd
 import tomli_w
 from scipy.optimize import least_squares
 
+from ..envs import files
 from ..envs import stack as stacks
 from ..envs.recording import Recording
 from ..envs.scenarios import Axis, Head, Scenario, Sheet, Wave
@@ -154,7 +154,7 @@ def fit(seeds: Any = SEEDS, start: Parameters | None = None) -> Parameters:
 
 def load() -> Parameters:
     """The identified parameters."""
-    return Parameters(**tomllib.loads(FILE.read_text(encoding="utf-8"))["parameters"])
+    return Parameters(**files.toml(FILE)["parameters"])
 
 
 def main() -> None:

@@ -24,7 +24,7 @@ COLUMNS = ("scenarios", "picture", "cuts", "warnings")
 
 
 def draw(out: Path, part: str, scenario: str, cut_as: Mapping[str, float], reading: Reading | None = None) -> list[str]:
-    """Writes the plan of a part; returns what a user should know.
+    """Writes the plan of a part; returns what a user should know, of a drawing with what is in it first.
 
     Args:
         out: file to write.
@@ -52,7 +52,8 @@ def draw(out: Path, part: str, scenario: str, cut_as: Mapping[str, float], readi
             file.write_bytes(png(page))
         else:
             page.savefig(file, format=out.suffix[1:].lower())
-    return [*route.drawing.notes, *route.warnings]
+    summary = [] if part in PARTS else [scenarios.drawn(part, case.drawing).summary]
+    return [*summary, *route.drawing.notes, *route.warnings]
 
 
 def table(cases: Iterable[Scenario]) -> pd.DataFrame:

@@ -3,10 +3,14 @@
 What a task gives depends on nothing but the task, so every pool gives the same.
 """
 
+import asyncio
+import concurrent.futures
 import contextlib
 import importlib.util
 import logging
 import os
+import re
+import socket
 import sys
 import threading
 import time
@@ -19,15 +23,21 @@ from ..envs.plant.quantity import InvalidInput, did_you_mean
 BACKENDS = ("loky", "dask")
 """Processes of this machine · a dask cluster, its own or one that is told by its scheduler's address."""
 
+ANSWER = 2.0
+"""Seconds until a scheduler must have answered."""
+
 PATIENCE = 20
-"""Seconds until a scheduler must have answered and have workers."""
+"""Seconds until it must have workers."""
+
+_ADDRESS = re.compile(r"(?:\w+://)?(\[[^\]]+\]|[^\[\]:/@]+):(\d{1,5})/?")
 
 
 def check(backend: str, workers: int, scheduler: str | None) -> None:
     """Makes sure that there is such a pool.
 
     Raises:
-        InvalidInput: unknown backend, no worker, or a scheduler for another backend than dask.
+        InvalidInput: unknown backend, no worker, a scheduler for another backend than dask, or one that does not
+            answer.
     """
     if backend not in BACKENDS:
         raise InvalidInput(f"unknown backend '{backend}'; {did_you_mean(backend, BACKENDS)}")
@@ -38,6 +48,34 @@ def check(backend: str, workers: int, scheduler: str | None) -> None:
         raise InvalidInput(f"--jobs {workers} is out of range; at least 1")
     if scheduler is not None and backend != "dask":
         raise InvalidInput("--scheduler is the address of a dask scheduler; it needs --backend dask")
+    if scheduler is not None:
+        _answers(scheduler)
+
+
+def _answers(scheduler: str) -> None:
+    """Raises :class:`InvalidInput` unless a scheduler answers at the address. By itself dask would ask for half a
+    minute, and wait for ever for somebody else's answer."""
+    shown = secrets.masked_word(scheduler)
+    found = _ADDRESS.fullmatch(scheduler)
+    if not found or int(found[2]) > 65535:
+        raise InvalidInput(f"--scheduler '{shown}' is not an address such as tls://10.0.0.1:8786")
+    try:
+        socket.create_connection((found[1].strip("[]"), int(found[2])), timeout=ANSWER).close()
+        with concurrent.futures.ThreadPoolExecutor(1) as thread:  # whoever calls may have a loop of his own
+            thread.submit(asyncio.run, _greeted(scheduler)).result()
+    except Exception as error:  # a stranger's answer may be anything, also a length beyond all memory
+        said = str(error) or "it does not greet as one does"
+        raise InvalidInput(f"no dask scheduler at '{shown}': {secrets.without(said, scheduler)}") from None
+
+
+async def _greeted(scheduler: str) -> None:
+    """Says hello to a scheduler as its clients do."""
+    from distributed import Security
+    from distributed.comm import connect
+
+    how = Security().get_connection_args("client")
+    async with asyncio.timeout(ANSWER):
+        (await connect(scheduler, timeout=ANSWER, **how)).abort()
 
 
 def spread(
@@ -108,6 +146,8 @@ def _cluster(workers: int, scheduler: str | None) -> Iterator[None]:
                 "it can run code as the user of its workers. Use a tls:// address, or a network of your own",
                 file=sys.stderr,
             )  # fmt: skip
+        if scheduler is not None:
+            _answers(scheduler)
         try:
             client = stack.enter_context(Client(cluster, timeout=PATIENCE))
             client.wait_for_workers(1, timeout=PATIENCE)

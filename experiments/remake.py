@@ -1,12 +1,12 @@
 """``kerfgym report``: a run's report once more, or one of several runs together."""
 
 import contextlib
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from ..envs import files
 from ..envs.plant.quantity import InvalidInput
-from . import archive, digest, merge, runs
+from . import archive, digest, merge, runs, typed
 from .archive import Archive
 from .bars import Bars
 
@@ -66,7 +66,7 @@ def remake(
 def _folder(name: str) -> Path:
     """The run folder of a path, or of a name in ``runs/``."""
     path = Path(name)
-    return path if path.is_dir() or len(path.parts) > 1 else Path("runs") / name
+    return path if files.is_folder(path) or len(path.parts) > 1 else Path("runs") / name
 
 
 def _loaded(folders: list[Path]) -> tuple[list[Archive], list[str]]:
@@ -80,7 +80,7 @@ def _loaded(folders: list[Path]) -> tuple[list[Archive], list[str]]:
         try:
             found.append(archive.load(folder))
         except InvalidInput as error:
-            if len(folders) == 1 or not folder.is_dir():
+            if len(folders) == 1 or not files.is_folder(folder):
                 raise
             broken.append(f"Left out: {error}.")
     if not found:
@@ -91,4 +91,4 @@ def _loaded(folders: list[Path]) -> tuple[list[Archive], list[str]]:
 def tell(archive_: Archive) -> None:
     """Prints what a reader of the report must know."""
     for note in archive_.meta.get("notes", []):
-        print(f"kerfgym: note: {note}", file=sys.stderr)
+        typed.say(f"note: {note}")

@@ -1,11 +1,13 @@
 """The plan of a job as a picture, before anything is cut.
 
 It shows what is part and what scrap, where each cut is pierced, how it is entered, in which order, and how the nozzle
-travels in between.
+travels in between. Its axes are those of the drawing's file and its numbers those of the drawing's contours, as in all
+messages, wherever the machine has the sheet.
 """
 
 import textwrap
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +21,7 @@ from matplotlib.path import Path as Outline
 from matplotlib.patheffects import withStroke
 
 from ..envs.paths.curve import Points
+from ..envs.paths.nesting import signed_area
 from ..envs.paths.route import Route
 
 INK, QUIET, PART, OUTLINE, HOLE, OPEN = "#1a1d20", "#6b737b", "#dfe7ef", "#1f4e79", "#0f8a80", "#7a4fa3"
@@ -46,6 +49,9 @@ ROOMY, CROWD = 60, 400
 NUMBERS = 40
 """Cuts that have a number in a crowd."""
 
+LETTERS_PER_INCH = 135.0
+"""Of a font of 1 pt, on average."""
+
 TOLD = 5
 """Warnings below the picture."""
 
@@ -68,7 +74,9 @@ def figure(route: Route, title: str = "", warnings: Sequence[str] | None = None,
 
 class _Plan:
     def __init__(self, route: Route, small: bool) -> None:
-        self.route, self.small = route, small
+        self.nesting = route.nesting
+        self.route = route = _in_the_file(route)
+        self.small = small
         ways = [p for cut in route.cuts for p in (cut.way, cut.path)]
         every = np.concatenate([*ways, *route.drawing.pieces])
         self.low, self.high = every.min(axis=0), every.max(axis=0)
@@ -96,7 +104,9 @@ class _Plan:
         self._numbers(axes, page)
         left = LEFT / self.wide
         page.text(left, 1.0 - 0.24 / height, title, size=11, weight="bold", color=INK, va="center")
-        page.text(left, 1.0 - 0.47 / height, self._facts(), size=8, color=QUIET, va="center")
+        facts = self._facts()
+        letters = min(8.0, LETTERS_PER_INCH * (self.wide - LEFT) / len(facts))
+        page.text(left, 1.0 - 0.47 / height, facts, size=letters, color=QUIET, va="center")
         page.legend(
             handles=self._key(), loc="lower center", bbox_to_anchor=(0.5, (below + 0.03) / height), ncols=8, fontsize=7,
             frameon=False, handlelength=1.6, columnspacing=1.3, labelcolor=INK,
@@ -112,6 +122,7 @@ class _Plan:
         middle, half = 0.5 * (self.low + self.high), 0.5 * scale * inches
         axes.set_xlim(middle[0] - half[0], middle[0] + half[0])
         axes.set_ylim(middle[1] - half[1], middle[1] + half[1])
+        axes.ticklabel_format(style="plain", useOffset=False)  # the file's own numbers, however far from its origin
         axes.tick_params(labelsize=6.5, colors=QUIET, length=2.5, width=0.5)
         axes.set_xlabel("x, mm", size=7, color=QUIET, labelpad=2)
         axes.set_ylabel("y, mm", size=7, color=QUIET, labelpad=2)
@@ -121,12 +132,11 @@ class _Plan:
 
     def _draw(self, axes: Axes) -> None:
         route = self.route
-        area, hole = route.nesting.area, route.nesting.hole
+        area, hole = self.nesting.area, self.nesting.hole
         solid = [i for i in np.argsort(-np.abs(area), kind="stable") if area[i]]
         if solid and not route.drawing.programmed:  # what of a programme is a part nobody knows
             # Outlines one way round and holes the other: what is wound around once is part.
-            pieces = [(i, route.drawing.pieces[i]) for i in solid]
-            rings = [_ring(p if (area[i] > 0) != hole[i] else p[::-1]) for i, p in pieces]
+            rings = [_ring(p[::-1] if hole[i] else p) for i in solid for p in _lobes(route.drawing.pieces[i])]
             filled = Outline.make_compound_path(*rings)
             patch = PathPatch(filled, facecolor=PART, edgecolor="none", zorder=1, transform=axes.transData)
             axes.add_artist(patch)  # add_patch would look at every point to find the limits, which are known
@@ -150,6 +160,8 @@ class _Plan:
         self._lines(axes, route.joints, JOINT, 3.0, 6)
         tight = np.array([c.way[0] for c in route.cuts if c.how == "on the contour"]).reshape(-1, 2)
         axes.plot(*tight.T, "o", ms=max(9.0 * self.thin, 5.0), mfc="none", mec=WARN, mew=1.0, zorder=7)
+        crossing = np.array(self.crossing).reshape(-1, 2)
+        axes.plot(*crossing.T, "x", ms=max(8.0 * self.thin, 5.0), mec=WARN, mew=1.4, zorder=7)
 
     def _lines(self, axes: Axes, lines: list[Points], colour: str, width: float, above: int) -> None:
         drawn = LineCollection(lines, colors=colour, linewidths=width * self.thin, zorder=above)
@@ -164,14 +176,15 @@ class _Plan:
             axes.plot(*at, marker=(3, 0, turn - 90.0), ms=4.0 * self.thin, mfc=RAPID, mec="none", zorder=2)
 
     def _numbers(self, axes: Axes, page: Figure) -> None:
-        """The place of each cut in the order, beside its pierce point, where there is room."""
+        """The number of each contour, beside its first pierce point, where there is room."""
         scale = page.dpi / 72.0
         pierced = axes.transData.transform(np.array([c.way[0] for c in self.route.cuts]))
         high, wide = 1.15 * self.letters * scale, 0.62 * self.letters * scale
         taken: set[tuple[int, int]] = set()
         cell = 0.6 * high
         for k in self._numbered():
-            number, cut, at = k + 1, self.route.cuts[k], pierced[k]
+            cut, at = self.route.cuts[k], pierced[k]
+            number = self.route.drawing.number(cut.contour)
             width = wide * len(str(number))
             for dx, dy in self._beside(cut.way):
                 x = at[0] + dx * (0.5 * width + 4.5 * scale * self.thin)
@@ -191,11 +204,11 @@ class _Plan:
                     break
 
     def _numbered(self) -> list[int]:
-        """Cuts whose place in the order is told: all; in a crowd the first, the last, and some in between, if there are
-        any those that loosen a part."""
-        cuts, nesting = self.route.cuts, self.route.nesting
+        """Cuts whose contour's number is told: the first of each; in a crowd the first, the last, and some in between,
+        if there are any those that loosen a part."""
+        cuts, nesting = self.route.cuts, self.nesting
         if not self.crowded:
-            return list(range(len(cuts)))
+            return [k for k, cut in enumerate(cuts) if k == 0 or cuts[k - 1].contour != cut.contour]
         holding = {j for around in nesting.around for j in around}
         parts = [k for k, cut in enumerate(cuts) if cut.contour in holding and not nesting.hole[cut.contour]]
         some = parts if 3 < len(parts) <= NUMBERS else range(len(cuts))
@@ -208,8 +221,13 @@ class _Plan:
         turns = angle + np.radians([0.0, 50.0, -50.0, 100.0, -100.0])
         return [(float(np.cos(a)), float(np.sin(a))) for a in turns]
 
+    @property
+    def crossing(self) -> list[tuple[float, float]]:
+        """Where contours cross themselves or others, one place for each."""
+        return [(m.x, m.y) for m in self.route.drawing.meetings.found if not m.along]
+
     def _kind(self, contour: int) -> str:
-        nesting = self.route.nesting
+        nesting = self.nesting
         if self.route.drawing.programmed:
             return "cut"
         return "open contour" if not nesting.area[contour] else "hole" if nesting.hole[contour] else "outline"
@@ -219,7 +237,8 @@ class _Plan:
         low, high = route.drawing.bounds
         size = high - low
         return " · ".join([
-            f"{size[0]:.5g} × {size[1]:.5g} mm", _count(len(route.drawing.pieces), "contour"),
+            f"{size[0]:.5g} × {size[1]:.5g} mm, drawn in {route.drawing.units}",
+            _count(len(route.drawing.pieces), "contour"),
             _count(len(route.cuts), "pierce"), f"{_length(route.cut_length)} cut",
             f"{_length(route.move_length)} rapid", *([_count(len(route.joints), "joint")] if route.joints else []),
             *(["cut as programmed"] if route.drawing.programmed else [f"kerf {route.cutting.kerf:.2g} mm"]),
@@ -246,7 +265,33 @@ class _Plan:
         if any(c.how == "on the contour" for c in route.cuts):
             ring = {"marker": "o", "ms": 7, "mfc": "none", "mec": WARN}
             out.append(Line2D([], [], color="none", label="no room for a lead-in", **ring))
+        if self.crossing:
+            cross = {"marker": "x", "ms": 6, "mec": WARN, "mew": 1.4}
+            out.append(Line2D([], [], color="none", label="contours cross", **cross))
         return out
+
+
+def _in_the_file(route: Route) -> Route:
+    """The route where the drawing's file has it."""
+    at, drawing = np.array(route.drawing.origin), route.drawing
+    return replace(
+        route, drawing=replace(drawing, pieces=[p + at for p in drawing.pieces], origin=(0.0, 0.0)),
+        cuts=[replace(cut, way=cut.way + at, path=cut.path + at) for cut in route.cuts],
+        joints=[joint + at for joint in route.joints],
+    )  # fmt: skip
+
+
+def _lobes(piece: Points) -> list[Points]:
+    """What a closed contour encloses, by the even-odd rule: itself, counter-clockwise, or, if it crosses itself, the
+    rings of its lobes, outer ones counter-clockwise and those within them clockwise."""
+    import shapely  # type: ignore[import-untyped]  # slow, as the readers of files are
+
+    shape = shapely.Polygon(piece)
+    if shape.is_valid:
+        return [piece if signed_area(piece) > 0 else piece[::-1]]
+    parts = [p for p in shapely.get_parts(shapely.make_valid(shape)) if p.area]
+    polygons = [shapely.orient_polygons(q) for p in parts for q in shapely.get_parts(p)]
+    return [np.array(ring.coords) for q in polygons for ring in (q.exterior, *q.interiors)]
 
 
 def _ring(points: Points) -> Outline:

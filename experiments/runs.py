@@ -9,7 +9,6 @@ import platform
 import re
 import shutil
 import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from importlib import metadata
@@ -30,6 +29,7 @@ UNFINISHED = (BEGUN, "parts", "study.journal")
 """What is found in the folder of a run that was interrupted."""
 
 _TEMPORARY = re.compile(r"\..+\.[a-z0-9_]{8}")
+_GONE = "removed_"
 
 PACKAGES = ("numpy", "numba", "scipy", "gymnasium", "pandas", "pyarrow")
 
@@ -50,16 +50,32 @@ def atomic(path: Path) -> Iterator[Path]:
         Path(name).unlink(missing_ok=True)
 
 
-def is_temporary(file: Path) -> bool:
-    """Whether a write that was killed, see :func:`atomic`, has left this file."""
-    return file.is_file() and _TEMPORARY.fullmatch(file.name) is not None
+def is_temporary(path: Path) -> bool:
+    """Whether a kill has left this file or folder: amid a write (:func:`atomic`) or a removal (:func:`discard`)."""
+    return _TEMPORARY.fullmatch(path.name) is not None
 
 
 def sweep(folder: Path) -> None:
-    """Removes what writes that were killed have left in a folder. Nobody else may be writing into it."""
-    for file in folder.rglob(".*"):
-        if is_temporary(file):
-            file.unlink()
+    """Removes what kills have left in a folder. Nobody else may be writing into it."""
+    for path in [path for path in folder.rglob(".*") if is_temporary(path)]:
+        _remove(path)
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)
+
+
+def discard(path: Path) -> None:
+    """Removes a folder or file. A kill leaves it as it was, or gone: half of a run's parts would be taken for all."""
+    if path.is_dir() and not path.is_symlink():
+        gone = path.with_name(f".{path.name}.{_GONE}")
+        _remove(gone)
+        os.replace(path, gone)
+        path = gone
+    _remove(path)
 
 
 def write_json(path: Path, data: Any) -> None:
@@ -201,7 +217,8 @@ def open_folder(path: Path, overwrite: bool = False, resume: bool = False, share
         raise InvalidInput(f"another command is at work in '{path}'")
     commands = begun(path)
     # A command that was killed in its first moment leaves a mark without a word in it.
-    finished, there = _finished(path), path.exists() and any(f.name != BEGUN or commands for f in path.iterdir())
+    files_ = [file for file in path.iterdir() if not is_temporary(file)] if path.exists() else []
+    finished, there = _finished(path), any(file.name != BEGUN or commands for file in files_)
     if resume and finished and not overwrite:
         raise InvalidInput(f"run folder '{path}' is finished; use --overwrite to replace it, or another --name")
     if there and not (overwrite or resume):
@@ -211,16 +228,13 @@ def open_folder(path: Path, overwrite: bool = False, resume: bool = False, share
             raise InvalidInput(
                 f"run folder '{path}' exists{whose}; use {hint}--overwrite to replace it, or another --name"
             )
-        print(f"kerfgym: goes on with '{path}', which was interrupted; --overwrite begins anew", file=sys.stderr)
+        typed.say(f"goes on with '{path}', which was interrupted; --overwrite begins anew")
     if overwrite and there:
         if not (finished or any((path / mark).exists() for mark in UNFINISHED)):
             raise InvalidInput(f"'{path}' is not a run folder; it is not overwritten")
         # What makes it a run's folder goes last: a kill meanwhile leaves one that may be overwritten.
         for file in sorted(path.iterdir(), key=lambda file: file.name in ("run.json", *UNFINISHED)):
-            if file.is_dir() and not file.is_symlink():
-                shutil.rmtree(file)
-            else:
-                file.unlink()
+            discard(file)
     path.mkdir(parents=True, exist_ok=True)
     return path
 
@@ -268,7 +282,7 @@ def _settle(path: Path, handle: int, spent: Sequence[str]) -> None:
     try:
         if (path / "run.json").is_file():
             for name in spent:
-                shutil.rmtree(path / name, ignore_errors=True)
+                discard(path / name)
             (path / BEGUN).unlink(missing_ok=True)
     finally:
         os.close(handle)

@@ -9,7 +9,6 @@ training goes on where its last checkpoint stands, unless machine, laws or setti
 """
 
 import argparse
-import json
 import shutil
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ import pandas as pd
 
 from ..agents import settings as presets
 from ..agents import train
-from ..envs import scenarios
+from ..envs import files, scenarios
 from . import benchmark, comparison, grids, runs
 from .figures.stamp import LAWS, LOADED, PLANNED, with_imports
 from .jobs import JobResults
@@ -33,6 +32,10 @@ SHIPPED: dict[str, tuple[str, str, int, dict[str, Any]]] = {
     # Window, trim and gain of the paper's loop from millisecond to millisecond, against the best fixed ones.
     "height-following-schedule-ppo": ("ppo", "kerfgym/HeightFollowing-v0", 0, {
         "environment.control": "schedule", "environment.base": "xi2023-tuned",
+        "environment.scenario": [
+            "tilt", "tilt", "wavy", "rough", "random-k2", "random-k3", "step", "step-flutter", "impulses", "impulses",
+            "flutter", "chatter", "chatter", "corners", "tone.toml", "mixed.toml",
+        ],
         "environment.reward.rate": 0.3,  # the default: a change of gain is no tremor
         "environment.reward.tolerance": 5e-4, "policy.spread": 0.4, "policy.spread_by_state": False,
         "algorithm.learning_rate": 1e-3, "algorithm.gamma": 0.98,  # what a window did shows later than a velocity
@@ -65,7 +68,7 @@ def _renew(run: Path) -> None:
     """Begins a training anew whose machine, law or settings are no longer those that it began with."""
     now = with_imports([Path(train.__file__)], (*LOADED, *PLANNED, *LAWS, "agents/presets/*.toml"))
     made_from = run / "made-from.json"
-    if not made_from.is_file() or json.loads(made_from.read_text(encoding="utf-8")) != now:
+    if not made_from.is_file() or files.json_(made_from) != now:
         shutil.rmtree(run, ignore_errors=True)
         run.mkdir(parents=True)
         runs.write_json(made_from, now)
@@ -102,7 +105,7 @@ def seeds_of(name: str, count: int) -> pd.DataFrame:
     traded = comparison.relative(found, WEIGHED) if isinstance(found, JobResults) else None
     rows = []
     for policy, seed in policies.items():
-        ledger = json.loads((folders[seed] / "run.json").read_text(encoding="utf-8"))["ledger"]
+        ledger = files.json_(folders[seed] / "run.json")["ledger"]
         row = {"seed": seed, "cpu_seconds": ledger["cpu_seconds"], "simulated_steps": ledger["simulated_steps"]}
         row |= {"failed": int(summary.loc[policy, "failed"])}
         row |= surely.loc[policy, ["score", "ratio", "ratio_low", "ratio_high"]].to_dict()

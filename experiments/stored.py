@@ -4,17 +4,40 @@ A record that somebody else wrote, or edited, is data: a key of the wrong kind i
 never lead out of the run's folder (:mod:`archive`).
 """
 
-import functools
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
+from pydantic import Strict
 from typing_extensions import TypedDict  # as pydantic wants it below Python 3.12
 
-from ..envs import job_metrics, names, secrets
+from ..envs import files, job_metrics, names, secrets
 from ..envs.metrics import METRICS
 from ..envs.plant.quantity import InvalidInput, did_you_mean
 from ..envs.stack import recorded
 
 Words = dict[str, str]
+Numbers = dict[str, float]
+
+
+class Commit(TypedDict, total=False):
+    """Of the package's checkout."""
+
+    commit: str | None
+    changed: bool
+
+
+class Computer(TypedDict, total=False):
+    """On which it was run."""
+
+    system: str
+    processor: str | None
+    cores: int | None
+
+
+class Cost(TypedDict, total=False):
+    """Of a controller in the run."""
+
+    simulated_steps: int
+    cpu_seconds: float
 
 
 class GridRecord(TypedDict, total=False):
@@ -31,15 +54,18 @@ class GridRecord(TypedDict, total=False):
     metric: str | None
     reference: str | None
     labels: list[str]
-    materials: list[tuple[str, float | None]]
+    materials: list[Annotated[tuple[str, float], Strict(False)]]  # in JSON it is a list
     seeds: str
     seed_count: int
-    ledger: dict[str, dict[str, Any]]
+    plates: list[float]
+    corners: list[str]
+    ledger: dict[str, Cost]
     tuning: dict[str, dict[str, Any]] | None
     programs: Words | None
     parameters: dict[str, dict[str, float | str]] | None
     decisions: dict[str, dict[str, float | None]] | None
-    bounds: dict[str, float] | None
+    bounds: Numbers | None
+    linear: Numbers | None
     machines: dict[str, list[str]] | None
 
 
@@ -49,10 +75,10 @@ class RunRecord(GridRecord, total=False):
     format: int
     command: str | list[str] | None
     kerfgym: str | None
-    git: dict[str, Any] | None
+    git: Commit | None
     python: str
     packages: Words
-    machine: dict[str, Any] | None
+    machine: Computer | None
     wall_seconds: float
     kernel: str | None
     notes: list[str]
@@ -60,24 +86,11 @@ class RunRecord(GridRecord, total=False):
     grids: Any  # each is looked at by itself, for one that is wrong does not hide the others
 
 
-@functools.cache
-def _validator(kind: Any) -> Any:
-    from pydantic import ConfigDict, TypeAdapter
-
-    kind.__pydantic_config__ = ConfigDict(extra="allow", strict=False)
-    return TypeAdapter(kind)
-
-
 def _checked(kind: Any, data: Any, where: str) -> dict[str, Any]:
-    from pydantic import ValidationError
-
-    try:
-        _validator(kind).validate_python(data)
-    except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(key) for key in first["loc"])
-        raise InvalidInput(f"{where}: {f'{place}: ' * bool(place)}{first['msg']}") from None
+    files.fitting(kind, data, where)
     found: dict[str, Any] = secrets.everywhere(data)
+    for name, record in (found.get("tuning") or {}).items():
+        recorded(record, f"{where}: tuning.{name}")
     return found
 
 
@@ -85,7 +98,7 @@ def run(data: Any, where: str) -> dict[str, Any]:
     """The record of a run as it was stored, without passwords.
 
     Raises:
-        InvalidInput: it is none, or a key is of the wrong kind; with its place.
+        InvalidInput: it is none, a key is of the wrong kind, or a provenance is none; with its place.
     """
     return _checked(RunRecord, data, where)
 
@@ -94,14 +107,15 @@ def grid(data: Any, suite: str, where: str) -> dict[str, Any]:
     """The record of one suite.
 
     Raises:
-        InvalidInput: as :func:`run`; also an unknown metric, or a provenance that is none.
+        InvalidInput: as :func:`run`; also an unknown metric, or jobs without one.
     """
     found = _checked(GridRecord, data, where)
     names.checked(suite.replace("/", "_"), f"{where}: suite")
-    for name, record in (found.get("tuning") or {}).items():
-        recorded(record, f"{where}: tuning.{name}")
     metric = found.get("metric")
     known = {**METRICS, **job_metrics.METRICS}
+    for key in ("metric", "reference"):
+        if found.get("kind") == "jobs" and found.get(key) is None:
+            raise InvalidInput(f"{where}: '{key}' is missing; jobs are ranked by a metric, beside a reference")
     if metric is not None and metric not in known:
         raise InvalidInput(f"{where}: unknown metric '{metric}'; {did_you_mean(metric, known)}")
     return found

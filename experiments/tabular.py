@@ -67,6 +67,8 @@ def _plain(frame: pd.DataFrame, file: Path) -> pd.DataFrame:
         if column in _TEXTS or column.startswith("iso_"):
             if not values.map(lambda value: isinstance(value, str) or pd.isna(value)).all():
                 raise InvalidInput(f"'{file}', column {column}: holds {values.dtype}, not text")
+            if not values.map(lambda value: not isinstance(value, str) or files.is_text(value)).all():
+                raise InvalidInput(f"'{file}', column {column}: holds control characters")
             continue
         if column in _PICTURES:
             if not values.map(lambda value: isinstance(value, bytes) and value.startswith(_PNG)).all():

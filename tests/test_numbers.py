@@ -62,7 +62,9 @@ ALLOWED: dict[str, dict[str, str]] = {
         "Ends within 1 nm": "a constant of joining",
         "wider than 5 µm is listed": "a constant of joining",
         "gap up to 20 times the tolerance": "a constant of joining",
+        "another one within 5 µm goes": "overlaps.NEAR",
         "within 10 µm of each other": "a constant of cleaning",
+        "less than 5 µm beyond": "overlaps.NEAR",
         "Curves shorter than 0.05 mm": "the default of Reading.join",
         "4 million points, 10 km of path": "limits of the reader",
         "coordinates up to 1000 km; a file 64 MB": "limits of the reader",
@@ -126,7 +128,7 @@ ALLOWED: dict[str, dict[str, str]] = {
         "1 to 20 ms of dropouts": "a definition of the campaign",
         "impulses of 1 to 5 ms, ten times as many": "a definition of the campaign",
         "count that says 10 mm is no such": "an example from the definitions",
-        "fall by more than 1 mm in 5 ms": "the default of supervisor.Params.sudden",
+        "fall by 1 mm and more in 5 ms": "supervisor.SUDDEN times the default of Params.rise",
     },
     "docs/security.md": {
         "1 MB for settings, 32 MB for a CSV table, 64 MB for a drawing": "limits, constants of envs.files",

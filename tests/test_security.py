@@ -30,6 +30,7 @@ from kerfgym.envs import stack as stacks
 from kerfgym.envs.paths.read import read as read_drawing
 from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.experiments import archive, pool, tabular
+from kerfgym.experiments import stored as stored_records
 from kerfgym.experiments.benchmark import run
 from kerfgym.experiments.cli import main
 from kerfgym.experiments.remake import remake
@@ -47,6 +48,22 @@ class Mine:
 
     def control(self, signals):
         return 0.0
+"""
+PROCESSES = """
+import multiprocessing
+from kerfgym.experiments import cli, pool
+
+def begin() -> None:
+    "Processes as a benchmark's, and as those of a search with several workers."
+    print(sorted(pool.spread(abs, [-1, -2, -3], 2)))
+    process = multiprocessing.get_context("spawn").Process(target=print)
+    process.start()
+    process.join()
+    assert process.exitcode == 0
+
+if __name__ == "__main__":
+    cli.COMMANDS["list"] = begin
+    cli.main()
 """
 URL = "postgresql://user:hunter2@127.0.0.1:1/database"
 
@@ -124,6 +141,29 @@ def test_a_file_in_ones_folder_does_not_take_the_place_of_a_library(here):
 
 
 @line(
+    "Processes that a command starts do not look for modules there at all; but `python -m kerfgym…` begins with your "
+    "folder, as Python does: use the command `kerfgym`, or `python -P -m`."
+)
+def test_no_process_of_a_command_runs_what_lies_in_ones_folder(here):
+    for name in ("json", "pickle", "numpy"):  # which a worker imports in its first moment
+        (here / f"{name}.py").write_text(TRAP, encoding="utf-8")
+    script = here / "elsewhere" / "run.py"  # as an installed command, whose folder is not the user's
+    script.parent.mkdir()
+    script.write_text(PROCESSES, encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, str(script), "list"], capture_output=True, text=True, timeout=100, cwd=here, check=True
+    )
+    assert "[1, 2, 3]" in done.stdout
+    assert not (here / "EXECUTED").exists()
+    subprocess.run([sys.executable, "-m", "json.tool"], capture_output=True, timeout=60, cwd=here)
+    assert (here / "EXECUTED").exists()  # so that is what would have happened
+    (here / "EXECUTED").unlink()
+    subprocess.run(
+        [sys.executable, "-P", "-m", "json.tool", "-h"], capture_output=True, timeout=60, cwd=here, check=True
+    )
+
+
+@line(
     "`--allow-code` lets the files of this command name Python, too; so does the environment variable "
     "`KERFGYM_ALLOW_CODE=1`."
 )
@@ -167,6 +207,7 @@ def test_only_regular_files_are_read(here, kind):
     with socket.socket(socket.AF_UNIX) as listening:
         for make, word in (
             (lambda: os.mkfifo(path), "a named pipe"), (lambda: path.symlink_to("/dev/zero"), "a device"),
+            (lambda: path.symlink_to("/proc/self/mem"), "Input/output error"),
             (path.mkdir, "a folder"), (lambda: listening.bind(str(path)), "|No such device"),
         ):  # fmt: skip
             make()
@@ -218,6 +259,8 @@ def test_text_is_utf_8(here):
 
 @line("TOML and JSON with more than 32 tables or lists within one another are an error.")
 def test_deep_files_are_refused(here):
+    assert files.toml_of(f"x = {'[' * 31}{']' * 31}", "x")
+    assert "more than 32" in refused(files.toml_of, f"x = {'[' * 32}{']' * 32}", "x")
     for text in (f"x = {'[' * 100_000}", f"x = {'[' * 40}{']' * 40}", f"[{'.'.join('a' * 40)}]\nb = 1"):
         (here / "x.toml").write_text(text, encoding="utf-8")
         assert re.search("32 tables or lists|not valid TOML", refused(scenarios.read, here / "x.toml"))
@@ -225,6 +268,81 @@ def test_deep_files_are_refused(here):
     for text in ("[" * 100_000, "[" * 40 + "]" * 40):
         (here / "run" / "run.json").write_text(text, encoding="utf-8")
         assert "more than 32 tables or lists" in refused(archive.load, here / "run")
+
+
+@pytest.mark.parametrize("value", [2**63, -(2**63) - 1, 10**400])
+def test_whole_numbers_have_64_bits(here, value):
+    (here / "x.toml").write_text(f"a = [{{b = {value}}}]\n", encoding="utf-8")
+    assert f"x.toml: {str(value)[:24]}" in (told := refused(files.toml, here / "x.toml"))
+    assert "is no number of 64 bits" in told
+    assert len(told) < 200
+    assert "is no number of 64 bits" in refused(files.json_of, json.dumps({"a": value}), "x.json")
+    assert files.toml_of("a = 9223372036854775807", "x") == {"a": 2**63 - 1}
+
+
+@line("Names and texts hold no control characters, and what a terminal is shown of a file holds none.")
+@pytest.mark.parametrize("text", ["\ud800", "a\0b", "\x1b]52;c;aGk=\a", "\x7f", "\x9b31m"])
+def test_control_characters_are_no_text(here, text, capsys, monkeypatch):
+    from kerfgym.experiments import cli
+
+    for found in ({"a": [text]}, {text: 1}, text):
+        assert "is no text" in refused(files.json_of, json.dumps(found), "x.json")
+    assert files.json_of(json.dumps("ü板😀\n\t"), "x.json") == "ü板😀\n\t"
+    if "\ud800" <= text <= "\udfff":
+        return
+    escaped = "".join(f"\\u{ord(c):04x}" for c in text)
+    assert "is no text" in refused(files.toml_of, f'a = "{escaped}"', "x.toml")
+    pd.DataFrame({"controller": [text], "reason": ["x"]}).to_parquet("x.parquet")
+    assert "column controller: holds control characters" in refused(tabular.read_parquet, Path("x.parquet"))
+
+    def fails() -> None:
+        raise InvalidInput(f"layer {text} is unknown")
+
+    monkeypatch.setitem(cli.COMMANDS, "list", fails)
+    assert all(c.isprintable() or c == "\n" for c in said(capsys, "list"))
+    document = ezdxf.new("R2010")
+    document.header["$INSUNITS"] = 4
+    document.modelspace().add_circle((0, 0), 5, dxfattribs={"layer": "LAYER"})
+    document.saveas("x.dxf")
+    Path("x.dxf").write_bytes(Path("x.dxf").read_bytes().replace(b"LAYER", text.encode()))
+    with contextlib.suppress(SystemExit):
+        main(["render", "x.png", "--plan", "x.dxf", "--layers", "ignore=*"])
+    told = capsys.readouterr()
+    assert all(c.isprintable() or c in "\n\r" for c in told.out + told.err)
+
+
+LONG = "a" * 5000
+
+
+@pytest.mark.parametrize("text", [LONG, f"{LONG}.toml", f"{LONG}.dxf", f"{LONG}/b", "a\0b", "a\0b.toml"])
+def test_what_no_file_can_be_called_is_not_there(here, text, capsys):
+    assert not files.exists(text)
+    for reader in (
+        scenarios.load,
+        stacks.resolve,
+        read_drawing,
+        archive.load,
+        lambda t: stacks.resolve(f"{t}.py:Mine"),
+    ):
+        refused(reader, text)
+    for words in (("report", text), ("render", "x.png", "--plan", text), ("render", "x.png", "--path", text),
+                  ("benchmark", "-s", text), ("train", "ppo", "--preset", text)):  # fmt: skip
+        told = said(capsys, *words)
+        assert len(told) < 2000
+
+
+def test_an_error_is_no_longer_than_can_be_read(capsys, monkeypatch):
+    from kerfgym.experiments import cli, typed
+
+    def fails() -> None:
+        raise InvalidInput(f"'{'x' * 50_000}' in {URL} is no number; allowed: {'some, ' * 5000}")
+
+    monkeypatch.setitem(cli.COMMANDS, "list", fails)
+    told = said(capsys, "list")
+    assert len(told) < typed.MOST_TOLD + 100
+    assert "xxx…" in told
+    assert "is no number; allowed: some" in told
+    assert "hunter2" not in told
 
 
 def dotted(function):
@@ -322,7 +440,7 @@ def test_a_scenario_names_no_code(here):
     shutil.rmtree(here / "run", ignore_errors=True)
 
 
-BAD_NAMES = ("../x", "/tmp/x", "..", ".", "", "a/b", "a\\b", "x\n", ".x", "-x", "x.", " x", "a\0b", "a" * 101, "€" * 90)
+BAD_NAMES = ("../x", "/tmp/x", "..", ".", "", "a/b", "a\\b", "x\n", ".x", "-x", "x.", " x", "a" * 101, "€" * 90)
 
 
 @line(
@@ -396,6 +514,12 @@ def test_a_tuned_controller_runs_no_python(here, base, capsys):
     assert "--allow-code" in said(capsys, "benchmark", "-c", "inner.toml", "-s", "flat", "--seeds", "2")
 
 
+@pytest.mark.parametrize("value", ["true", "[]", "{a = 1}", "1979-05-27"])
+def test_a_tuned_parameter_is_a_number_or_a_word(here, value):
+    (here / "t.toml").write_text(f'controller = "pid"\n[parameters]\n"law.kp" = {value}\n', encoding="utf-8")
+    assert "t.toml: parameters.law.kp is " in refused(stacks.resolve, "t.toml")
+
+
 @line("A preset or `settings.toml` whose base controller is Python is refused.")
 @pytest.mark.parametrize("table", ["environment", "evaluation"])
 def test_a_preset_runs_no_python(here, table, capsys):
@@ -415,7 +539,8 @@ def test_a_tuned_controller_that_names_itself_is_an_error(here):
 @line("A provenance of the wrong kind is an error, not a trick on the ranking.")
 @pytest.mark.parametrize(
     "text",
-    ["trials = -1", 'trials = "many"', "simulated_steps = nan", "cpu_seconds = true", "tune_seeds = [1.5]",
+    ["trials = -1", "trials = 2e18", 'trials = "many"', "simulated_steps = nan", "cpu_seconds = true",
+     "tune_seeds = [1.5]",
      "seeds = 1.5", "policy = 3", "start = []", "[provenance.policy.ledger]\ncpu_seconds = []",
      "[provenance.start]\nsteps = -3"],
 )  # fmt: skip
@@ -424,6 +549,37 @@ def test_a_provenance_is_of_the_right_kind(here, text):
         f'controller = "pid"\n[parameters]\n"law.kp" = 50.0\n[provenance]\n{text}\n', encoding="utf-8"
     )
     assert "t.toml: provenance" in refused(stacks.resolve, "t.toml")
+
+
+@line("A key of a preset of the wrong kind is an error with file and key.")
+@pytest.mark.parametrize(
+    ("text", "key"),
+    [
+        ("environment.base = 3", "environment: base is 3"), ("environment.scenario = 3", "environment: scenario is 3"),
+        ('environment.scenario = [["wavy"]]', "environment: scenario.0 is a list"),
+        ("evaluation.scenario = [1]", "evaluation: scenario.0 is 1"), ("evaluation.base = []", "base is a list"),
+        ('environment.reward = {rate = "x"}', "environment: reward.rate is 'x'"),
+        ("environment.reward = {rate = true}", "environment: reward.rate is True"),
+        ("environment.machine = 1", "environment: machine is 1"), ("environment.max_steps = 1.5", "max_steps is 1.5"),
+        ("environment.num_envs = 100001", "environment.num_envs = 100001; a whole number, from 1 to 100,000"),
+        ("environment.num_threads = 0", "environment.num_threads = 0"), ("steps = true", "steps = True"),
+        ("algorithm.gamma = []", "algorithm.gamma = []"), ("policy.activation = {}", "policy.activation = {}"),
+        ("policy.spread = [0.1, inf]", "policy.spread = [0.1, inf]"), ("algorithm = 1", "'algorithm' is a table"),
+        (f"environment.scenario = {json.dumps(['wavy'] * 1001)}", "environment.scenario has 1,001 entries"),
+    ],
+)  # fmt: skip
+def test_a_preset_holds_what_it_should(here, text, key):
+    (here / "mine.toml").write_text(text, encoding="utf-8")
+    told = refused(settings.from_file, here / "mine.toml", "ppo", within=30.0)
+    assert f"{here / 'mine.toml'}: " in told
+    assert key in told
+
+
+def test_the_kinds_of_all_arguments_are_declared():
+    declared = set(settings.Arguments.__annotations__)
+    for env in settings.ENVIRONMENTS:
+        for table in ("environment", "evaluation"):
+            assert set(settings.known(settings.Settings("ppo", env), table)) <= declared
 
 
 # ----------------------------------------------------------------------------------------------------------- policies
@@ -478,6 +634,26 @@ def test_hashes_show_damage_and_are_no_signature(policy):
     assert (Policy.load(folder).act(seen, True) != before.act(seen, True)).any()
 
 
+@pytest.mark.parametrize("size", [1e5, 1e20, 3e38])
+def test_a_network_whose_numbers_grow_without_end_is_refused(policy, size):
+    import hashlib
+
+    folder = policy(lambda document: None)
+    weights = tensors_of((folder / "weights.safetensors").read_bytes())
+    for name, value in weights.items():
+        if name.endswith("weight"):
+            weights[name] = np.full_like(value, size)
+            weights[name].flat[::2] *= -1
+    changed = save(weights)
+    (folder / "weights.safetensors").write_bytes(changed)
+    policy(lambda document: document.update(weights=hashlib.sha256(changed).hexdigest()))
+    if size < 1e10:  # absurd, yet finite
+        loaded = Policy.load(folder)
+        assert np.isfinite(loaded.act(np.full(loaded.network.size, 10.0, np.float32), True)).all()
+    else:
+        assert "layers.0 can give" in (told := refused(Policy.load, folder)) or "layers.1 can give" in told
+
+
 # ---------------------------------------------------------------------------------------------------- runs and reports
 
 
@@ -527,6 +703,15 @@ def test_names_in_a_record_stay_in_the_folder(here, changed, capsys, monkeypatch
     (here / "runs" / "link" / "run.json").write_text(json.dumps(record), encoding="utf-8")
     (here / "runs" / "link" / "inside").symlink_to(first)
     assert "leads out of" in refused(archive.load, here / "runs" / "link")
+    (here / "secret.toml").write_text('password = "hunter2"', encoding="utf-8")
+    for i, make in enumerate((
+        lambda place: place.symlink_to(here, target_is_directory=True),
+        lambda place: (place.mkdir(), (place / "a.toml").symlink_to(here / "secret.toml")),
+    )):  # fmt: skip
+        bad = changed(lambda r: None, f"linked{i}")
+        shutil.rmtree(bad / "scenarios")
+        make(bad / "scenarios")
+        assert "leads out of" in refused(archive.load, bad)
     before = {path for path in here.rglob("*")}
     for i, name in enumerate(("../../../escaped", str(here / "escaped"), "..", "a\0b", "x/../../..")):
         second = changed(lambda r, name=name: renamed(r, name), f"second{i}")
@@ -549,6 +734,24 @@ def test_a_record_of_the_wrong_kind_is_an_error(changed, key, value):
     told = refused(archive.load, changed(lambda r: r["grids"]["following"].update({key: value})))
     assert "grids.following" in told
     assert key in told
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("machine", {"processor": []}), ("machine", {"cores": "2"}), ("git", {"commit": [1]}), ("packages", {"numpy": 1}),
+     ("wall_seconds", "1"), ("notes", "x"), ("tuning", {"pid": {"trials": "x"}}), ("plates", [[]]), ("corners", 1),
+     ("linear", {"wavy": []}), ("ledger", {"pid": {"cpu_seconds": "1"}}), ("kernel", 1)],
+)  # fmt: skip
+def test_what_holds_for_the_whole_run_is_of_the_right_kind_too(changed, key, value):
+    assert f"run.json': {key}" in refused(archive.load, changed(lambda r: r.update({key: value})))
+
+
+@pytest.mark.parametrize("key", ["metric", "reference"])
+def test_jobs_without_a_metric_or_reference_are_an_error(key):
+    record = {"kind": "jobs", "metric": "time", "reference": "wu", "core": []}
+    stored_records.grid(record, "contour", "x")
+    for change in ({key: None}, {key: 1}):
+        assert key in refused(stored_records.grid, record | change, "contour", "x")
 
 
 @pytest.mark.parametrize("value", [None, 3, [], {"following": None}, {"following": 3}, {"following": {}}, {}])
@@ -650,6 +853,30 @@ def test_a_changed_journal_is_an_error(here, journal, old, new):
     assert "b.journal" in told
 
 
+@pytest.mark.parametrize(
+    ("start", "told"),
+    [({"filter.kind": "none"}, "cmaes.law.kp = 'None'; allowed: a number"),
+     ({"law.kp": "x", "filter.kind": "none"}, "cmaes.law.kp = 'x'"), ({}, "cmaes.filter.kind"),
+     ({"law.kp": 50.0, "law.ki": 1.0, "filter.kind": "evil"}, "cmaes.filter.kind = 'evil'; allowed: none, mean"),
+     ({"law.kp": 50.0, "filter.kind": "mean"}, "cmaes.law.ki"), ([], "cmaes")],
+)  # fmt: skip
+def test_a_start_of_cma_es_that_does_not_fit_is_an_error(here, start, told):
+    from kerfgym.experiments.tune.study import Task
+
+    task = Task("pid", ("law.kp", "law.ki", "filter.kind"), "drawing", sampler="cmaes", name="x", url="c.journal")
+    study = task.open()
+    first = study.ask()
+    task.space.suggest(first)
+    study.tell(first, 1.0)
+    study.set_user_attr("cmaes", start)
+    assert told in refused(lambda: task.space.suggest(task.open().ask()))
+
+
+def test_a_journal_that_leads_in_circles_is_an_error(here):
+    Path("c.journal").symlink_to("c.journal")
+    assert "the journal 'c.journal' cannot be used: Too many levels" in refused(storage.opened, "c.journal")
+
+
 def test_a_journal_that_was_not_changed_is_read(here, journal):
     study = storage.study_of("a.journal", "x", ["minimize"], ["suite x"], {"explore": 1})
     assert [trial.value for trial in study.trials] == [3.0, 2.0]
@@ -709,6 +936,22 @@ def test_passwords_are_nowhere(here, capsys, monkeypatch):
     assert {"tuned.toml", "run.json"} <= {file.name for file in written}
     assert not [file for file in written if b"hunter2" in file.read_bytes()]
     assert "password=…" in (here / "runs" / "y" / "run.json").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        "postgresql://u:hunter2@127.0.0.1:notaport/d", "postgresql:///d?host=127.0.0.1&port=1&password=hunter2",
+        "postgresql://u:hun/ter2@127.0.0.1:1/d", "sqlite:////none/x.db?password=hunter2", "redis://:hunter2@127.0.0.1:1",
+        "redis://:hunter2@127.0.0.1:notaport", "mysql://u:hunter2@127.0.0.1:1/d", "foo://u:hunter2@x/y",
+        "u:hunter2@host/d",
+    ],
+)  # fmt: skip
+def test_a_storage_that_cannot_be_used_says_so_at_once_and_without_its_password(here, url):
+    told = refused(storage.opened, url)
+    assert "unter2" not in told
+    assert "ter2" not in told
+    assert list(here.iterdir()) == [here / "evil.py"]
 
 
 @pytest.mark.parametrize(
@@ -782,8 +1025,7 @@ def test_a_cluster_of_ones_own_is_not_for_others():
 
 
 @line("A `--scheduler` without `tls://` is answered with a warning, since whoever reaches it can run code.")
-def test_a_scheduler_without_tls_is_warned_of(capsys, monkeypatch):
-    monkeypatch.setattr(pool, "PATIENCE", 0.3)
+def test_a_scheduler_without_tls_is_warned_of(capsys):
     refused(lambda: list(pool.spread(abs, [-1], 1, "dask", "tcp://127.0.0.1:1")), within=30)
     assert "warning: 'tcp://127.0.0.1:1' does not ask who talks to it" in capsys.readouterr().err
 

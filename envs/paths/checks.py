@@ -29,7 +29,7 @@ def require_closed(drawing: Drawing) -> None:
         InvalidInput: some are open; the widest gap and the first place are named.
     """
     apart = [
-        (piece[0], float(np.hypot(*(piece[-1] - piece[0]))))
+        (piece[0] + drawing.origin, float(np.hypot(*(piece[-1] - piece[0]))))
         for piece, closed in zip(drawing.pieces, drawing.closed, strict=True)
         if not closed
     ]

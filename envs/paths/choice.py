@@ -1,4 +1,4 @@
-"""What becomes of each layer and each colour of a drawing: cut, engraved or ignored.
+"""What a user may choose about a drawing: above all what becomes of each layer and each colour.
 
 A user writes rules such as ``OUTLINE,HOLES`` (the same as ``cut=OUTLINE,HOLES``), ``engrave=TEXT*`` or ``ignore=DIM*``.
 Rules that cut leave everything out that they do not name; rules that engrave or ignore leave all others as they are.
@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 
 from ..plant.quantity import InvalidInput, did_you_mean
+from .joining import GAP
 
 ROLES = ("cut", "engrave", "ignore")
 
@@ -18,6 +19,24 @@ SHOWN = 40
 
 Rules = Sequence[str] | str | None
 """As a user gives them: one rule, several, or none."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reading:
+    """How a file is read.
+
+    ``units``: what its numbers are in, one of :data:`.drawing.UNITS`, instead of what it says or is taken to mean;
+    ``layers`` and ``colours``: rules on what becomes of which layer, and of which colour (DXF) or stroke (SVG), None:
+    all are cut; ``join``: mm, the largest gap between two ends that are joined; ``text``: letters are cut as outlines;
+    ``hatches``: so are the filled areas of a DXF.
+    """
+
+    units: str | None = None
+    layers: Rules = None
+    colours: Rules = None
+    join: float = GAP
+    text: bool = False
+    hatches: bool = False
 
 
 @dataclass
@@ -34,7 +53,7 @@ class Choice:
     rules: Rules
     spelt: Callable[[str], str] = str.casefold
     patterns: dict[str, dict[str, str]] = field(init=False)  # for each role: how a name is compared, how it was given
-    seen: dict[str, None] = field(init=False, default_factory=dict)
+    seen: dict[str, str] = field(init=False, default_factory=dict)  # names and their roles
 
     def __post_init__(self) -> None:
         given = [self.rules] if isinstance(self.rules, str) else list(self.rules or [])
@@ -62,11 +81,10 @@ class Choice:
 
     def role(self, name: str) -> str:
         """One of :data:`ROLES`."""
-        self.seen.setdefault(name)
-        for role in ("ignore", "engrave", "cut"):
-            if self._among(name, self.patterns[role]):
-                return role
-        return "ignore" if self.patterns["cut"] else "cut"
+        if name not in self.seen:
+            fitting = (role for role in ("ignore", "engrave", "cut") if self._among(name, self.patterns[role]))
+            self.seen[name] = next(fitting, "ignore" if self.patterns["cut"] else "cut")
+        return self.seen[name]
 
     def named(self, name: str) -> bool:
         """Whether the user asked for exactly this name to be cut or engraved, without a wildcard."""

@@ -2,7 +2,8 @@
 
 Lines that lie on one another become one; what of a line lies on a polyline goes; two closed contours that are the same,
 wherever they begin, are one; a closed contour without area is a line there and back and becomes a line. Arcs that lie
-partly on one another stay as they are, and so do two outlines that share an edge: each part needs its own.
+on other curves are those of :mod:`.overlaps`. Two outlines that share an edge stay as they are: each part needs its
+own.
 """
 
 from collections import defaultdict
@@ -13,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .curve import Curve, line
+from .nesting import even_odd
 
 ON = 1e-3
 """mm, the largest distance of lines that lie on one another."""
@@ -38,11 +40,11 @@ class TooMany(Exception):
 
 @dataclass(frozen=True)
 class Cleaned:
-    """What cleaning did: lines that lay on others, legs of outlines that still do, contours that were there twice or
-    had no area, and the mm that are not cut for it."""
+    """What cleaning did: straight lines that lay on others, other open curves that did (:mod:`.overlaps`), contours
+    that were there twice or had no area, and the mm that are not cut for it."""
 
     overlapping: int = 0
-    shared: int = 0
+    curves: int = 0
     doubled: int = 0
     flat: int = 0
     length: float = 0.0
@@ -62,10 +64,9 @@ def without_overlaps(curves: list[Curve]) -> tuple[list[Curve], Cleaned]:
     if len(legs) < 2:
         return curves, Cleaned()
     groups = [np.array(g) for g in _groups(_touching(legs, owners), len(legs))]
-    gone, new, count, shared, length = set(), [], 0, 0, 0.0
+    gone, new, count, length = set(), [], 0, 0.0
     for group in groups:
         mine, others = group[alone[owners[group]]], group[~alone[owners[group]]]
-        shared += _shared(legs[others])
         if not len(mine):
             continue
         if _bent(legs[group]):
@@ -77,20 +78,23 @@ def without_overlaps(curves: list[Curve]) -> tuple[list[Curve], Cleaned]:
             new += pieces
             count, length = count + max(1, len(mine) - len(pieces)), length + saved
     kept = [c for i, c in enumerate(curves) if i not in gone]
-    return kept + new, Cleaned(overlapping=count, shared=shared, length=length)
+    return kept + new, Cleaned(overlapping=count, length=length)
 
 
 def _legs(curves: list[Curve]) -> tuple[Legs, npt.NDArray[np.int64]]:
     """Every straight piece of lines and polylines, and which curve it is of; the chords of smooth curves are none."""
-    legs, owners = [np.zeros((0, 2, 2))], [np.zeros(0, np.int64)]
-    for i, curve in enumerate(curves):
-        sharp = np.zeros(len(curve.points), bool)
-        sharp[[0, -1]] = True
-        sharp[curve.corners] = True
-        straight = sharp[:-1] & sharp[1:]  # a leg next to a smooth vertex may be a chord
-        legs.append(np.stack([curve.points[:-1], curve.points[1:]], axis=1)[straight])
-        owners.append(np.full(int(straight.sum()), i))
-    return np.concatenate(legs), np.concatenate(owners)
+    sizes = np.array([len(c.points) for c in curves], np.int64)
+    first = np.cumsum(sizes) - sizes
+    sharp = np.zeros(int(sizes.sum()), bool)
+    sharp[first[sizes > 0]] = sharp[(first + sizes - 1)[sizes > 0]] = True
+    for begin, curve in zip(first.tolist(), curves, strict=True):
+        if len(curve.corners):
+            sharp[begin + curve.corners] = True
+    points = np.concatenate([np.zeros((0, 2)), *(c.points for c in curves)])
+    owners = np.repeat(np.arange(len(curves)), sizes)
+    # A leg next to a smooth vertex may be a chord.
+    straight = np.flatnonzero(sharp[:-1] & sharp[1:] & (owners[:-1] == owners[1:]))
+    return np.stack([points[straight], points[straight + 1]], axis=1), owners[straight]
 
 
 def _touching(legs: Legs, owners: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
@@ -182,15 +186,6 @@ def _covered(
     return np.searchsorted(np.sort(spans[:, 0]), at) - np.searchsorted(np.sort(spans[:, 1]), at)
 
 
-def _shared(legs: Legs) -> int:
-    """How many legs of outlines lie on others, at least."""
-    if len(legs) < 2:
-        return 0
-    origin, way = _axis(legs)
-    middle = ((legs - origin) @ way).mean(axis=1)
-    return int((_covered(legs, origin, way, middle) > 1).sum())
-
-
 def _length(legs: Legs) -> float:
     return float(np.hypot(*(legs[:, 1] - legs[:, 0]).T).sum())
 
@@ -241,7 +236,8 @@ def _opened(contour: Curve) -> Curve:
         return contour
     points = contour.points - contour.points[0]
     x, y = points.T
-    if abs(x[:-1] @ y[1:] - x[1:] @ y[:-1]) / 2.0 > 0.5 * ON * contour.length:
+    least = 0.5 * ON * contour.length
+    if abs(x[:-1] @ y[1:] - x[1:] @ y[:-1]) / 2.0 > least or even_odd(points) > least:
         return contour
     far = points[np.hypot(x, y).argmax()]
     way = far / np.hypot(*far)

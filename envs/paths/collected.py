@@ -17,7 +17,7 @@ MOST_POINTS = 4_000_000
 FARTHEST = 1e9
 """mm from the origin. Beyond, numbers cannot tell apart what lies 1 µm apart once they are squared."""
 
-LENGTH_RANGE = (1.0, 1e7)
+LENGTH_RANGE = (0.1, 1e7)
 """mm of the way through a drawing, moves between its contours included."""
 
 TOLD = 5
@@ -69,10 +69,11 @@ class Collected:
             InvalidInput: longer, finer or farther away than a drawing may be.
         """
         into = self.engraved if role == "engrave" else self.curves
+        self._within_reach(kind, curve)  # first: far away numbers cannot tell a circle from a point
         if len(curve.points) < 2 or curve.length < EXACT:
             self.skipped[f"{kind} of zero length"] += 1
             return
-        self._within_limits(kind, curve)
+        self._within_limits(curve)
         if (its_key := key(curve.points)) in into:
             self.skipped[f"duplicate {kind}"] += 1
             self.doubled += curve.length
@@ -80,13 +81,15 @@ class Collected:
             into[its_key] = curve
             self.layers[layer] = None
 
-    def _within_limits(self, kind: str, curve: Curve) -> None:
-        far = float(np.abs(curve.points).max())
+    def _within_reach(self, kind: str, curve: Curve) -> None:
+        far = float(np.abs(curve.points).max(initial=0.0))
         if far > FARTHEST:
             raise InvalidInput(
                 f"{self.where}: a {kind} reaches {far:g} mm away from the origin, out of range; "
                 f"allowed: {FARTHEST:g} mm; is the unit right?"
             )
+
+    def _within_limits(self, curve: Curve) -> None:
         self.points += len(curve.points)
         self.length += curve.length
         if self.points > MOST_POINTS:

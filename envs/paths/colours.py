@@ -9,6 +9,7 @@ NONE = "none"
 """The colour of what has no stroke."""
 
 
+@cache
 def of_index(index: int) -> str:
     """The colour with an AutoCAD Color Index, 1 to 255."""
     from ezdxf.colors import aci2rgb

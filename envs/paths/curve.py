@@ -8,8 +8,8 @@ and the vertices at which its own tangent jumps. They come from the curve and no
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from functools import cached_property
-from itertools import pairwise
+from functools import cached_property, lru_cache
+from math import isfinite
 
 import numpy as np
 import numpy.typing as npt
@@ -55,7 +55,16 @@ class Curve:
     @cached_property
     def length(self) -> float:
         """mm."""
-        return float(np.hypot(*np.diff(self.points, axis=0).T).sum())
+        legs = self.points[1:] - self.points[:-1]
+        return float(np.hypot(legs[:, 0], legs[:, 1]).sum())
+
+    @property
+    def leads(self) -> bool:
+        """Whether it leads anywhere: it is longer than :data:`EXACT`."""
+        if len(self.points) < 2:
+            return False
+        far = self.points[-1] - self.points[0]
+        return bool(abs(far[0]) > EXACT or abs(far[1]) > EXACT) or not self.length <= EXACT
 
     def reversed(self) -> "Curve":
         """The same, travelled backwards."""
@@ -73,7 +82,8 @@ class Curve:
 
 def turns(a: complex, b: complex) -> bool:
     """Whether the tangent ``b`` is turned against ``a`` by more than :data:`CORNER`."""
-    return bool(abs(np.angle(b * np.conj(a))) > CORNER)
+    turned = b * a.conjugate()
+    return bool(abs(np.arctan2(turned.imag, turned.real)) > CORNER)
 
 
 # Making them
@@ -110,18 +120,24 @@ def arc(centre: complex, start: complex, end: complex, angle: float, chord: floa
     Where the two distances from the centre differ, as rounded numbers do, the radius goes over from one to the other.
     """
     r0, r1 = abs(start - centre), abs(end - centre)
-    if not np.isfinite([r0, r1, angle]).all():
+    if not isfinite(r0 + r1 + angle):
         return _curve(np.full(2, complex(np.nan, np.nan)), [], 0, 0)
     if max(r0, r1) < EXACT or angle == 0.0:
         return line(start, end)
     step = 2.0 * np.arccos(max(1.0 - chord / max(r0, r1), 0.0))
-    part = np.linspace(0.0, 1.0, int(np.ceil(abs(angle) / max(step, 1e-4))) + 1)
+    part = _parts(int(np.ceil(abs(angle) / max(step, 1e-4))))
     towards = (start - centre) / r0 if r0 else (end - centre) / r1 * np.exp(-1j * angle)
     spoke = towards * np.exp(1j * angle * part)
     z = centre + (r0 + (r1 - r0) * part) * spoke
     z[0], z[-1] = start, end
     ahead = 1j * np.sign(angle)
     return _curve(z, [], ahead * spoke[0], ahead * spoke[-1])
+
+
+@lru_cache(maxsize=64)
+def _parts(count: int) -> npt.NDArray[np.float64]:
+    """From 0 to 1 in ``count`` equal steps; the holes of a sheet are mostly of a few sizes."""
+    return np.linspace(0.0, 1.0, count + 1)
 
 
 def smooth(at: Callable[[npt.NDArray[np.float64]], Complex], breaks: npt.ArrayLike, chord: float = CHORD) -> Curve:
@@ -175,17 +191,23 @@ def beziers(controls: npt.ArrayLike, chord: float = CHORD) -> Curve:
 def linked(curves: Iterable[Curve], closed: bool = False) -> Curve:
     """One curve after the other, with a corner wherever two meet at an angle; a closed one ends in its first point."""
     curves = list(curves)
-    curves = [c for c in curves if len(c.points) > 1 and not c.length <= EXACT] or curves[:1]
-    points = np.concatenate([c.points for c in curves] + ([curves[0].points[:1]] if closed else []))
-    first = np.cumsum([0] + [len(c.points) for c in curves])
-    corners = [c.corners + i for c, i in zip(curves, first, strict=False)]
-    corners.append(
-        np.array([i - 1 for i, (a, b) in zip(first[1:], pairwise(curves), strict=False) if turns(a.end, b.start)], int)
-    )
+    if len(curves) == 1 and not closed and len(curves[0].points) == 2 and curves[0].leads:
+        return curves[0]
+    curves = [c for c in curves if c.leads] or curves[:1]
+    corners: list[int] = []
+    count = 0
+    for before, c in zip([None, *curves], curves, strict=False):
+        if before is not None and turns(before.end, c.start):
+            corners.append(count - 1)
+        if len(c.corners):
+            corners += (c.corners + count).tolist()
+        count += len(c.points)
     if closed and turns(curves[-1].end, curves[0].start):
-        corners.append(np.zeros(1, int))
-    kept = np.append(True, ~(np.hypot(*np.diff(points, axis=0).T) <= EXACT)) if len(points) else np.zeros(0, bool)
-    place = (np.cumsum(kept) - 1)[np.concatenate(corners)]
+        corners.append(0)
+    points = np.concatenate([c.points for c in curves] + ([curves[0].points[:1]] if closed else []))
+    legs = points[1:] - points[:-1]
+    kept = np.append(True, ~(np.hypot(legs[:, 0], legs[:, 1]) <= EXACT)) if len(points) else np.zeros(0, bool)
+    place = (np.cumsum(kept) - 1)[np.array(corners, np.int64)]
     left = points[kept]
     if len(left):
         left[-1] = points[-1]

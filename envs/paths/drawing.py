@@ -12,9 +12,11 @@ from ..plant.quantity import InvalidInput, did_you_mean
 from . import report
 from .cleaning import Cleaned, TooMany, without_doubles, without_overlaps
 from .collected import LENGTH_RANGE, Collected, listed
-from .contours import ordered
+from .crossings import Meetings, meetings
 from .curve import Curve, Indices, Points
 from .joining import Joints, joined
+from .order import ordered
+from .overlaps import without_curves_on_others
 
 JOIN_RANGE = (0.0, 10.0)
 """mm, of gaps that may be joined."""
@@ -48,7 +50,12 @@ class Drawing:
     piece of n points. ``warnings`` are sentences on what was read otherwise than a user may expect.
 
     ``engraved`` are pieces that a user wants engraved; the machine only cuts, so they are in no job. ``joints`` tells
-    which gaps were joined and which ends stay apart, ``cleaned`` what was there twice.
+    which gaps were joined and which ends stay apart, ``cleaned`` what was there twice, ``meetings`` which contours
+    cross or lie on one another.
+
+    Messages number contours in cutting order as they were read, and have their places where the file has them, whatever
+    is moved, left out or cut in pieces later: ``numbers`` are the pieces' (None: 1, 2, …), ``origin`` is where in the
+    file the pieces' x = y = 0 is, mm.
     """
 
     name: str
@@ -65,6 +72,13 @@ class Drawing:
     joints: Joints = field(default_factory=Joints)
     cleaned: tuple[Cleaned, ...] = ()
     leg_feeds: list[npt.NDArray[np.float64]] | None = None
+    meetings: Meetings = field(default_factory=Meetings)
+    numbers: list[int] | None = None
+    origin: tuple[float, float] = (0.0, 0.0)
+
+    def number(self, piece: int) -> int:
+        """What messages and pictures call a piece."""
+        return self.numbers[piece] if self.numbers else piece + 1
 
     @property
     def cut_length(self) -> float:
@@ -84,7 +98,8 @@ class Drawing:
 
     @property
     def notes(self) -> list[str]:
-        """Everything a user should know about how the file was read: warnings, what was cleaned, joined and skipped."""
+        """Everything a user should know about how the file was read: warnings, what was cleaned and joined, what
+        crosses, what was skipped."""
         return [*self.warnings, *report.of(self), *(f"{what} is left out ({n})" for what, n in self.skipped.items())]
 
     @property
@@ -151,10 +166,12 @@ def finished(file: Path, found: Collected, units: str, join: float, cuts: str) -
         raise InvalidInput(f"join = {join:g} mm is out of range; allowed: {low:g} to {high:g} mm")
     curves, steps = list(found.curves.values()), []
     try:
-        curves, step = without_overlaps(curves)
+        curves, straight = without_overlaps(curves)
+        curves, curved = without_curves_on_others(curves)
         contours, joints = joined(curves, join)
         contours, doubles = without_doubles(contours)
-        steps = [step, doubles]
+        contours, chains = without_curves_on_others(contours)
+        steps = [straight, curved, doubles, chains]
     except TooMany:
         found.warn("too many lines lie on one another to be cleaned: what is there twice is cut twice")
         contours, joints = joined(curves, join)
@@ -164,7 +181,9 @@ def finished(file: Path, found: Collected, units: str, join: float, cuts: str) -
     )  # fmt: skip
     engraved = [curve.points for curve in joined(list(found.engraved.values()), join)[0]]
     twice = Cleaned(length=found.doubled)
-    return replace(made, engraved=engraved, joints=joints, cleaned=(*steps, twice))
+    return replace(
+        made, engraved=engraved, joints=joints, cleaned=(*steps, twice), meetings=meetings(made.pieces, made.closed)
+    )
 
 
 def journey(drawing: Drawing) -> Contour:

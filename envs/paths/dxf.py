@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from ..plant.quantity import InvalidInput
-from .choice import Choice, Rules
+from .choice import Choice, Reading
 from .collected import Collected
 from .colours import drawn
-from .contours import GAP
 from .drawing import UNITS, Drawing, finished, unit
 from .dxf_curves import CUT, world
 from .dxf_file import document_of
@@ -24,31 +23,17 @@ INSUNITS = {
 """Code of $INSUNITS: name of the unit."""
 
 
-def read_dxf(
-    path: str | Path,
-    *,
-    layers: Rules = None,
-    units: str | None = None,
-    colours: Rules = None,
-    join: float = GAP,
-    text: bool = False,
-    hatches: bool = False,
-) -> Drawing:
+def read_dxf(path: str | Path, asked: Reading = Reading()) -> Drawing:  # noqa: B008
     """The contours of a DXF drawing, inner ones before those that contain them, otherwise the nearest next.
 
     Cut are the lines, arcs, circles, ellipses, splines, polylines and multilines of the model space, also inside
     blocks. Left out and counted are other entities, those on layers that are off, frozen or not plotted, those with a
-    dashed line type, those of zero length and duplicates. A layer that ``layers`` names is cut all the same. The nozzle
+    dashed line type, those of zero length and duplicates. A layer that a rule names is cut all the same. The nozzle
     comes from the origin.
 
     Args:
         path: a DXF file, text or binary.
-        layers: what becomes of which layer (:mod:`.choice`); None: all are cut.
-        units: what the file's numbers are in, instead of what its header says.
-        colours: what becomes of which colour: 1 to 255, a name or #rrggbb; None: all are cut.
-        join: mm, the largest gap between two ends that are joined.
-        text: the outlines of letters are cut.
-        hatches: the outlines of filled areas are cut.
+        asked: how it is read; colours are 1 to 255, a name or #rrggbb.
 
     Raises:
         InvalidInput: not a DXF file, unknown units, layer or colour, nothing to cut, or more than a drawing may have.
@@ -58,9 +43,9 @@ def read_dxf(
     found = Collected(file)
     for line in repaired:
         found.warn(line)
-    name = unit(units)[0] if units is not None else _units(file, document, found)
-    layer_choice, colour_choice = Choice("layer", layers), Choice("colour", colours, drawn)
-    walk = Walk(document, found, layer_choice, colour_choice, text, hatches)
+    name = unit(asked.units)[0] if asked.units is not None else _units(file, document, found)
+    layer_choice, colour_choice = Choice("layer", asked.layers), Choice("colour", asked.colours, drawn)
+    walk = Walk(document, found, layer_choice, colour_choice, asked)
     layer_choice.check(file, walk.layers.names(document.chain_layouts_and_blocks()))
     walk.measure(document.modelspace())
     walk.space(document.modelspace(), Place(world(UNITS[name])))
@@ -69,7 +54,7 @@ def read_dxf(
     for kinds, option in ((TEXTS, "--text cuts letters"), (FILLS, "--hatches cuts filled areas")):
         if not found.curves and any(kind in found.skipped for kind in kinds):
             found.warn(f"{option} as outlines")
-    return finished(file, found, name, join, ", ".join(CUT))
+    return finished(file, found, name, asked.join, ", ".join(CUT))
 
 
 def _units(file: Path, document: Any, found: Collected) -> str:

@@ -131,8 +131,11 @@ def _bulged(frame: Frame, vertices: Iterable[Any], height: float, closed: bool) 
     lifted = frame._replace(origin=frame.origin + height * frame.z)
     if not bulges[:-1].any():
         return polyline(_image(lifted, own))
-    legs = zip(own[:-1].tolist(), own[1:].tolist(), bulges[:-1].tolist(), strict=True)
-    return linked(_bulge(lifted, a, b, bulge) for a, b, bulge in legs)
+    seen, rows_ = _image(lifted, own).tolist(), list(zip(own.tolist(), bulges.tolist(), strict=True))
+    return linked(
+        _bulge(lifted, a, b, bulge, first, last)
+        for (a, bulge), (b, _), first, last in zip(rows_, rows_[1:], seen, seen[1:], strict=False)
+    )
 
 
 def _image(frame: Frame, z: npt.ArrayLike) -> Complex:
@@ -141,10 +144,12 @@ def _image(frame: Frame, z: npt.ArrayLike) -> Complex:
     return np.asarray(z.real * frame.x + z.imag * frame.y + frame.origin)
 
 
-def _bulge(frame: Frame, start: complex, end: complex, bulge: float) -> Curve:
-    """An arc whose included angle is 4·atan(``bulge``), positive counter-clockwise; 0 is a straight line."""
+def _bulge(frame: Frame, start: complex, end: complex, bulge: float, first: complex, last: complex) -> Curve:
+    """An arc whose included angle is 4·atan(``bulge``), positive counter-clockwise; 0 is a straight line. ``first`` and
+    ``last``: where its ends are on the sheet."""
+    if bulge == 0.0:
+        return line(first, last)
     angle = 4.0 * np.arctan(bulge)
-    first, last = _image(frame, [start, end])
     if abs(angle) * abs(end - start) < 1e-12 or start == end:
         return line(first, last)
     centre = 0.5 * (start + end) + 0.5j * (end - start) / np.tan(0.5 * angle)

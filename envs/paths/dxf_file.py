@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..plant.quantity import InvalidInput
-from .collected import MOST_ENTITIES
+from .collected import MOST_ENTITIES, TOLD
 
 SUBCLASS = {
     "LWPOLYLINE": "AcDbPolyline", "SPLINE": "AcDbSpline", "MTEXT": "AcDbMText", "MESH": "AcDbSubMesh",
@@ -31,6 +31,15 @@ DRAWN = re.compile(
 """Where an entity begins that is drawn, in a text file."""
 
 CODE = re.compile(r"-?\d{1,4}")
+
+COMMA = re.compile(r"[+-]?\d+,\d+(?:[eE][+-]?\d+)?")
+"""A number as some languages write it."""
+
+STRUCTURE = (
+    "SECTION", "ENDSEC", "EOF", "TABLE", "ENDTAB", "BLOCK", "ENDBLK", "BLOCK_RECORD", "LAYER", "LTYPE", "STYLE",
+    "VPORT", "VIEW", "UCS", "APPID", "DIMSTYLE", "CLASS",
+)  # fmt: skip
+"""What begins with code 0 and is no entity; a number that is none is 0 there."""
 
 WHOLE = ((60, 79), (90, 99), (160, 179), (270, 289), (370, 389), (400, 409), (420, 429), (440, 459), (1060, 1071))
 """Ranges of group codes whose values are whole numbers. [P] DXF reference"""
@@ -55,14 +64,20 @@ def document_of(file: Path) -> tuple[Any, list[str]]:
         return ezdxf.readfile(file), []
     except Exception as error:  # damaged files raise whatever the damage leads to
         first = _plain(error)
-    repairs: list[tuple[str, Callable[[], Any]]] = [("", lambda: recover.readfile(file))]
     data = file.read_bytes()
+    repairs: list[tuple[str, Callable[[], Any]]] = [("", lambda: recover.readfile(file))]
+    unread: list[str] = []
     if not data.startswith(BINARY):
+        tags, unread, commas = _tags(data)
+        if unread or commas:
+            repairs.clear()  # ezdxf would take what is no number as 0
+        if commas:
+            unread.insert(0, f"numbers with a comma in place of a point are read as meant ({commas})")
         repairs += [
-            ("", lambda: recover.read(_written(_tags(data)))),
+            ("", lambda: recover.read(_written(tags))),
             (
                 ", without its tables, so that layers and line types are unknown",
-                lambda: recover.read(_written(_bare(_tags(data)))),
+                lambda: recover.read(_written(_bare(tags))),
             ),
         ]
     for loss, repair in repairs:
@@ -72,7 +87,7 @@ def document_of(file: Path) -> tuple[Any, list[str]]:
             continue
         if len(document.modelspace()):
             lost = f", {len(auditor.errors)} of its mistakes remain" if auditor.errors else ""
-            return document, [f"the file is damaged and was repaired{loss}{lost}: {first}"]
+            return document, [f"the file is damaged and was repaired{loss}{lost}: {first}", *unread]
     raise InvalidInput(f"{file}: cannot be read as DXF: {first}")
 
 
@@ -83,23 +98,60 @@ def _plain(error: Exception) -> str:
 # Repairs beyond those of ezdxf
 
 
-def _tags(data: bytes) -> list[Tag]:
-    """The group codes and values of a DXF file, without those that are none, with missing markers put in and an end."""
+def _tags(data: bytes) -> tuple[list[Tag], list[str], int]:
+    """The group codes and values of a DXF file, without those that are none, with missing markers put in and an end;
+    what was left out for it, and how many numbers have a comma."""
     lines = data.decode("utf-8", "surrogateescape").splitlines()
-    tags, i = [], 0
+    tags: list[Tag] = []
+    places: list[int] = []  # lines of the codes
+    broken: set[int] = set()  # tags that ought to be numbers
+    commas = i = 0
     while i + 1 < len(lines):
         code = lines[i].strip()
         if not CODE.fullmatch(code):
             i += 1  # out of step: the next line may be a code
             continue
-        if _is_value(int(code), lines[i + 1].strip()):
+        value = lines[i + 1].strip()
+        if COMMA.fullmatch(value) and not _is_value(int(code), value):
+            value, commas = value.replace(",", "."), commas + 1
+            lines[i + 1] = value
+        if _is_value(int(code), value):
             tags.append((code, lines[i + 1]))
         elif any(low <= int(code) <= high for low, high in WHOLE):
             tags.append((code, "0"))  # a flag or a count; a coordinate that is none must not become one
+        else:
+            broken.add(len(tags))
+            tags.append((code, "0"))
+        places.append(i + 1)
         i += 2
     if tags and tags[-1] != ("0", "EOF"):
         tags += [("0", "ENDSEC"), ("0", "EOF")]
-    return _marked(_versioned(tags))
+    sound, left_out = _sound(tags, places, broken)
+    return _marked(_versioned(sound)), left_out, commas
+
+
+def _sound(tags: list[Tag], places: list[int], broken: set[int]) -> tuple[list[Tag], list[str]]:
+    """Without entities that have ``broken`` numbers, and a polyline's with one vertex that has; and which they are."""
+    if not broken:
+        return tags, []
+    starts = [i for i, (code, _) in enumerate(tags) if code == "0"]
+    out: list[Tag] = tags[: starts[0]] if starts else []
+    left_out: list[str] = []
+    group_of = [(b, e, tags[b][1].strip()) for b, e in zip(starts, [*starts[1:], len(tags)], strict=True)]
+    k = 0
+    while k < len(group_of):
+        begin, end, kind = group_of[k]
+        k += 1
+        if kind == "POLYLINE":
+            while k < len(group_of) and group_of[k][2] in ("VERTEX", "SEQEND"):
+                end = group_of[k][1]
+                k += 1
+        if kind in STRUCTURE or broken.isdisjoint(range(begin, end)):
+            out += tags[begin:end]
+        else:
+            left_out.append(f"{kind} in line {places[begin]}")
+    told = "; ".join(left_out[:TOLD]) + (f" and {len(left_out) - TOLD} more" if len(left_out) > TOLD else "")
+    return out, [f"what has numbers that cannot be read is left out: {told}"] if left_out else []
 
 
 def _is_value(code: int, value: str) -> bool:

@@ -49,6 +49,9 @@ class Layers:
     def __init__(self, document: Any) -> None:
         self.document = document
         self.table: dict[str, Any] = {layer.dxf.name.casefold(): layer for layer in document.layers}
+        self._frozen = {name for name, layer in self.table.items() if layer.is_frozen()}
+        self._hidden = self._frozen | {name for name, layer in self.table.items() if layer.is_off()}
+        self._unplotted = {name for name, layer in self.table.items() if not attribute(layer, "plot", 1)} | {UNPLOTTED}
         self.broken = {ltype.dxf.name.upper(): _is_broken(ltype) for ltype in document.linetypes}
 
     def names(self, entities: Iterable[Any]) -> list[str]:
@@ -81,13 +84,15 @@ class Layers:
 
     def hidden(self, layer: str) -> bool:
         """Whether the layer is off or frozen."""
-        own = self.table.get(layer.casefold())
-        return own is not None and (own.is_off() or own.is_frozen())
+        return layer.casefold() in self._hidden
+
+    def frozen(self, layer: str) -> bool:
+        """Whether the layer is frozen: a block that stands on it is hidden with all that it has on other layers."""
+        return layer.casefold() in self._frozen
 
     def unplotted(self, layer: str) -> bool:
         """Whether the layer is never plotted."""
-        own = self.table.get(layer.casefold())
-        return layer.casefold() == UNPLOTTED or (own is not None and not attribute(own, "plot", 1))
+        return layer.casefold() in self._unplotted
 
     def dashed(self, linetype: str) -> bool:
         """Whether a line type has gaps."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ..plant.quantity import InvalidInput
-from .choice import Choice, merged
+from .choice import Choice, Reading, merged
 from .clip import Clip
 from .collected import Collected
 from .curve import Curve
@@ -32,12 +32,10 @@ class Place:
 class Walk:
     """The way through a document; what is found goes into ``found``."""
 
-    def __init__(
-        self, document: Any, found: Collected, layers: Choice, colours: Choice, text: bool, hatches: bool
-    ) -> None:
+    def __init__(self, document: Any, found: Collected, layers: Choice, colours: Choice, asked: Reading) -> None:
         self.document, self.found = document, found
         self.layer_choice, self.colour_choice = layers, colours
-        self.text, self.hatches = text, hatches
+        self.text, self.hatches = asked.text, asked.hatches
         self.layers = Layers(document)
         self.dashed: list[tuple[Callable[[], None], str]] = []
 
@@ -88,7 +86,8 @@ class Walk:
     def _entity(self, entity: Any, place: Place) -> None:
         kind, look = entity.dxftype(), self.layers.look(entity, place.look)
         skipped, named = self.found.skipped, self.layer_choice.named(look.layer)
-        if self.layers.hidden(look.layer) and not named:
+        hidden = self.layers.frozen if kind == "INSERT" else self.layers.hidden
+        if hidden(look.layer) and not named:
             skipped[f"{kind} on hidden layer '{look.layer}'"] += 1
         elif attribute(entity, "invisible", 0):
             skipped[f"invisible {kind}"] += 1

@@ -12,14 +12,13 @@ from pathlib import Path
 import numpy as np
 
 from ..plant.quantity import InvalidInput
+from .choice import Reading
 from .drawing import Drawing, drawing, unit
 from .gcode_beam import Piece, repeats
 from .gcode_machine import Machine
 
 
-def read_gcode(
-    path: str | Path, *, layers: tuple[str, ...] | list[str] | str | None = None, units: str | None = None
-) -> Drawing:
+def read_gcode(path: str | Path, asked: Reading = Reading()) -> Drawing:  # noqa: B008
     """The cuts of a G-code programme as they stand in it: neither joined nor put into another order.
 
     Feed moves cut while the beam is on; G0 does not. A piece ends where the beam goes off or a G0 moves. ``feeds`` has
@@ -27,17 +26,18 @@ def read_gcode(
 
     Args:
         path: a G-code file.
-        layers: None; programmes have no layers.
-        units: what numbers are in until the programme says G20 or G21.
+        asked: units that numbers are in until the programme says G20 or G21; all else is for drawings.
 
     Raises:
-        InvalidInput: file, line and word of the first that cannot be read; an arc whose numbers do not fit each other;
-            a programme without end; nothing to cut; or a journey whose length is out of range.
+        InvalidInput: something asked that is for drawings; file, line and word of the first that cannot be read; an arc
+            whose numbers do not fit each other; a programme without end; nothing to cut; or a journey whose length is
+            out of range.
     """
     file = Path(path)
-    if layers is not None:
-        raise InvalidInput(f"{file}: layers = {layers!r}: G-code has no layers")
-    machine = Machine(file, unit(units)[0] if units is not None else None)
+    for name in ("layers", "colours", "join", "text", "hatches"):
+        if (given := getattr(asked, name)) != getattr(Reading, name):
+            raise InvalidInput(f"{file}: {name} = {given!r}: a programme has none; that is for drawings (DXF, SVG)")
+    machine = Machine(file, unit(asked.units)[0] if asked.units is not None else None)
     machine.run()
     pieces = machine.beam.pieces()
     _tell(machine, pieces)

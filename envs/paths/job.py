@@ -204,7 +204,9 @@ def driven(route: Route, settings: Settings) -> Job:
             into = stretches(cut.way, SMOOTH) if len(cut.way) > 1 else []
             positions, tangents, way = travel([*into, *path], feed, cutting, legs)
         except InvalidInput as error:
-            raise InvalidInput(f"'{route.drawing.name}', contour {cut.contour + 1}: {error}") from None
+            raise InvalidInput(
+                f"'{route.drawing.name}', contour {route.drawing.number(cut.contour)}: {error}"
+            ) from None
         led = int(np.searchsorted(way, sum(x.length for x in into), side="right")) if into else 1
         if led > 1:
             tape.move(positions[:led], tangents[:led], LEAD_IN, 1.0)

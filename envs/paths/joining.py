@@ -1,17 +1,21 @@
 """Curves to contours: drawings do not know where a contour begins; their curves are joined where their ends meet.
 
-Ends within :data:`.curve.EXACT` are joined first, across a gap only afterwards. What is shorter than
-:data:`.contours.GAP` is a speck.
+Ends within :data:`.curve.EXACT` are joined first, across a gap only afterwards. What is shorter than :data:`GAP` is a
+speck.
 """
 
-from collections import defaultdict, deque
+from collections import defaultdict
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from .contours import GAP
+from ..plant.path import SPACING
 from .curve import EXACT, Curve, Indices, Points, linked
+
+GAP = SPACING
+"""mm, the largest gap between two ends that are joined unless a user says otherwise: what CAD rounds away, and one
+sample of a journey."""
 
 NEAR = 20.0
 """Times the tolerance, within which two ends that stay apart are worth telling."""
@@ -58,7 +62,7 @@ def joined(curves: list[Curve], tolerance: float = GAP) -> tuple[list[Curve], Jo
 
 def _ends(curves: list[Curve]) -> Points:
     """First and last point of each curve, one after the other."""
-    return np.array([end for c in curves for end in (c.points[0], c.points[-1])], float).reshape(-1, 2)
+    return np.array([end for c in curves for end in (*c.points[0], *c.points[-1])], float).reshape(-1, 2)
 
 
 def _same(points: Points) -> Indices:
@@ -135,19 +139,28 @@ def _chained(curves: list[Curve], nodes: npt.NDArray[np.int64]) -> tuple[list[Cu
     cuts off the loop: it is a contour of its own, so that two shapes that touch in a corner, or a lead-in and its
     shape, stay apart. Walks begin at the nodes of odd degree, which is where open chains end.
     """
-    closed = [linked([c], True) for c, (a, b) in zip(curves, nodes, strict=True) if a == b]
-    edges: dict[int, deque[int]] = defaultdict(deque)
-    for i, (a, b) in enumerate(nodes.tolist()):
+    ends = nodes.tolist()
+    closed = [linked([c], True) for c, (a, b) in zip(curves, ends, strict=True) if a == b]
+    edges: dict[int, list[int]] = defaultdict(list)  # of each node, the first last
+    for i, (a, b) in enumerate(ends):
         if a != b:
             edges[a].append(i)
             edges[b].append(i)
+    for at in edges.values():
+        at.reverse()
     loose: list[Curve] = []
     unused = {i for at in edges.values() for i in at}
+    alone = {i for i in unused if len(edges[ends[i][0]]) == len(edges[ends[i][1]]) == 1}
+    unused -= alone
     for start in [n for n, at in edges.items() if len(at) % 2] + list(edges):
-        loops, rest = _walk(start, edges, nodes, unused)
+        if edges[start] and (only := edges[start][-1]) in alone:  # of a drawing in lines mostly all
+            alone.remove(only)
+            loose.append(linked([curves[only] if ends[only][0] == start else curves[only].reversed()]))
+            continue
+        loops, rest = _walk(start, edges, ends, unused)
         for trail, shut in [*((loop, True) for loop in loops), (rest, False)]:
             if trail:
-                run = [curves[i] if nodes[i, 0] == node else curves[i].reversed() for node, i in trail]
+                run = [curves[i] if ends[i][0] == node else curves[i].reversed() for node, i in trail]
                 (closed if shut else loose).append(linked(run, shut))
     return closed, loose
 
@@ -157,7 +170,7 @@ Trail = list[tuple[int, int]]
 
 
 def _walk(
-    start: int, edges: dict[int, deque[int]], nodes: npt.NDArray[np.int64], unused: set[int]
+    start: int, edges: dict[int, list[int]], ends: list[list[int]], unused: set[int]
 ) -> tuple[list[Trail], Trail]:
     """The loops on a walk from ``start``, and what remains of it; takes its edges out of ``unused``."""
     loops: list[Trail] = []
@@ -165,15 +178,15 @@ def _walk(
     here = start
     passed: dict[int, int] = {}
     while True:
-        while edges[here] and edges[here][0] not in unused:
-            edges[here].popleft()
+        while edges[here] and edges[here][-1] not in unused:
+            edges[here].pop()
         if not edges[here]:
             return loops, trail
-        edge = edges[here].popleft()
+        edge = edges[here].pop()
         unused.remove(edge)
         passed[here] = len(trail)
         trail.append((here, edge))
-        here = int(nodes[edge].sum()) - here
+        here = sum(ends[edge]) - here
         if here in passed:
             loop = trail[passed[here] :]
             del trail[passed[here] :]

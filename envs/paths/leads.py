@@ -97,6 +97,8 @@ def leads(
     search = _Search(pieces, corners, room, length, joined)
     left = wanted
     for stage in (search.first, search.as_drawn, search.elsewhere, search.anywhere, search.from_the_middle):
+        if stage not in (search.first, search.as_drawn) and not room.worth_asking:
+            break
         for own, lead in stage(left).items():
             found[own] = lead
         left = np.array([i for i in left if found[i].how == "none"], np.int64)
@@ -107,21 +109,23 @@ def leads(
     return found
 
 
-def restarts(pieces: list[Points], room: Room, length: float, own: Indices, at: Points) -> list[Points]:
+def restarts(pieces: list[Points], room: Room, length: float, starts: list[tuple[int, Points]]) -> list[Points]:
     """Ways into contours behind joints, a single point where there is no room.
 
     Args:
         pieces: all contours.
         room: around them.
         length: mm, at most; 0: no lead-ins.
-        own: the contour of each start.
-        at: the starts, on the contours, shape (n, 2), mm.
+        starts: each a contour and the point on it, mm.
     """
-    found = [point[None] for point in at]
-    if length > 0 and len(own):
+    found = [point[None] for _, point in starts]
+    if length > 0 and starts:
         search = _Search(pieces, [np.zeros(0, np.int64)] * len(pieces), room, length, np.ones(len(pieces), bool))
-        for k, lead in search.behind_joints(own, at).items():
-            found[k] = lead.way
+        for first in range(0, len(starts), BLOCK):
+            some = starts[first : first + BLOCK]
+            own, at = np.array([i for i, _ in some]), np.array([point for _, point in some])
+            for k, lead in search.behind_joints(own, at).items():
+                found[first + k] = lead.way
     return found
 
 
@@ -172,7 +176,7 @@ class _Search:
         for i in left[self.room.nesting.hole[left]].tolist():
             ring = self.pieces[i]
             outline = shapely.polygons(ring)
-            if not outline.is_valid:
+            if not outline.is_valid or not self.room.worth_asking:
                 continue
             spoke = shapely.get_coordinates(shapely.maximum_inscribed_circle(outline, 1e-3 * self.room.half or 1e-4))
             start = onto(i, ring, self.side[i], spoke[1])
@@ -198,6 +202,8 @@ class _Search:
             max(min(n, least), int(n * min(share, 1.0))) for n, least in zip(many, LEAST_STARTS, strict=True)
         )  # fmt: skip
         for at in range(0, len(left), BLOCK):
+            if not self.room.worth_asking:
+                break
             block = left[at : at + BLOCK].tolist()
             starts = together([others(i, self.pieces[i], self.side[i], spread, corners) for i in block])
             found |= self._best(starts, ELSEWHERE, keep, "elsewhere")

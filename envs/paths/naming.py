@@ -9,7 +9,7 @@ NAMED = 5
 
 
 def named(drawing: Drawing, contours: Sequence[int], what: str) -> list[str]:
-    """A sentence for each of the first contours, with its number and place, and one for the rest.
+    """A sentence for each of the first contours, with its number and its place in the file, and one for the rest.
 
     Args:
         drawing: of which they are.
@@ -18,8 +18,8 @@ def named(drawing: Drawing, contours: Sequence[int], what: str) -> list[str]:
     """
     out = []
     for i in contours[:NAMED]:
-        x, y = drawing.pieces[i][0]
-        out.append(f"contour {i + 1}, which begins at x = {x:.2f}, y = {y:.2f} mm, {what}")
+        x, y = drawing.pieces[i][0] + drawing.origin
+        out.append(f"contour {drawing.number(i)}, which begins at x = {x:.2f}, y = {y:.2f} mm, {what}")
     if len(contours) > NAMED:
         rest = len(contours) - NAMED
         out.append(f"the same is true of {rest} more contour{'s' if rest > 1 else ''}")

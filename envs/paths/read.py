@@ -1,12 +1,16 @@
 """Reading a path, whatever its format."""
 
+import gc
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 
 from .. import files
 from ..plant.quantity import InvalidInput, did_you_mean
-from .choice import Rules
+from .choice import Reading, Rules
 from .drawing import Drawing
+from .joining import GAP
 
 FORMATS = {
     ".dxf": "dxf", ".svg": "svg", ".ngc": "gcode", ".nc": "gcode", ".gcode": "gcode", ".tap": "gcode", ".cnc": "gcode",
@@ -23,7 +27,7 @@ def read(
     layers: Rules = None,
     units: str | None = None,
     colours: Rules = None,
-    join: float | None = None,
+    join: float = GAP,
     text: bool = False,
     hatches: bool = False,
 ) -> Drawing:
@@ -36,7 +40,7 @@ def read(
         units: mm, cm, m, inches or another of :data:`.drawing.UNITS`, instead of what the file says or is taken to mean
             (G20 and G21 prevail).
         colours: the same for colours (DXF) and strokes (SVG).
-        join: mm, the largest gap between two ends of a drawing that are joined; None: :data:`.contours.GAP`.
+        join: mm, the largest gap between two ends of a drawing that are joined.
         text: cut the letters of a drawing as outlines.
         hatches: cut the filled areas of a DXF as outlines.
 
@@ -48,16 +52,26 @@ def read(
             where, and what is allowed.
     """
     file = Path(path)
-    if not file.exists():
+    if not files.exists(file):
         raise InvalidInput(f"{file}: no such file")
     suffix = file.suffix.lower()
     if suffix not in FORMATS:
         raise InvalidInput(f"{file}: '{file.suffix}' files cannot be read; {did_you_mean(suffix, FORMATS)}")
     files.checked(file, files.DRAWING)
     module = FORMATS[suffix]
-    reader = getattr(import_module(f".{module}", __package__), f"read_{module}")
-    drawn = {"colours": colours, "join": join, "text": text or None, "hatches": hatches or None}
-    given = {name: value for name, value in drawn.items() if value is not None}
-    if module in PROGRAMMES and given:
-        raise InvalidInput(f"{file}: a programme has no {next(iter(given))}; that is for drawings (DXF, SVG)")
-    return reader(file, layers=layers, units=units, **given)
+    asked = Reading(units=units, layers=layers, colours=colours, join=join, text=text, hatches=hatches)
+    with _keeping():
+        return getattr(import_module(f".{module}", __package__), f"read_{module}")(file, asked)
+
+
+@contextmanager
+def _keeping() -> Iterator[None]:
+    """Without the collector of garbage: of a file's million objects all are used to the end, and to look through them
+    again and again takes a third of the time."""
+    was = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was:
+            gc.enable()

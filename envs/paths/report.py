@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .contours import GAP
-from .joining import Gap
+from .crossings import Meeting
+from .joining import GAP, Gap
 
 if TYPE_CHECKING:
     from .drawing import Drawing
@@ -19,21 +19,46 @@ LARGE = 0.1 * GAP
 
 
 def of(drawing: "Drawing") -> list[str]:
-    """Sentences on what was joined, what stays open, what was there twice, and what is to be engraved."""
-    return [*_cleaned(drawing), *_joined(drawing), *_engraved(drawing)]
+    """Sentences on what was joined, what stays open, what was there twice, what crosses, and what is to be engraved."""
+    return [*_cleaned(drawing), *_joined(drawing), *_crossing(drawing), *_engraved(drawing)]
 
 
 def _cleaned(drawing: "Drawing") -> Iterator[str]:
     for step in drawing.cleaned:
         if step.overlapping:
             yield f"{_many(step.overlapping, 'line lies', 'lines lie')} on others: cut once, {step.length:.3f} mm less"
+        if step.curves:
+            what = _many(step.curves, "curve lies wholly on another", "curves lie wholly on others")
+            yield f"{what}: cut once, {step.length:.3f} mm less"
         if step.doubled:
             yield f"{_many(step.doubled, 'closed contour is', 'closed contours are')} there twice: cut once"
         if step.flat:
             yield f"{_many(step.flat, 'closed contour encloses', 'closed contours enclose')} nothing: cut as open"
-        if step.shared:
-            legs = _many(step.shared, "leg of an outline lies", "legs of outlines lie")
-            yield f"{legs} on another: cut for each of them"
+
+
+def _crossing(drawing: "Drawing") -> Iterator[str]:
+    """Contours have their numbers as they were read, which are those of ``drawing.meetings``."""
+    found = drawing.meetings.found
+    own = "crosses or touches itself at {}: what it goes around an even number of times is taken as outside"
+    yield from _each([f"contour {m.first + 1} {own.format(_at(m))}" for m in found if m.first == m.second], "contour")
+    pairs = [(m, f"contours {m.first + 1} and {m.second + 1}") for m in found if m.first != m.second]
+    crossing = [f"{both} cross at {_at(m)}: each cuts into the other" for m, both in pairs if not m.along]
+    yield from _each(crossing, "pair")
+    on = "lie on one another over {:.1f} mm, at {}: cut for each of them"
+    yield from _each([f"{both} {on.format(m.along, _at(m))}" for m, both in pairs if m.along], "pair")
+    if drawing.meetings.cut_short:
+        yield "too many contours meet to look at all: there may be more that cross or lie on one another"
+
+
+def _each(lines: list[str], what: str) -> Iterator[str]:
+    yield from lines[:TOLD]
+    if len(lines) > TOLD:
+        rest = len(lines) - TOLD
+        yield f"the same is true of {rest} more {what}{'s' if rest > 1 else ''}"
+
+
+def _at(meeting: Meeting) -> str:
+    return f"x = {meeting.x:.2f}, y = {meeting.y:.2f} mm"
 
 
 def _joined(drawing: "Drawing") -> Iterator[str]:

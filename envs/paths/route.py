@@ -16,7 +16,7 @@ from .joints import away_from_corners, joints, runs
 from .leads import leads, restarts
 from .naming import named
 from .nesting import Nesting, nested
-from .room import Room
+from .room import MOST_WORK, Room
 
 REPEAT = 1e-9
 """mm, from which on two points are two."""
@@ -103,7 +103,8 @@ def routed(drawing: Drawing, cutting: Cutting) -> Route:
     drawing, warnings = _without_repeats(drawing), []
     pieces = drawing.pieces
     nesting = nested(pieces, drawing.closed)
-    room = Room(pieces, nesting, cutting.kerf)
+    # Where thousands of contours lie on top of each other hardly anything is a part.
+    room = Room(pieces, nesting, cutting.kerf, MOST_WORK // 4 if drawing.meetings.cut_short else MOST_WORK)
     gap = cutting.joint_width + cutting.kerf
     count = np.zeros(len(pieces), np.int64)
     if cutting.joints or cutting.joint_spacing:
@@ -122,22 +123,30 @@ def routed(drawing: Drawing, cutting: Cutting) -> Route:
     found = leads(pieces, corners, room, cutting.lead_in, count > 0)
     cuts: list[Cut] = []
     uncut: list[Points] = []
+    parted = {i: runs(found[i].piece, found[i].corners, int(count[i]), gap) for i in np.flatnonzero(count).tolist()}
+    later = [(i, run.points[0]) for i, parts in parted.items() for run in parts[1:]]
+    ways = iter(restarts(pieces, room, cutting.lead_in, later))
     for i, lead in enumerate(found):
-        if not count[i]:
+        if i not in parted:
             cuts.append(Cut(i, lead.way, lead.piece, lead.corners, lead.how))
             continue
-        parts = runs(lead.piece, lead.corners, int(count[i]), gap)
-        begins = np.array([run.points[0] for run in parts])
-        ways = restarts(pieces, room, cutting.lead_in, np.full(len(parts) - 1, i), begins[1:])
-        for run, way in zip(parts, [lead.way, *ways], strict=True):
-            how = lead.how if way is lead.way else "drawn" if len(way) > 1 else "on the contour"
-            cuts.append(Cut(i, way, run.points, run.corners, how))
+        parts = parted[i]
+        begins = [run.points[0] for run in parts]
+        for k, run in enumerate(parts):
+            way = next(ways) if k else lead.way
+            how = lead.how if not k else "drawn" if len(way) > 1 else "on the contour"
+            cuts.append(Cut(i, way, run.points, run.corners, how if cutting.lead_in > 0 else "none"))
         uncut += [np.array([a.points[-1], b]) for a, b in zip(parts, [*begins[1:], begins[0]], strict=True)]
     flat = [i for i, c in enumerate(drawing.closed) if c and not nesting.area[i]]
     warnings += named(drawing, flat, "encloses nothing: it is cut as a line, without a lead-in")
     tight = list(dict.fromkeys(cut.contour for cut in cuts if cut.how == "on the contour"))
-    warnings += named(drawing, tight, "has no room for a lead-in: it is pierced on the contour")
-    return Route(drawing, cutting, cuts, uncut, warnings)
+    no_room = "has no room for a lead-in"
+    if not room.worth_asking:
+        no_room = "has no lead-in, for too much lies on top of each other to look for room everywhere"
+    warnings += named(drawing, tight, f"{no_room}: it is pierced on the contour")
+    route = Route(drawing, cutting, cuts, uncut, warnings)
+    vars(route)["nesting"] = nesting  # of thousands of contours it takes a second to find again
+    return route
 
 
 def _without_repeats(drawing: Drawing) -> Drawing:

@@ -12,10 +12,9 @@ import numpy as np
 
 from ..plant.quantity import InvalidInput
 from . import svg_style
-from .choice import Choice, Rules, merged
+from .choice import Choice, Reading, merged
 from .collected import Collected
 from .colours import NONE, of_css, painted
-from .contours import GAP
 from .drawing import Drawing, finished, unit
 from .svg_shapes import CUT, Matrix, curves
 from .svg_text import letters
@@ -59,16 +58,7 @@ class Place:
     depth: int = 0
 
 
-def read_svg(
-    path: str | Path,
-    *,
-    layers: Rules = None,
-    units: str | None = None,
-    colours: Rules = None,
-    join: float = GAP,
-    text: bool = False,
-    hatches: bool = False,
-) -> Drawing:
+def read_svg(path: str | Path, asked: Reading = Reading()) -> Drawing:  # noqa: B008
     """The contours of an SVG picture, inner ones before those that contain them, otherwise the nearest next.
 
     Cut are the outlines of paths and basic shapes, whatever their stroke and fill. The y axis is turned up, so that the
@@ -77,25 +67,25 @@ def read_svg(
 
     Args:
         path: an SVG file.
-        layers: what becomes of which layer (:mod:`.choice`); None: all are cut.
-        units: what one unit of the view box is, instead of what follows from the size of the page.
-        colours: what becomes of which stroke: a name, #rrggbb, or none; None: all are cut.
-        join: mm, the largest gap between two ends that are joined.
-        text: the outlines of letters are cut.
-        hatches: for drawings of other formats; here the outlines of filled areas are always cut.
+        asked: how it is read. Units are those of the view box, instead of what follows from the size of the page;
+            colours are those of strokes: a name, #rrggbb, or none. Outlines of filled areas are always cut.
 
     Raises:
         InvalidInput: not an SVG file, unknown units, layer or colour, nothing to cut, or more than a drawing may have.
     """
-    return _Picture(Path(path), layers, units, colours, text).drawing(join)
+    with np.errstate(
+        over="ignore", invalid="ignore"
+    ):  # what comes out as no number, or far away, is told where it is drawn
+        return _Picture(Path(path), asked).drawing()
 
 
 class _Picture:
     """An SVG file on its way to a drawing."""
 
-    def __init__(self, file: Path, layers: Rules, units: str | None, colours: Rules, text: bool) -> None:
-        self.file, self.text, self.data, self.steps = file, text, 0, 0
-        self.layer_choice, self.colour_choice = Choice("layer", layers), Choice("colour", colours, painted)
+    def __init__(self, file: Path, asked: Reading) -> None:
+        self.file, self.asked, self.data, self.steps = file, asked, 0, 0
+        self.layer_choice = Choice("layer", asked.layers)
+        self.colour_choice = Choice("colour", asked.colours, painted)
         self.root = tree(file)
         self.found = Collected(file)
         for node, selector in svg_style.apply(self.root):
@@ -105,15 +95,15 @@ class _Picture:
         groups = self.root.all() if self.inkscape else self.root.children
         self.layer_of = {id(n): name for n in groups if (name := self._own_layer(n))}
         self.layer_choice.check(file, dict.fromkeys(self.layer_of.values()))
-        self.units, self.page = self._page(units)
+        self.units, self.page = self._page(asked.units)
 
-    def drawing(self, join: float) -> Drawing:
+    def drawing(self) -> Drawing:
         self.found.room_for(self._count(self.root, {}, 0))
         self._group(self.root, replace(self.page, stroke=self._stroke(self.root, NONE)))
         self.colour_choice.check(self.file, self.colour_choice.seen)
-        if not self.text and not self.found.curves and "text" in self.found.skipped:
+        if not self.asked.text and not self.found.curves and "text" in self.found.skipped:
             self.found.warn("--text cuts letters as outlines")
-        return finished(self.file, self.found, self.units, join, ", ".join(CUT))
+        return finished(self.file, self.found, self.units, self.asked.join, ", ".join(CUT))
 
     def _count(self, node: Node, known: dict[int, int], depth: int) -> int:
         """How many elements there are within an element and what it uses: a bomb is known before it goes off."""
@@ -246,7 +236,7 @@ class _Picture:
         skipped = self.found.skipped
         by_layer, by_colour = self.layer_choice.role(place.layer), self.colour_choice.role(place.stroke)
         role = merged(by_layer, by_colour)
-        if node.tag not in CUT and not (node.tag == "text" and self.text):
+        if node.tag not in CUT and not (node.tag == "text" and self.asked.text):
             skipped[node.tag] += 1
         elif role == "ignore":
             where = f"on layer '{place.layer}'" if place.layer else "on no layer"

@@ -1,5 +1,6 @@
 """The elements of an SVG file, each with its line, and what their attributes say."""
 
+import codecs
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -29,6 +30,9 @@ FONT = 16.0
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 NUMBERS = re.compile(rf"[\s,]*(?:{NUMBER}[\s,]*)*")
 LENGTH = re.compile(rf"\s*({NUMBER})\s*([a-zA-Z%]*)\s*")
+
+DECLARED = re.compile(rb"\s*<\?xml[^>]*\bencoding\b")
+"""The beginning of a file that names its encoding."""
 
 DEEPEST = 200
 """Elements within elements."""
@@ -154,12 +158,12 @@ def tree(file: Path) -> Node:
     Raises:
         InvalidInput: not XML, not SVG, or more elements or longer entities than a drawing may have.
     """
-    builder = _Builder(file)
+    builder, data = _Builder(file), file.read_bytes()
     try:
         # All at once: expat looks at a long attribute anew for each piece of the file that it is given.
-        builder.parser.Parse(file.read_bytes(), True)
+        builder.parser.Parse(data, True)
     except expat.ExpatError as error:
-        said = expat.ErrorString(error.code)
+        said = _no_utf8(data) or expat.ErrorString(error.code)
         raise InvalidInput(f"{file}, line {error.lineno}: cannot be read as SVG: {said}") from None
     except (ValueError, LookupError, OSError) as error:
         if isinstance(error, InvalidInput):
@@ -168,6 +172,20 @@ def tree(file: Path) -> Node:
     if builder.root is None or builder.root.tag != "svg":
         raise InvalidInput(f"{file}: cannot be read as SVG: its outermost element is no svg")
     return builder.root
+
+
+def _no_utf8(data: bytes) -> str:
+    """What is wrong with the letters of a file that says nothing of its encoding; empty if nothing is."""
+    if DECLARED.match(data) or data[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+        return ""
+    try:
+        data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        return (
+            f"byte 0x{data[error.start]:02x} is no UTF-8, and the file names no other encoding; save it as UTF-8, or "
+            'begin it with its encoding, such as <?xml version="1.0" encoding="ISO-8859-1"?>'
+        )
+    return ""
 
 
 class _Builder:

@@ -5,8 +5,7 @@ from typing import Annotated
 
 import tyro
 
-from ...envs.plant.quantity import InvalidInput
-from .. import grids, runs
+from .. import grids, runs, script
 from .page import DRAWN, MODULE, PAGE, made
 from .sheets import sheets as sheets_of
 
@@ -48,7 +47,4 @@ def main(
 
 
 if __name__ == "__main__":
-    try:
-        tyro.cli(main)
-    except InvalidInput as error:
-        raise SystemExit(f"kerfgym: {error}") from None
+    script.run(main, "kerfgym.experiments.endurance")

@@ -5,7 +5,7 @@ from typing import Annotated
 import tyro
 
 from ...envs.plant.quantity import InvalidInput
-from .. import grids, runs
+from .. import grids, runs, script
 from .page import PAGE, made
 from .story import story
 from .tables import MODULE
@@ -46,7 +46,4 @@ def main(
 
 
 if __name__ == "__main__":
-    try:
-        tyro.cli(main)
-    except InvalidInput as error:
-        raise SystemExit(f"kerfgym: {error}") from None
+    script.run(main, "kerfgym.experiments.faults")

@@ -1,10 +1,10 @@
 """Studies that take seconds: the cut's calibration, what it shows of a following error, and the shipped policies."""
 
-import json
 from typing import Any
 
 import pandas as pd
 
+from ...envs import files
 from ...envs import stack as stacks
 from ...envs.material import material
 from .. import calibrate
@@ -55,8 +55,8 @@ def policies(trial: Trial) -> dict[str, Any]:
 
 def _policy(name: str) -> dict[str, Any]:
     folder = TRAINED / name
-    record = json.loads((folder / "run.json").read_text(encoding="utf-8"))
-    document = json.loads((folder / "policy.json").read_text(encoding="utf-8"))
+    record = files.json_(folder / "run.json")
+    document = files.json_(folder / "policy.json")
     found = {
         "environment": record["env"], "algorithm": record["algorithm"], "seed": record["seed"],
         "steps": record["ledger"]["training_steps"], "simulated_steps": record["ledger"]["simulated_steps"],

@@ -1,6 +1,5 @@
 """Recorded results: ``docs/results/<study>.json``, small and readable, in the repository."""
 
-import json
 import math
 import subprocess
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ...envs import files
 from ...envs.plant.quantity import InvalidInput, did_you_mean
 from .. import runs
 from .stamp import ROOT
@@ -33,10 +33,7 @@ def read(study: str) -> dict[str, Any] | None:
     path = file(study)
     if not path.is_file():
         return None
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise InvalidInput(f"cannot read '{path}': {error}") from None
+    found = files.json_(path)
     if not isinstance(found, dict) or not {"study", "numbers", "depends"} <= set(found):
         raise InvalidInput(f"'{path}' is not the record of a study: it lacks study, numbers or depends")
     return found

@@ -94,7 +94,8 @@ def compared(name: str) -> Any:
 
 def _depends(name: str) -> tuple[str, ...]:
     slot = scenarios.rules(name)["slot"]
-    cuts = () if slot == "z" else PLANNED
+    drawn = any(each.job or each.path for each in scenarios.suite(name).values())
+    cuts = PLANNED if drawn else ()
     return *LOADED, *cuts, *LAWS, *POLICIES, *suite(name), *trained(_ENVIRONMENTS[slot])
 
 

@@ -12,17 +12,19 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
-import tyro
 from tyro.conf import Positional, arg
 
-from ...envs.plant.quantity import InvalidInput, did_you_mean
+from .. import script
 from ..markdown import table
 from .seeds import make
 from .targets import TARGETS, case
 from .worker import MOST_MEMORY, Outcome, serve
 
 LONGEST = 20.0
-"""s after which a file counts as one that hangs."""
+"""s of the processor after which a file counts as one that hangs."""
+
+WAIT = 120.0
+"""s after which no answer is one, too; on a busy machine twenty of the processor take longer."""
 
 FRESH = 2000
 """Cases after which a worker is replaced: libraries keep what they have once taken."""
@@ -84,7 +86,7 @@ class Worker:
             self.end()
             self._begin()
             self.done = 0
-        longest = LONGEST + (60.0 if self.done == 0 else 0.0)  # the first has to import
+        longest = WAIT + (60.0 if self.done == 0 else 0.0)  # the first has to import
         self.done += 1
         self.pipe.send((name, number, seed))
         start = time.monotonic()
@@ -94,7 +96,7 @@ class Worker:
                 outcome = self.pipe.recv()
                 slow = outcome.seconds > LONGEST
                 return Outcome("hangs", f"{LONGEST:g} s", outcome.seconds) if slow else outcome
-            outcome = Outcome("hangs", f"{LONGEST:g} s", time.monotonic() - start)
+            outcome = Outcome("hangs", f"{WAIT:g} s", time.monotonic() - start)
         except EOFError:
             self.process.join()
             outcome = Outcome("dies", f"exit code {self.process.exitcode}")
@@ -160,14 +162,12 @@ def fuzz(
     Returns:
         how many cases were problems.
     """
-    for name in kinds:
-        if name not in TARGETS:
-            raise InvalidInput(f"unknown kind '{name}'; {did_you_mean(name, TARGETS)}")
+    wanted = script.known(kinds, TARGETS, "kind")
     with tempfile.TemporaryDirectory(prefix="kerfgym-seeds-") as temporary:
         where = seeds or Path(temporary) / "seeds"
         if not where.exists():
             make(where)
-        tallies = fuzzed(list(kinds or TARGETS), cases, seed, jobs, where.resolve())
+        tallies = fuzzed(wanted, cases, seed, jobs, where.resolve())
         for name, tally in tallies.items():
             for number, (words, numbers) in enumerate(tally.problems.items()):
                 print(f"{name}: {len(numbers)} × {words}; the first is case {numbers[0]}")
@@ -186,14 +186,5 @@ def fuzz(
     return counts["all"][-1]
 
 
-def main() -> None:
-    """Entry point."""
-    try:
-        raise SystemExit(min(tyro.cli(fuzz, prog="python -m kerfgym.experiments.fuzz"), 100))
-    except InvalidInput as error:
-        print(f"fuzz: error: {error}", file=sys.stderr)
-        raise SystemExit(2) from None
-
-
 if __name__ == "__main__":
-    main()
+    script.run(fuzz, "kerfgym.experiments.fuzz")

@@ -7,7 +7,7 @@ again by its number.
 import json
 import random
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import tomli_w
@@ -17,20 +17,31 @@ from ...envs.plant.quantity import InvalidInput
 
 NUMBERS = (
     "0", "-1", "1", "-0.0", "1e300", "-1e300", "1e-300", "1e12", "1e999", "nan", "inf", "-inf", "2147483648",
-    "18446744073709551616", "9" * 30, "9" * 5000, "0x10", "1_0", "1.5.2", "3,5", "",
+    "9223372036854775808", "18446744073709551616", "1e308", "5e-324", "9" * 30, "9" * 400, "9" * 5000, "0x10", "1_0",
+    "1.5.2", "3,5", "",
 )  # fmt: skip
 
 WORDS = (
-    "null", "true", "[]", "{}", '""', "../../x", "/dev/zero", "/etc/passwd", "x.py:Mine", "\\u0000", "ä€𝄞",
-    "a" * 5000, "%s%n", "${HOME}", "{{7*7}}", "<script>", "#", ";", "(", "]", "}", "]]>", "&a;", "\t", "\r", " = ",
+    "null", "true", "[]", "{}", '""', "../../x", "/dev/zero", "/etc/passwd", "pipe", "x.py:Mine", "\\u0000", "ä€𝄞",
+    "a" * 256, "a" * 5000, "%s%n", "${HOME}", "{{7*7}}", "<script>", "#", ";", "(", "]", "}", "]]>", "&a;",
+    "\t", "\r", " = ",
 )  # fmt: skip
 
 VALUES: tuple[Any, ...] = (
-    None, True, False, 0, -1, 1e300, float("nan"), float("inf"), 10**30, "", "x", "../../x", "/dev/zero",
-    "evil.py:Mine", [], {}, [None], [[[]]], {"a": 1}, ["x", 1], "a" * 3000,
+    None, True, False, 0, -1, 1, 0.5, 1e300, float("nan"), float("inf"), 2**63 - 1, 2**63, 10**30, 10**400, "", "x",
+    "1", "../../x", "/dev/zero", "/proc/self/mem", "pipe", "evil.py:Mine", "a\0b", "\ud800", [], {}, [None], [[[]]],
+    {"a": 1}, {"": {}}, ["x", 1], [1.5, "x"], "a" * 256, "a" * 3000, "9" * 5000,
 )  # fmt: skip
 
+KEYS = ("x", "../x", "", "a\0b", "a" * 300, "__proto__", "é")
+
+CODINGS = ("utf-8-sig", "utf-16", "utf-16-le", "utf-32", "latin-1", "cp1252", "shift-jis", "utf-7")
+
+PILES = (b"[", b"(", b"{", b'{"a":', b"<g>", b"a.", b"\n[[a]]", b"-", b"\0")
+"""Of which there may be thousands, within one another."""
+
 _NUMBER = re.compile(rb"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+_KEY = re.compile(rb'"[^"\n]{1,60}"[ \t]*[:=][ \t]*|(?m:^)[\w.]{1,60}[ \t]*=[ \t]*')
 _WORD = re.compile(rb"[A-Za-z_][\w.\-]*")
 
 MOST = 4_000_000
@@ -119,8 +130,27 @@ def word(draw: random.Random, data: bytes) -> bytes:
 def insert(draw: random.Random, data: bytes) -> bytes:
     """Something is there that should not be."""
     at = draw.randrange(len(data) + 1)
-    new = draw.choice((draw.randbytes(8), draw.choice(WORDS).encode(), b"[" * 3000, b"(" * 3000, b"\xff\xfe", b"\0"))
+    pile = draw.choice(PILES) * draw.choice((20, 40, 3000))
+    new = draw.choice((draw.randbytes(8), draw.choice(WORDS).encode(), pile, pile, b"\xff\xfe", b"\0"))
     return data[:at] + new + data[at:]
+
+
+def recode(draw: random.Random, data: bytes) -> bytes:
+    """The text has a letter that is not in ASCII, and another coding, which nothing says."""
+    text = data.decode("utf-8", "replace")
+    at = draw.randrange(len(text) + 1)
+    return f"{text[:at]}ü{text[at:]}".encode(draw.choice(CODINGS), "replace")
+
+
+def double(draw: random.Random, data: bytes) -> bytes:
+    """A key of JSON or TOML is there twice, with different values."""
+    found = list(_KEY.finditer(data))
+    if not found:
+        return data
+    at = draw.choice(found)
+    text = json.dumps(draw.choice(VALUES)).encode()
+    comma = b"," if at[0].rstrip().endswith(b":") else b"\n"
+    return data[: at.start()] + at[0] + text + comma + data[at.start() :]
 
 
 def value(draw: random.Random, data: bytes) -> bytes:
@@ -140,24 +170,40 @@ def value(draw: random.Random, data: bytes) -> bytes:
 
 
 def _changed(draw: random.Random, tree: Any) -> None:
-    """Walks to some place in the tree and changes it."""
-    while isinstance(tree, dict | list) and tree:
-        key = draw.choice(list(tree) if isinstance(tree, dict) else range(len(tree)))
-        inner = tree[key]
-        if isinstance(inner, dict | list) and inner and draw.random() < 0.8:
-            tree = inner
-            continue
-        kind = draw.randrange(4)
-        if kind == 0:
-            del tree[key]
-        elif kind == 1 and isinstance(tree, dict):
-            tree[draw.choice(["x", "../x", "", key + "x"])] = tree.pop(key)
-        else:
-            tree[key] = draw.choice(VALUES)
+    """Changes the tree at some place: any is as likely as another, or, as often, any level."""
+    places = list(_places(tree))
+    if not places:
         return
+    if draw.random() < 0.5:
+        level = draw.choice(sorted({depth for depth, _, _ in places}))
+        places = [place for place in places if place[0] == level]
+    _, tree, key = draw.choice(places)
+    kind = draw.randrange(6)
+    if kind == 0:
+        del tree[key]
+    elif kind == 1 and isinstance(tree, dict):
+        tree[draw.choice((*KEYS, f"{key}x"))] = tree.pop(key)
+    elif kind == 2:
+        other = draw.choice(list(tree) if isinstance(tree, dict) else range(len(tree)))
+        tree[key], tree[other] = tree[other], tree[key]
+    elif kind == 3:
+        for _ in range(draw.choice((1, 2, 20, 40))):
+            tree[key] = draw.choice(([tree[key]], {"a": tree[key]}))
+    else:
+        tree[key] = draw.choice(VALUES)
 
 
-CHANGES: tuple[Change, ...] = (flip, cut, end, repeat, move, lines, number, number, word, word, insert, value, value)
+def _places(tree: Any, depth: int = 0) -> Iterator[tuple[int, Any, Any]]:
+    """Every table or list of a tree with each of its keys, and how deep it lies."""
+    if isinstance(tree, dict | list):
+        for key in list(tree) if isinstance(tree, dict) else range(len(tree)):
+            yield depth, tree, key
+            yield from _places(tree[key], depth + 1)
+
+
+CHANGES: tuple[Change, ...] = (
+    flip, cut, end, repeat, move, lines, number, number, word, word, insert, insert, recode, double, value, value,
+)  # fmt: skip
 """As often as each is here."""
 
 

@@ -1,12 +1,15 @@
 """What kerfgym does with a file of each kind: reads it, and goes on with it as far as a command would."""
 
 import contextlib
+import functools
 import json
+import os
 import random
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -127,20 +130,28 @@ def _artefact(folder: Path) -> None:
 
 
 def _run(folder: Path) -> None:
-    from .. import archive, digest, merge, runs
+    from .. import archive, digest, merge
     from ..report.page import write_report
 
-    found = archive.load(folder)
-    joined = merge.merge([found], runs.record(["kerfgym", "report"]))
-    into = folder.parent / "report"
-    archive.save_tables(into, joined.grids, joined.meta, joined.texts)
-    digest.write(into, joined.grids, joined.meta)
-    if random.Random(str(folder)).random() < PAGES:
-        write_report(into, joined.grids, joined.meta)
+    joined = merge.merge([archive.load(folder)], _record())
+    further = random.Random(str(sorted((file.name, file.lstat().st_size) for file in folder.rglob("*")))).random()
+    if further < TABLES:
+        into = folder.parent / "report"
+        archive.save_tables(into, joined.grids, joined.meta, joined.texts)
+        digest.write(into, joined.grids, joined.meta)
+        if further < PAGES:
+            write_report(into, joined.grids, joined.meta)
 
 
-PAGES = 0.1
-"""Share of the runs of which the page is made too, which takes a second."""
+TABLES, PAGES = 0.4, 0.1
+"""Shares of the runs of which the tables are made too, half a second each, and the page, another second."""
+
+
+@functools.cache
+def _record() -> dict[str, Any]:
+    from .. import runs
+
+    return runs.record(["kerfgym", "report"])
 
 
 def _journal(file: Path) -> None:
@@ -175,7 +186,7 @@ TARGETS: dict[str, Target] = {
     "policy": Target("policies/*/policy.json", _artefact, _policy),
     "weights": Target("policies/*/weights.safetensors", _artefact, _policy),
     "record": Target("runs/run/run.json", _run, _within),
-    "results": Target("runs/run/*/*.parquet", _run, lambda data, seed, folder: _in_run(data, seed, folder)),
+    "results": Target("runs/run/*/*.[pc]*[tv]", _run, lambda data, seed, folder: _in_run(data, seed, folder)),
     "journal": Target("runs/study.journal", _journal, _beside),
     "mark": Target("runs/words.json", _begun, lambda data, seed, folder: _renamed(data, folder, ".begun")),
 }  # fmt: skip
@@ -190,8 +201,28 @@ def _renamed(data: bytes, folder: Path, name: str) -> Path:
 def _in_run(data: bytes, seed: Path, folder: Path) -> Path:
     run = seed.parents[1]
     shutil.copytree(run, folder / run.name)
-    (folder / seed.relative_to(run.parent)).write_bytes(data)
+    changed = folder / seed.relative_to(run.parent)
+    changed.with_suffix(".csv" if changed.suffix == ".parquet" else ".parquet").unlink(
+        missing_ok=True
+    )  # else it is read
+    changed.write_bytes(data)
     return folder / run.name
+
+
+ODD = 0.03
+"""Share of the files that are no files."""
+
+
+def _odd(draw: random.Random, path: Path) -> None:
+    """Puts something else in the place of a file: a pipe, a device, a folder, a link, one that may not be read."""
+    found = [path] if path.is_file() else sorted(file for file in path.rglob("*") if file.is_file())
+    file = draw.choice(found)
+    file.rename(aside := file.with_name("aside"))
+    draw.choice((
+        lambda: os.mkfifo(file), lambda: file.symlink_to("/dev/zero"), lambda: file.symlink_to("/dev/stdin"),
+        lambda: file.symlink_to("/proc/self/mem"), lambda: file.symlink_to(file.name), lambda: file.symlink_to("none"),
+        lambda: file.symlink_to(aside), lambda: file.mkdir(), lambda: None, file.touch,
+    ))()  # fmt: skip
 
 
 def case(name: str, number: int, seed: int, seeds: Path, folder: Path) -> Path:
@@ -200,4 +231,8 @@ def case(name: str, number: int, seed: int, seeds: Path, folder: Path) -> Path:
     own = sorted(seeds.glob(target.seeds))
     draw = random.Random(f"{seed}/{name}/{number}")
     first, other = draw.choice(own), draw.choice(own)
-    return target.place(mutated(draw, first.read_bytes(), other.read_bytes()), first, folder)
+    path = target.place(mutated(draw, first.read_bytes(), other.read_bytes()), first, folder)
+    os.mkfifo(folder / "pipe")  # which a changed file may name
+    if draw.random() < ODD:
+        _odd(draw, path)
+    return path

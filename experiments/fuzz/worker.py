@@ -14,6 +14,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 from ...envs.plant.quantity import InvalidInput
+from .. import typed
 
 MOST_MEMORY = 1_000_000_000
 """Bytes beyond what the process has when it begins; also of a file that it writes."""
@@ -22,13 +23,17 @@ TRAP = "import pathlib\npathlib.Path(__file__).with_name('EXECUTED').touch()\n\n
 """Python that no file may have run; it leaves a mark."""
 
 
+OURS = ("case", "pipe", "x.py", "evil.py", "__pycache__")
+"""What lies in a worker's folder; anything else a file has put there."""
+
+
 @dataclass(frozen=True)
 class Outcome:
     """What came of a case: ``result``, ``error`` (a clear one), or a problem with its words and place."""
 
     kind: str
     words: str = ""
-    seconds: float = 0.0
+    seconds: float = 0.0  # of the processor
     bytes: int = 0  # of memory that the process has had more than at its beginning
 
 
@@ -42,6 +47,7 @@ def serve(pipe: Connection, seeds: str) -> None:
         os.chdir(home)
         for name in ("x.py", "evil.py"):
             Path(name).write_text(TRAP, encoding="utf-8")
+        os.mkfifo("pipe")
         pipe.send("ready")
         limited = False
         while (asked := pipe.recv()) is not None:
@@ -54,9 +60,9 @@ def serve(pipe: Connection, seeds: str) -> None:
                 _limit()
                 limited = True
             beginning = _fresh_peak()
-            start = time.monotonic()
+            start = time.process_time()
             outcome = _tried(TARGETS[name].use, path, Path(home))
-            spent, grown = time.monotonic() - start, _peak() - beginning
+            spent, grown = time.process_time() - start, _peak() - beginning
             pipe.send(Outcome(outcome.kind, outcome.words, spent, grown))
             shutil.rmtree(place, ignore_errors=True)
 
@@ -96,8 +102,8 @@ def _tried(use: object, path: Path, home: Path) -> Outcome:
         use(path)  # type: ignore[operator]
         outcome = Outcome("result")
     except InvalidInput as error:
-        words = str(error)
-        outcome = Outcome("error", words) if words and len(words) < 20_000 else Outcome("words", "error without an end")
+        words = typed.told(error)  # as the command shows it
+        outcome = Outcome("error", words) if words else Outcome("words", "an error without words")
     except MemoryError:
         outcome = Outcome("memory", _where())
     except BaseException as error:  # whatever it is, it would have been a traceback
@@ -105,7 +111,7 @@ def _tried(use: object, path: Path, home: Path) -> Outcome:
     if (home / "EXECUTED").exists():
         (home / "EXECUTED").unlink()
         return Outcome("executed", "Python that the file named was run")
-    if strange := [each.name for each in home.iterdir() if each.name not in ("case", "x.py", "evil.py", "__pycache__")]:
+    if strange := [each.name for each in home.iterdir() if each.name not in OURS]:
         for each in strange:
             (shutil.rmtree if (home / each).is_dir() else os.unlink)(home / each)
         return Outcome("escaped", f"wrote {', '.join(strange)} outside of its folder")

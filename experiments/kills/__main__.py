@@ -1,4 +1,4 @@
-"""``python -m kerfgym.experiments.kills``: kill −9 at many moments, then the same command once more.
+"""``python -m kerfgym.experiments.kills``: kill −9 at many moments and steps of writing, then the same command again.
 
 It must then end well, with the same figures as one that was let alone, and leave nothing behind.
 """
@@ -9,10 +9,9 @@ from collections import Counter
 from pathlib import Path
 from typing import Annotated
 
-import tyro
 from tyro.conf import Positional, arg
 
-from ...envs.plant.quantity import InvalidInput, did_you_mean
+from .. import script
 from ..markdown import table
 from .campaign import campaign
 from .commands import COMMANDS
@@ -21,6 +20,7 @@ from .commands import COMMANDS
 def kills(
     commands: Annotated[Positional[tuple[str, ...]], arg(metavar="COMMAND")] = (),
     moments: int = 50,
+    steps: int = 16,
     seed: int = 0,
     folder: Path | None = None,
 ) -> int:
@@ -28,28 +28,28 @@ def kills(
 
     Args:
         commands: names such as benchmark or 'tune gp'. Default: all.
-        moments: of each.
-        seed: of the moments.
+        moments: of each, at every other of which its worker processes are killed too.
+        steps: of writing at which each is killed: before or after a file takes its name, is begun, cut or removed.
+        seed: of the moments and steps.
         folder: to work in; kept where something went wrong. Default: a temporary one.
 
     Returns:
         how many kills had a bad end.
     """
-    for name in commands:
-        if name not in COMMANDS:
-            raise InvalidInput(f"unknown command '{name}'; {did_you_mean(name, COMMANDS)}")
+    wanted = script.known(commands, COMMANDS, "command")
     rows, bad = [], 0
     with tempfile.TemporaryDirectory(prefix="kerfgym-kills-") as temporary:
-        for name in commands or COMMANDS:
+        for name in wanted:
             met: Counter[str] = Counter()
             wrong = 0
-            for kill in campaign(COMMANDS[name], (folder or Path(temporary)) / name.replace(" ", "-"), moments, seed):
+            place = (folder or Path(temporary)) / name.replace(" ", "-")
+            for kill in campaign(COMMANDS[name], place, moments, seed, steps):
                 met[kill.found] += 1
                 if kill.trouble:
                     wrong += 1
-                    print(f"{name}, killed after {kill.moment:.2f} s ({kill.found}): {kill.trouble}", flush=True)
+                    print(f"{name}, killed {kill.moment} ({kill.found}): {kill.trouble}", flush=True)
                 elif sys.stderr.isatty():
-                    print(f"\r{name} {met.total()}/{moments} ", end="", file=sys.stderr, flush=True)
+                    print(f"\r{name} {met.total()}/{moments + steps} ", end="", file=sys.stderr, flush=True)
             bad += wrong
             found = [str(met[kind]) for kind in ("nothing", "begun", "record", "over")]
             rows.append([name, str(met.total()), *found, str(wrong)])
@@ -59,14 +59,5 @@ def kills(
     return bad
 
 
-def main() -> None:
-    """Entry point."""
-    try:
-        raise SystemExit(min(tyro.cli(kills, prog="python -m kerfgym.experiments.kills"), 100))
-    except InvalidInput as error:
-        print(f"kills: error: {error}", file=sys.stderr)
-        raise SystemExit(2) from None
-
-
 if __name__ == "__main__":
-    main()
+    script.run(kills, "kerfgym.experiments.kills")

@@ -1,7 +1,5 @@
 """The commands of the campaign: small, and with figures that can be compared."""
 
-import json
-import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +7,7 @@ from typing import Any
 
 import pandas as pd
 
+from ...envs import files
 from ...envs.scenarios import load
 from ..tune.sampling import SAMPLERS
 
@@ -66,12 +65,12 @@ def _report(folder: Path) -> Figures:
 
 
 def _tune(folder: Path) -> Figures:
-    body = tomllib.loads((folder / "tuned.toml").read_text(encoding="utf-8"))
+    body = files.toml(folder / "tuned.toml")
     return {"trials.csv": _frame(folder / "trials.csv"), "tuned.toml": _without_seconds(body)}
 
 
 def _tune_training(folder: Path) -> Figures:
-    body = tomllib.loads((folder / "ppo.toml").read_text(encoding="utf-8"))
+    body = files.toml(folder / "ppo.toml")
     return {"trials.csv": _frame(folder / "trials.csv"), "ppo.toml": _without_seconds(body)}
 
 
@@ -82,10 +81,7 @@ def _train(folder: Path) -> Figures:
 
 
 def _reproduce(folder: Path) -> Figures:
-    parts = {
-        file.name: _without_seconds(json.loads(file.read_text(encoding="utf-8")))
-        for file in sorted((folder / "parts").glob("*.json"))
-    }
+    parts = {file.name: _without_seconds(files.json_(file)) for file in sorted((folder / "parts").glob("*.json"))}
     return {**parts, **_tables(folder, "reproduce.md")}
 
 

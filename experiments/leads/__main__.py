@@ -16,8 +16,8 @@ MODULE = "kerfgym.experiments.leads"
 
 
 def main(
-    folders: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FOLDER …")] = (), contours: int = 6000, seed: int = 0,
-    name: str = "leads", docs: bool = False,
+    folders: Annotated[tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="FOLDER …")] = (),
+    contours: int = 6000, seed: int = 0, name: str = "leads", docs: bool = False,
 ) -> None:  # fmt: skip
     """Plan lead-ins into contours made at random, and those of drawings, and look for any that is not in the scrap.
 
@@ -34,7 +34,7 @@ def main(
         if not folder.is_dir():
             raise InvalidInput(f"no folder '{folder}'")
     place = runs.open_folder(runs.named(name), overwrite=True)
-    started, wall = time.process_time(), time.time()
+    started, cost = time.process_time(), pages.Cost(1)
     frames: list[pd.DataFrame] = []
     with progress("contours") as told:
         done = 0
@@ -61,7 +61,7 @@ def main(
         str(seed),
     ]
     record = runs.record(words) | {
-        "cpu_seconds": round(time.process_time() - started, 1), "wall_seconds": round(time.time() - wall, 1),
+        **cost.record(), "cpu_seconds": round(time.process_time() - started, 1),
         "seed": seed, "contours": len(everything), "wrong": int((everything["wrong"] != "").sum()),
         "on_the_contour": int((everything["how"] == "on the contour").sum()),
     }  # fmt: skip

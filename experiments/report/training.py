@@ -30,7 +30,7 @@ def curves(controllers: list[str]) -> dict[str, tuple[pd.DataFrame, dict[str, An
             continue
         for place in (folder, folder.parent):
             table, record = place / "evaluations.csv", place / "run.json"
-            if not (folder / "policy.json").is_file() or not table.is_file():
+            if not files.is_file(folder / "policy.json") or not files.is_file(table):
                 continue
             with contextlib.suppress(InvalidInput):  # a curve that cannot be read is not shown
                 frame = tabular.read_csv(table)

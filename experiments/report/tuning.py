@@ -5,6 +5,7 @@ import contextlib
 import pandas as pd
 import plotly.graph_objects as go
 
+from ...envs import files
 from ...envs.plant.quantity import InvalidInput
 from .. import runs, tabular
 from .figure import Figure
@@ -19,7 +20,9 @@ def studies(controllers: list[str]) -> dict[str, pd.DataFrame]:
     out = {}
     for name in controllers:
         path = runs.near(name.rpartition("=")[2] if name.count("=") == 1 and ":" not in name else name.split(":")[0])
-        if path is None or path.suffix != ".toml" or not (table := path.parent / "sensitivity.parquet").is_file():
+        if path is None or path.suffix != ".toml":
+            continue
+        if not files.is_file(table := path.parent / "sensitivity.parquet"):
             continue
         with contextlib.suppress(InvalidInput):  # a table that cannot be read is not shown
             frame = tabular.read_parquet(table)

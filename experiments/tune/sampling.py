@@ -18,6 +18,7 @@ from optuna.samplers import BaseSampler, GPSampler, NSGAIISampler, RandomSampler
 from optuna.trial import FrozenTrial, TrialState
 
 from ...envs.plant.quantity import InvalidInput, did_you_mean
+from . import soundness
 from .goals import FAILED
 from .space import Axis, Space, numbers_of, start_of
 
@@ -166,12 +167,15 @@ class Seeded(BaseSampler):
             before = [t for t in study.get_trials(deepcopy=False) if t.number < self.explore and _done(t)]
             start = min(before, key=self.cost).params if before else start_of(self.space)
             study.set_user_attr(ASKED, start)
+        soundness.start(start, (a for a in self.space.axes if a.choices), study.study_name)
         fixed = {k: v for k, v in start.items() if isinstance(v, str)}
         axes = [a for a in self.space.active(fixed) if not a.choices]
         if not axes:  # nothing to refine, so TPE goes on
             inner = self._sampler(trial)
             return inner.sample_relative(study, trial, inner.infer_relative_search_space(study, trial))
         asked = [t for t in study.get_trials(deepcopy=False) if ASKED in t.user_attrs and _done(t)]
+        soundness.start(start, axes, study.study_name)
+        soundness.points(asked, max(len(axes), 2), study.study_name)
         generation, point = ask(axes, start, asked, self.cost, SIGMA[self.name], self.seed, trial.number)
         study._storage.set_trial_user_attr(trial._trial_id, ASKED, {"generation": generation, "point": point})
         decoded = {a.name: a.decode(x) for a, x in zip(axes, point, strict=False)}  # a lone axis' point has two numbers

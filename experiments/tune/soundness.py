@@ -1,11 +1,13 @@
 """Whether what a study's storage gives back is what we put there: a journal is a text file, and files get edited."""
 
 import math
+from collections.abc import Iterable
 from typing import Any
 
 from optuna.trial import FrozenTrial
 
 from ...envs.plant.quantity import InvalidInput
+from .space import Axis
 
 _NUMBERS = ("steps", "training_steps", "cpu_seconds", "ms", "parts", "best_at")
 _TEXTS = ("worker", "candidate", "error")
@@ -25,6 +27,32 @@ def check(study: Any, where: str) -> None:
     for trial in study.get_trials(deepcopy=False):
         for name, value, allowed in _odd(trial):
             raise InvalidInput(_told(where, f"trial {trial.number}", name, value, allowed))
+
+
+def start(found: Any, axes: Iterable[Axis], where: str) -> None:
+    """Looks at where CMA-ES begins, as the study or one of its trials has it.
+
+    Raises:
+        InvalidInput: it is not on one of the axes.
+    """
+    for axis in axes:
+        value = found.get(axis.name) if isinstance(found, dict) else found
+        if axis.choices and value not in axis.choices:
+            raise InvalidInput(_told(where, "the study", f"cmaes.{axis.name}", value, ", ".join(axis.choices)))
+        if not axis.choices and not _number(value):
+            raise InvalidInput(_told(where, "the study", f"cmaes.{axis.name}", value, "a number"))
+
+
+def points(asked: list[FrozenTrial], size: int, where: str) -> None:
+    """Looks at the points that CMA-ES asked for.
+
+    Raises:
+        InvalidInput: one has not as many numbers as there are axes.
+    """
+    for trial in asked:
+        found = trial.user_attrs["cmaes"]["point"]
+        if len(found) != size:
+            raise InvalidInput(_told(where, f"trial {trial.number}", "cmaes.point", found, f"{size} numbers"))
 
 
 def _odd(trial: FrozenTrial) -> Any:

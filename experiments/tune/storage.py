@@ -38,6 +38,9 @@ _LOCK = 0x6B657266
 
 TRIES = 8
 
+CONNECT = 4
+"""Seconds until a server must have taken the connection."""
+
 
 class _Lock(BaseJournalFileLock):
     """A lock that the system takes away when its holder dies."""
@@ -68,20 +71,38 @@ def opened(url: str) -> BaseStorage:
     """The storage behind a URL, or a journal file.
 
     Raises:
-        InvalidInput: unreachable, or a driver is missing.
+        InvalidInput: unreachable, damaged, or a driver is missing.
     """
     if is_file(url):
-        return _replayed(_journal(Path(url)), Path(url))
-    # SQLAlchemy takes psycopg2 unless told otherwise; what is installed here is psycopg.
-    url = re.sub(r"^postgres(ql)?://", "postgresql+psycopg://", url)
+        if "@" in url:
+            raise InvalidInput("the storage has an @ but no ://; a URL is such as postgresql://user@host/database")
+        try:
+            return _replayed(_journal(Path(url)), Path(url))
+        except OSError as error:
+            raise InvalidInput(f"the journal '{url}' cannot be used: {error.strerror or error}") from None
     with reachable(url):
+        # SQLAlchemy takes psycopg2 unless told otherwise; what is installed here is psycopg.
+        return _connected(re.sub(r"^postgres(ql)?://", "postgresql+psycopg://", url))
+
+
+def _connected(url: str) -> BaseStorage:
+    """The database behind a URL."""
+    import sqlalchemy.exc
+
+    try:
         if url.startswith("redis"):
             from optuna.storages.journal import JournalRedisBackend
 
             return JournalStorage(_WithoutSnapshots(JournalRedisBackend(url)))
         if url.startswith("postgresql"):
             return _postgresql(url)
+        engine = sqlalchemy.create_engine(url)
+        with engine.connect():  # what is not there is not tried again and again
+            pass
+        engine.dispose()
         return _again(lambda: RDBStorage(url))
+    except ValueError:  # a port that is no number, say; what it says may hold the password
+        raise sqlalchemy.exc.ArgumentError from None
 
 
 def hidden(url: str) -> str:
@@ -205,7 +226,7 @@ def _postgresql(url: str) -> RDBStorage:
     """One process at a time makes the tables."""
     import sqlalchemy
 
-    engine = sqlalchemy.create_engine(url, connect_args={"connect_timeout": 10})
+    engine = sqlalchemy.create_engine(url, connect_args={"connect_timeout": CONNECT})
     with engine.connect() as connection:
         connection.execute(sqlalchemy.text(f"SELECT pg_advisory_lock({_LOCK})"))
         storage = RDBStorage(url, engine_kwargs={"pool_pre_ping": True})

@@ -22,6 +22,13 @@ TUNED = {"trials": 400, "simulated_steps": 600_000_000, "cpu_seconds": 350.0, "t
 SEEDS = range(1000, 1006)
 
 
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """A folder of its own, in which the test works."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
 def following(
     controllers=CONTROLLERS, scenarios=("wavy", "rough", "holes"), core=("wavy", "rough"), seeds=SEEDS, seconds=0.7,
     exempt=(), drawing=False, traced=2,

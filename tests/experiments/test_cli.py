@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import resource
 import subprocess
 import sys
 from pathlib import Path
@@ -361,6 +362,18 @@ def test_render_writes_films(here, kind, words):
     assert len(frames) == 5  # 25 a second
     assert np.ptp(frames[-1]) > 100
     assert not list(here.glob(".*"))
+
+
+@pytest.mark.parametrize("kind", ["mp4", "gif", "png"])
+def test_a_film_that_does_not_fit_on_the_disk_is_an_error_and_no_file(here, kind):
+    words = ["render", f"film.{kind}", "-c", "pid", "-s", "short.toml", "--seconds", "0.2"]
+    done = subprocess.run(
+        [sys.executable, "-m", "kerfgym.experiments.cli", *words], cwd=here, capture_output=True, text=True,
+        timeout=100, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (8192, 8192)),
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert "kerfgym: error: cannot write" in done.stderr
+    assert not list(here.glob("*film.*"))
 
 
 def test_render_shows_at_least_one_period(here):

@@ -260,7 +260,7 @@ def test_without_a_defect_a_spike_is_harmless():
 @pytest.mark.parametrize("defect", ["supervisor", "filter"])
 def test_a_planted_defect_is_found_and_named(defect, monkeypatch):
     plant(monkeypatch, defect)
-    row = found(stack.resolve("xi2023-ma:guard.sudden=100"), HARMLESS)
+    row = found(stack.resolve("xi2023-ma:guard.rise=5"), HARMLESS)
     assert row["lost"]
     assert not row["lost_faultless"]
     assert row["cause"] == defect
@@ -278,7 +278,7 @@ HIGH = Fault(inject.SATURATED, START, 20.0, 1.0, 1.0)
 
 
 def test_a_sensor_that_says_10_mm_for_20_ms_needs_no_further_cause():
-    row = found(stack.resolve("xi2023-improved:filter.kind=none,guard.sudden=100"), HIGH)
+    row = found(stack.resolve("xi2023-improved:filter.kind=none,guard.rise=5"), HIGH)
     assert (row["lost"], row["cause"]) == (True, "fault itself")
 
 
@@ -287,7 +287,7 @@ def test_a_sheet_that_falls_as_no_sheet_does_holds_the_head(name):
     row = found(stack.resolve(name), HIGH)
     assert (row["lost"], row["cause"], row["alarm"]) == (False, "", "none")
     assert row["lowest_mm"] > 0.3
-    assert found(stack.resolve(name).varied({"guard.sudden": 100}), HIGH)["lost"]
+    assert found(stack.resolve(name).varied({"guard.rise": 5}), HIGH)["lost"]
 
 
 ROW = {

@@ -27,6 +27,50 @@ else:
 """
 
 
+STEPPED = """
+import runpy, sys
+from kerfgym.experiments import cli
+from kerfgym.experiments.kills import steps
+cli.main = lambda: runpy.run_path({program!r}, run_name="__main__")
+steps.main()
+"""
+WRITER = """
+import os, pathlib, sys
+kind, run = sys.argv[1], pathlib.Path("runs") / sys.argv[3]
+run.mkdir(parents=True, exist_ok=True)
+(run / ".begun").touch()
+if kind == "whole":
+    (run / ".part").write_text("1")
+    os.replace(run / ".part", run / "figures")
+elif not (run / "figures").exists():  # half of them is taken for all
+    handle = os.open(run / "figures", os.O_CREAT | os.O_RDWR)
+    os.pwrite(handle, b"1", 0)
+    os.pwrite(handle, b"2", 1)
+(run / "run.json").touch()
+os.unlink(run / ".begun")
+"""
+
+
+@pytest.mark.parametrize(("kind", "steps", "bad"), [("whole", 4, 0), ("half", 6, 3)])
+def test_a_command_is_killed_before_and_after_each_step_of_writing(tmp_path, monkeypatch, kind, steps, bad):
+    program, stepped = tmp_path / "program.py", tmp_path / "stepped.py"
+    program.write_text(WRITER, encoding="utf-8")
+    stepped.write_text(STEPPED.format(program=str(program)), encoding="utf-8")
+    monkeypatch.setattr(kills, "PROGRAM", (sys.executable, str(program)))
+    monkeypatch.setattr(kills, "STEPPED", (sys.executable, str(stepped)))
+    monkeypatch.setattr(kills, "prepare", lambda folder: None)
+    command = Command((kind,), lambda folder: {"figures": (folder / "figures").read_text()})
+    met = list(kills.campaign(command, tmp_path / "work", 0, steps=100))
+    assert [kill.moment for kill in met] == [f"at step {i + 1} of {steps} of writing" for i in range(steps)]
+    assert [kill.trouble for kill in met if kill.trouble] == ["other figures in figures"] * bad
+    assert {kill.found for kill in met} == {"begun", "record", "over"}
+
+
+def test_every_other_moment_takes_the_commands_processes_too(found):
+    moments = [kill.moment for kill in found("well", 4)]
+    assert ["with its processes" in moment for moment in moments] == [False, True, False, True]
+
+
 @pytest.fixture
 def found(tmp_path, monkeypatch):
     """A function: what the campaign makes of a command of this kind."""
@@ -45,7 +89,8 @@ def test_a_command_that_goes_on_well_has_no_bad_end(found):
     kills_ = found("well")
     assert [kill.trouble for kill in kills_] == ["", "", ""]
     assert {kill.found for kill in kills_} <= {"nothing", "begun", "record", "over"}
-    assert [kill.moment for kill in kills_] == sorted(kill.moment for kill in kills_)
+    moments = [float(kill.moment.split()[1]) for kill in kills_]
+    assert moments == sorted(moments)
 
 
 @pytest.mark.parametrize(

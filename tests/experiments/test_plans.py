@@ -1,10 +1,13 @@
 """Plans of jobs: the picture before the run, the options of how a part is cut, and what a run's report shows of it."""
 
+import functools
 import io
 
+import ezdxf
 import numpy as np
 import pandas as pd
 import pytest
+import tyro
 from PIL import Image
 
 from kerfgym.envs import scenarios, workshop
@@ -59,7 +62,75 @@ def test_the_plan_of_a_drawing_says_what_a_user_should_know(tmp_path, capsys):
         '<path d="M0 0H40V40H0Z"/><path d="M10 10H30V10.05H10Z"/></svg>'
     )
     cli.main(["render", "--plan", str(slit), str(tmp_path / "plan.png")])
-    assert "has no room for a lead-in: it is pierced on the contour" in capsys.readouterr().err
+    first, *notes = capsys.readouterr().err.splitlines()
+    assert first == f"kerfgym: {slit}: 2 contours, 200.1 mm to cut, 40.00 × 40.00 mm, read in mm"
+    assert all(note.startswith(f"kerfgym: {slit}: ") for note in notes)
+    assert notes[-1].endswith("has no room for a lead-in: it is pierced on the contour")
+
+
+def far_away(tmp_path):
+    """A bow tie in a plate and two small holes, 1 km away from the origin, drawn in cm; the smaller hole is narrower
+    than 0.3 mm."""
+    space = ezdxf.new("R2010")
+    space.header["$INSUNITS"] = 5
+    model = space.modelspace()
+    for ring in ([(0, 0), (10, 0), (10, 10), (0, 10)], [(2, 2), (8, 8), (8, 2), (2, 8)]):
+        model.add_lwpolyline([(100_000 + x, 5 + y) for x, y in ring], close=True)
+    model.add_circle((100_001, 6), 0.01)
+    model.add_circle((100_005, 13), 0.025)
+    space.saveas(tmp_path / "far.dxf")
+    return scenarios.load("contour-square").along(tmp_path / "far.dxf").varied(job={"kerf": 0.3})
+
+
+def test_picture_and_messages_have_the_numbers_and_places_of_the_file(tmp_path):
+    route = workshop.route_of(far_away(tmp_path))
+    assert min(p.min() for p in route.drawing.pieces) == 0.0  # the machine has it in its corner
+    told = [*route.drawing.notes, *route.warnings]
+    (gone,) = [line for line in told if line.endswith("vanishes: it is left out at a kerf of 0.3 mm")]
+    assert "which begins at x = 1000010.10, y = 60.00 mm" in gone
+    assert any("contour 2 crosses or touches itself at x = 1000050.00, y = 100.00 mm" in line for line in told)
+    page = route_picture.figure(route)
+    (axes,) = page.axes
+    numbers = {text.get_text(): text.get_position() for text in axes.texts}
+    assert (
+        set(numbers)
+        == {str(route.drawing.number(cut.contour)) for cut in route.cuts}
+        == {*"1234"} - {gone.split()[1][0]}
+    )
+    for cut in route.cuts:
+        place = numbers[str(route.drawing.number(cut.contour))]
+        assert np.hypot(*(cut.way[0] + route.drawing.origin - place)) < 5.0
+    marks = [line for line in axes.lines if line.get_marker() == "x"]
+    assert np.concatenate([line.get_xydata() for line in marks]) == pytest.approx(np.array([[1000050.0, 100.0]]))
+    assert "drawn in cm" in "".join(text.get_text() for text in page.texts)
+
+
+def test_both_lobes_of_a_bow_tie_are_scrap_in_the_picture(tmp_path):
+    page = route_picture.figure(workshop.route_of(far_away(tmp_path)))
+    width, height = (int(q) for q in page.get_size_inches() * page.dpi)
+    seen = np.asarray(Image.open(io.BytesIO(png(page))).convert("RGB")).reshape(height, width, 3)
+    (axes,) = page.axes
+
+    def at(x, y):
+        column, row = axes.transData.transform((1_000_000 + x, 50 + y))
+        return tuple(int(q) for q in seen[height - 1 - int(row), int(column)])
+
+    assert at(30, 55) == at(72, 60) == (255, 255, 255)
+    for place in ((50, 70), (50, 30)):
+        assert at(*place) == pytest.approx(rgb(route_picture.PART), abs=6)
+
+
+def test_folders_of_drawings_are_read_without_an_option(tmp_path):
+    from kerfgym.experiments.leads.__main__ import main
+
+    parsed = {}
+
+    @functools.wraps(main)
+    def instead(*args, **given):
+        parsed.update(given)
+
+    tyro.cli(instead, args=[str(tmp_path), "--contours", "10"])
+    assert (parsed["folders"], parsed["contours"]) == ((tmp_path,), 10)
 
 
 @pytest.mark.parametrize(

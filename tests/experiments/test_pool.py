@@ -1,15 +1,18 @@
 """Pools and interruption: whoever computes a grid, and however often it is killed, the figures are the same."""
 
+import socket
 import subprocess
 import sys
+import threading
 import time
+from pathlib import Path
 
 import pytest
 from distributed import LocalCluster
 
 from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.envs.scenarios import load
-from kerfgym.experiments import pool
+from kerfgym.experiments import pool, runs
 from kerfgym.experiments.benchmark import run
 from kerfgym.experiments.cli import main
 
@@ -66,10 +69,57 @@ def test_a_scheduler_elsewhere_gives_the_same_bytes_however_many_threads_its_wor
     assert far == grid(here / "alone", workers=1)
 
 
-def test_a_scheduler_that_does_not_answer_is_an_error(monkeypatch):
-    monkeypatch.setattr(pool, "PATIENCE", 0.3)
-    with pytest.raises(InvalidInput, match=r"no dask workers at 'tcp://127.0.0.1:1'"):
-        list(pool.spread(abs, [-1], 1, "dask", "tcp://127.0.0.1:1"))
+@pytest.fixture
+def stranger():
+    """A function: the address of somebody who is no scheduler, and answers every caller with these bytes."""
+    listening, callers = socket.create_server(("127.0.0.1", 0)), []
+
+    def begin(words):
+        def serve():
+            while True:
+                try:
+                    callers.append(listening.accept()[0])
+                except OSError:
+                    return
+                callers[-1].sendall(words)
+
+        threading.Thread(target=serve, daemon=True).start()
+        return f"127.0.0.1:{listening.getsockname()[1]}"
+
+    yield begin
+    listening.close()
+    for each in callers:
+        each.close()
+
+
+@pytest.mark.parametrize("scheme", ["tcp", "tls"])
+@pytest.mark.parametrize("words", [b"", b"HTTP/1.1 400 Bad Request\r\n\r\n", b"\xff" * 64, b"\0" * 64])
+def test_a_stranger_at_the_schedulers_address_is_an_error_at_once(here, stranger, scheme, words, capsys):
+    address = f"{scheme}://{stranger(words)}"
+    start = time.monotonic()
+    with pytest.raises(SystemExit):
+        main(["benchmark", "-c", "pid", "-s", "wavy.toml", "--seeds", "6", "--backend", "dask", "--scheduler", address])
+    assert time.monotonic() - start < 5.0
+    assert f"no dask scheduler at '{address}'" in capsys.readouterr().err
+    assert not (here / "runs").exists()
+
+
+@pytest.mark.parametrize(
+    ("address", "message"),
+    [
+        ("tcp://127.0.0.1:1", "no dask scheduler at 'tcp://127.0.0.1:1': .*refused"),
+        ("127.0.0.1:1", "no dask scheduler at '127.0.0.1:1': .*refused"),
+        ("tls://127.0.0.1:1", "no dask scheduler"), ("tcp://[::1]:1", "no dask scheduler"),
+        ("tcp://127.0.0.1:99999", "is not an address such as tls://10.0.0.1:8786"), ("x", "is not an address"),
+        ("tcp://user:hunter2@127.0.0.1:1", r"'tcp://user:…@127.0.0.1:1' is not an address"),
+        ("carrier-pigeon://127.0.0.1:1", "is not an address|no dask scheduler"),
+    ],
+)  # fmt: skip
+def test_a_scheduler_that_does_not_answer_is_an_error_at_once(address, message):
+    start = time.monotonic()
+    with pytest.raises(InvalidInput, match=message):
+        pool.check("dask", 1, address)
+    assert time.monotonic() - start < 5.0
 
 
 @pytest.mark.parametrize(
@@ -129,3 +179,23 @@ def test_a_kill_after_the_last_task_loses_nothing(here, monkeypatch):
         patch.setattr("kerfgym.experiments.benchmark.compute", dies)  # nothing is left to compute
         late = grid(here / "late", workers=1, resume=True)
     assert late == grid(here / "whole", workers=1)
+
+
+def test_a_kill_amid_the_removal_of_its_parts_leaves_a_run_that_goes_on(here, monkeypatch):
+    words, late = [*WORDS, "--name", "late", "--jobs", "1"], here / "runs" / "late"
+
+    def dies(path, *_, **__):
+        for file in sorted(Path(path).rglob("*.parquet"))[:3]:
+            file.unlink()
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("shutil.rmtree", dies)
+        with pytest.raises(KeyboardInterrupt):
+            main(words)
+    assert (late / "run.json").exists()
+    assert (late / runs.BEGUN).exists()
+    main(words)
+    main([*WORDS, "--name", "whole", "--jobs", "1"])
+    assert figures(late) == figures(here / "runs" / "whole")
+    assert {path.name for path in late.iterdir()} == {path.name for path in (here / "runs" / "whole").iterdir()}

@@ -10,7 +10,7 @@ import pytest
 
 import kerfgym
 from kerfgym.envs.plant.quantity import InvalidInput
-from kerfgym.experiments import typed
+from kerfgym.experiments import runs, typed
 from kerfgym.experiments.runs import (
     PACKAGES,
     at_work,
@@ -283,7 +283,7 @@ def test_overwriting_that_was_killed_may_be_repeated(unfinished, monkeypatch, la
     remove, monkeypatched = os.unlink, []
 
     def dies(path, *rest, **more):
-        if os.path.basename(path) == last or (last == "parts" and os.path.basename(path) == "0123.json"):
+        if os.path.basename(path) == ("0123.json" if last == "parts" else last):
             monkeypatched.append(path)
             raise KeyboardInterrupt
         remove(path, *rest, **more)
@@ -293,8 +293,8 @@ def test_overwriting_that_was_killed_may_be_repeated(unfinished, monkeypatch, la
         with pytest.raises(KeyboardInterrupt):
             open_folder(unfinished, overwrite=True)
     assert monkeypatched
-    open_folder(unfinished, overwrite=True)
-    assert contents(unfinished) == []
+    with at_work(unfinished, overwrite=True):
+        assert [name for name in contents(unfinished) if name != runs.BEGUN] == []
 
 
 def test_a_folder_in_which_a_command_is_at_work_is_nobody_elses(types, tmp_path):
@@ -330,3 +330,34 @@ def test_outside_a_checkout_there_is_no_git_state(monkeypatch):
 
     monkeypatch.setattr("kerfgym.experiments.runs.subprocess.run", missing)
     assert git_state() == {}
+
+
+@pytest.mark.parametrize("call", ["os.replace", "shutil.rmtree"])
+def test_what_is_removed_is_whole_or_gone_whenever_it_is_killed(tmp_path, monkeypatch, call):
+    parts = tmp_path / "parts"
+    parts.mkdir()
+    for name in "abc":
+        (parts / name).touch()
+
+    def killed(path, *_, **__):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(call, killed)
+        with pytest.raises(KeyboardInterrupt):
+            runs.discard(parts)
+    assert not parts.exists() or len(list(parts.iterdir())) == 3
+    runs.sweep(tmp_path)
+    runs.discard(parts)  # once more, of what may be gone
+    assert not list(tmp_path.iterdir())
+
+
+def test_files_and_links_are_removed_but_not_what_a_link_leads_to(tmp_path):
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder" / "a").touch()
+    (tmp_path / "link").symlink_to(tmp_path / "folder")
+    (tmp_path / "file").touch()
+    for name in ("link", "file"):
+        runs.discard(tmp_path / name)
+    assert [path.name for path in tmp_path.iterdir()] == ["folder"]
+    assert (tmp_path / "folder" / "a").exists()

@@ -37,13 +37,6 @@ from kerfgym.experiments.tune.work import WORKER, abandoned, done
 optuna.logging.set_verbosity(optuna.logging.ERROR)
 
 
-@pytest.fixture
-def here(tmp_path, monkeypatch):
-    """A folder of its own."""
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 def refused(capsys, *words):
     """What the command says when it refuses."""
     with pytest.raises(SystemExit) as error:

@@ -48,6 +48,7 @@ BEND = 300.0  # mm before and after a turn of the slope in which it turns
 TABLE_SPACING = 0.25  # mm between the samples of the random sheets' tables
 WIDEST = 12.0  # mm, widest disc on which an edge is felt
 LEAST_OVER_VOID = 0.1  # mm; with nothing under the nozzle no gap is smaller, nor is there contact
+SUDDEN = 20.0  # times the rise that trips the guard: what no sheet does
 WINDOW, MEMORY = 5, 15  # ms: the hole guard compares with the sheet then, a hold goes back to the head's place then
 BRAKING, MARGIN, TOP = 0.8, 3.0, 0.9  # of the barriers before the ends of the travel and before the top speed
 
@@ -375,7 +376,7 @@ class ZMachine:
         sheet_before = self.positions[-1 - WINDOW] - self.heights[-1 - WINDOW]
         fall = sheet_before - (self.encoder - self.height)
         holding = self.holding
-        sudden = np.minimum(fall, e) > g.sudden
+        sudden = np.minimum(fall, e) > SUDDEN * g.rise
         guarded = (self.job.hole_guard > 0.0) & (fall > g.rise) & (e > g.error)
         trips = ~holding & self.captured & (sudden | guarded)
         released = holding & (e < g.release)

@@ -5,6 +5,7 @@ import pytest
 import shapely
 
 from kerfgym.envs.paths.cleaning import without_doubles, without_overlaps
+from kerfgym.envs.paths.crossings import meetings
 from kerfgym.envs.paths.curve import Curve, arc, line, polyline, smooth
 from kerfgym.envs.paths.joining import joined
 
@@ -38,7 +39,7 @@ def test_lines_on_one_another_are_cut_once(angle):
 def test_a_line_on_a_side_of_an_outline_goes_and_the_outline_stays():
     kept, told = without_overlaps([rectangle(), *lines(((0, 0), (70, 0)), ((90, 60), (130, 60)))])
     assert [round(c.length, 6) for c in kept] == [320, 30]
-    assert (told.overlapping, told.shared) == (2, 0)
+    assert told.overlapping == 2
 
 
 def test_lines_that_meet_others_keep_a_vertex_there():
@@ -64,9 +65,12 @@ def test_the_chords_of_a_circle_are_no_lines_to_be_cleaned():
 
 
 def test_two_parts_that_share_an_edge_keep_it_and_it_is_told():
-    kept, told = without_overlaps([rectangle(), rectangle(x=100.0)])
-    assert sum(c.length for c in kept) == pytest.approx(640)
-    assert told.shared == 2
+    pair = [closed(rectangle()), closed(rectangle(x=100.0))]
+    kept, told = without_overlaps(pair)
+    assert (sum(c.length for c in kept), told.overlapping) == (pytest.approx(640), 0)
+    (meeting,) = meetings([c.points for c in kept], [True, True]).found
+    assert (meeting.first, meeting.second, meeting.along) == (0, 1, pytest.approx(60, abs=0.05))
+    assert (meeting.x, meeting.y) == pytest.approx((100, 30), abs=0.05)
 
 
 def closed(curve):

@@ -9,11 +9,12 @@ import pytest
 from scipy.interpolate import BSpline
 from scipy.special import ellipe
 
-from kerfgym.envs.paths.contours import GAP
+from kerfgym.envs.paths.choice import Reading
 from kerfgym.envs.paths.curve import CHORD
 from kerfgym.envs.paths.drawing import journey
 from kerfgym.envs.paths.dxf import read_dxf
 from kerfgym.envs.paths.dxf_walk import NESTING
+from kerfgym.envs.paths.joining import GAP
 from kerfgym.envs.plant.path import SPACING
 from kerfgym.envs.plant.quantity import InvalidInput
 
@@ -27,7 +28,7 @@ def sheet(tmp_path):
         document.header["$INSUNITS"], document.header["$MEASUREMENT"] = insunits, measurement
         draw(document.modelspace())
         document.saveas(tmp_path / "part.dxf")
-        return read_dxf(tmp_path / "part.dxf", **choices)
+        return read_dxf(tmp_path / "part.dxf", Reading(**choices))
 
     return read
 
@@ -555,8 +556,22 @@ def test_hidden_layers_are_not_cut(sheet, state):
     assert drawing.skipped == {
         "LWPOLYLINE on hidden layer 'bend'": 1,
         "invisible LWPOLYLINE": 1,
-        "INSERT on hidden layer 'BEND'": 1,
+        # Of a block on a layer that is off what lies on other layers would still show.
+        f"{'INSERT' if state == 'freeze' else 'LWPOLYLINE'} on hidden layer 'BEND'": 1,
     }
+
+
+@pytest.mark.parametrize(("state", "shown"), [("off", [0, 10]), ("freeze", [0])])
+def test_of_a_block_on_a_layer_that_is_off_other_layers_show_and_on_a_frozen_one_nothing_does(sheet, state, shown):
+    def draw(space):
+        getattr(space.doc.layers.add("Bend"), state)()
+        box(space, 0, 0, 5)
+        block = space.doc.blocks.new("slot")
+        box(block, 0, 0, 5)
+        box(block, 10, 0, 5, layer="slots")
+        space.add_blockref("slot", (0, 0), dxfattribs={"layer": "Bend"})
+
+    assert left_edges(sheet(draw)) == shown
 
 
 def test_duplicates_and_entities_of_no_length_are_dropped(sheet):
@@ -662,12 +677,12 @@ def test_unknown_units_are_refused_with_the_known_ones(sheet):
         sheet(lambda space: space.add_line((0, 0), (9, 9)), insunits=20)
 
 
-@pytest.mark.parametrize(("side", "insunits"), [(4000.0, 6), (0.1, 4)])
+@pytest.mark.parametrize(("side", "insunits"), [(4000.0, 6), (0.02, 4)])
 def test_absurd_lengths_are_refused_with_the_range_and_the_unit(sheet, side, insunits):
     unit = {6: "m", 4: "mm"}[insunits]
     with pytest.raises(
         InvalidInput,
-        match=rf"out of range; allowed: 1 to 1e\+07 mm; (the drawing was read in {unit}|is the unit right\?)$",
+        match=rf"out of range; allowed: 0\.1 to 1e\+07 mm; (the drawing was read in {unit}|is the unit right\?)$",
     ):
         sheet(lambda space: box(space, 0, 0, side), insunits)
 

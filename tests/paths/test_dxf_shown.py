@@ -10,6 +10,7 @@ from ezdxf.math import OCS
 from ezdxf.xclip import XClip
 from scipy.special import ellipe
 
+from kerfgym.envs.paths.choice import Reading
 from kerfgym.envs.paths.curve import CHORD
 from kerfgym.envs.paths.dxf import read_dxf
 from kerfgym.envs.plant.quantity import InvalidInput
@@ -28,7 +29,7 @@ def sheet(tmp_path):
             text = (tmp_path / "part.dxf").read_text(encoding="utf-8")
             assert edit(text) != text
             (tmp_path / "part.dxf").write_text(edit(text), encoding="utf-8")
-        return read_dxf(tmp_path / "part.dxf", **choices)
+        return read_dxf(tmp_path / "part.dxf", Reading(**choices))
 
     return read
 
@@ -313,6 +314,34 @@ def test_a_damaged_drawing_is_repaired(sheet, edit):
 def test_a_repair_is_told(sheet):
     drawing = sheet(lambda space: box(space, 0, 0, 10), edit=lambda t: t.replace("100\nAcDbPolyline\n", ""))
     assert drawing.warnings[0].startswith("the file is damaged and was repaired: missing 'AcDbPolyline' subclass")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "left", "told"),
+    [
+        ("12.x", [30], "LINE in line "),
+        ("1 2.0", [30], "LINE in line "),
+        ("12,5", [30, 32.5], "numbers with a comma in place of a point are read as meant (1)"),
+    ],
+)
+def test_a_coordinate_that_is_no_number_is_never_taken_as_another(sheet, wrong, left, told):
+    def draw(space):
+        space.add_line((0, 0), (30, 0))
+        space.add_line((12.125, 50), (45, 50))
+
+    drawing = sheet(draw, edit=lambda t: t.replace("\n12.125\n", f"\n{wrong}\n"))
+    assert sorted(np.hypot(*np.diff(p, axis=0).T).sum() for p in drawing.pieces) == pytest.approx(left)
+    assert any(told in line for line in drawing.warnings)
+
+
+def test_a_polyline_with_a_vertex_that_is_no_number_goes_as_a_whole(sheet):
+    def draw(space):
+        space.add_polyline2d([(0, 0), (12.125, 0), (20, 10)])
+        space.add_line((0, 50), (30, 50))
+
+    drawing = sheet(draw, edit=lambda t: t.replace("\n12.125\n", "\n?\n"), version="R12")
+    assert [p.tolist() for p in drawing.pieces] in ([[[0, 50], [30, 50]]], [[[30, 50], [0, 50]]])
+    assert any("numbers that cannot be read is left out: POLYLINE in line" in line for line in drawing.warnings)
 
 
 # Bombs

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from kerfgym.envs.paths.choice import Reading
 from kerfgym.envs.paths.curve import CHORD
 from kerfgym.envs.paths.gcode import read_gcode
 from kerfgym.envs.plant.quantity import InvalidInput
@@ -14,7 +15,7 @@ def programme(tmp_path):
 
     def read(*lines, **choices):
         (tmp_path / "part.ngc").write_text("\n".join(lines), encoding="utf-8")
-        return read_gcode(tmp_path / "part.ngc", **choices)
+        return read_gcode(tmp_path / "part.ngc", Reading(**choices))
 
     return read
 
@@ -389,10 +390,14 @@ def test_a_programme_that_cuts_nothing_says_what_would_be_cut(programme, lines):
 
 
 def test_layers_cannot_be_chosen_in_a_programme(programme):
-    with pytest.raises(InvalidInput, match=r"layers = \('CUT',\): G-code has no layers"):
+    with pytest.raises(InvalidInput, match=r"layers = \('CUT',\): a programme has none"):
         programme(*SQUARE, layers=("CUT",))
 
 
 def test_a_journey_beyond_all_sheets_is_refused(programme):
     with pytest.raises(InvalidInput, match=r"a journey of 1e\+08 mm .* was read in mm"):
         programme("G21 F600 G0 X0 Y0", "M3", "G1 X100000000")
+
+
+def test_a_cut_of_less_than_a_millimetre_is_read(programme):
+    assert programme("G21 G0 X1 Y1", "M3", "G1 X1.4 F600", "M5", "M2").cut_length == pytest.approx(0.4)

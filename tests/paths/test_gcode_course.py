@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from kerfgym.envs.paths import gcode_motion
+from kerfgym.envs.paths.choice import Reading
 from kerfgym.envs.paths.gcode import read_gcode
 from kerfgym.envs.plant.quantity import InvalidInput
 
@@ -16,7 +17,7 @@ def programme(tmp_path):
 
     def read(*lines, **choices):
         (tmp_path / "part.ngc").write_text("\n".join(lines), encoding="utf-8")
-        return read_gcode(tmp_path / "part.ngc", **choices)
+        return read_gcode(tmp_path / "part.ngc", Reading(**choices))
 
     return read
 

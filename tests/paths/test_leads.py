@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from shapely import LineString, Point, Polygon, box
 
-from kerfgym.envs.paths import parts
+from kerfgym.envs.paths import parts, route
 from kerfgym.envs.paths.curve import Curve
 from kerfgym.envs.paths.drawing import drawing
 from kerfgym.envs.paths.profile import corners_of
@@ -162,3 +162,14 @@ def test_shipped_parts_keep_the_lead_in_of_version_0_1_unless_it_led_into_the_pa
         else:
             assert inside == hole
             assert np.abs(cut.way - before).max() < 1e-9
+
+
+def test_where_too_much_lies_on_top_of_each_other_the_search_ends_and_says_so(monkeypatch):
+    crowd = sheet(*([[*p] for p in square(3 * i, 3 * j, 20)] for i in range(4) for j in range(4)))
+    patient = routed(crowd, Cutting(lead_in=2.0))
+    monkeypatch.setattr(route, "MOST_WORK", 1)
+    hasty = routed(crowd, Cutting(lead_in=2.0))
+    pierced = [sum(cut.how == "on the contour" for cut in r.cuts) for r in (patient, hasty)]
+    assert pierced[0] < pierced[1] < 16
+    assert not any("too much lies on top" in line for line in patient.warnings)
+    assert "has no lead-in, for too much lies on top of each other to look for room everywhere: it" in hasty.warnings[0]

@@ -45,6 +45,36 @@ def test_what_must_come_first_does_and_the_way_gets_no_longer(seed):
     assert length(*better, ends) <= length(*start, ends) + 1e-9
 
 
+def brute_force(ends, around):
+    """The same as ``nearest``, by looking at every end every time."""
+    order, turned, here = [], [], np.zeros(2)
+    waits = [sum(i in outers for outers in around) for i in range(len(ends))]
+    while len(order) < len(ends):
+        free = [i for i in range(len(ends)) if i not in order and not waits[i]]
+        way = {(i, e): np.hypot(*(ends[i, e] - here)) for i in free for e in (0, 1)}
+        i, e = min(way, key=lambda k: (way[k], k))
+        order.append(i)
+        turned.append(e)
+        here = ends[i, 1 - e]
+        for outer in around[i]:
+            waits[outer] -= 1
+    return order, turned
+
+
+def on_a_grid(seed, n=150):
+    """Many ends in one place and many as far as each other; a third of the contours wait."""
+    rng = np.random.default_rng(seed)
+    ends = rng.integers(0, 5, (n, 2, 2)).astype(float)
+    around = [[int(rng.integers(i + 1, n))] if i < n - 5 and rng.random() < 0.3 else [] for i in range(n)]
+    return ends, around
+
+
+@pytest.mark.parametrize("case", [random_case(3, 150), random_case(4, 60), on_a_grid(0), on_a_grid(1)])
+def test_the_next_contour_is_the_nearest_that_is_free_and_of_several_the_first(case):
+    order, turned = nearest(*case)
+    assert (order.tolist(), turned.tolist()) == brute_force(*case)
+
+
 def test_few_contours_come_close_to_the_shortest_of_all_orders():
     shares = []
     for seed in range(12):
@@ -91,3 +121,11 @@ def test_a_sheet_of_four_thousand_holes_is_ordered_in_seconds():
     assert len(order[-1].points) == 5
     steps = [np.hypot(*(b.points[0] - a.points[-1])) for a, b in itertools.pairwise(order[:-1])]
     assert np.mean(steps) < 1.15 * 20.0  # no order is shorter than 20 mm a hole
+
+
+def test_what_is_level_within_a_part_is_cut_before_it():
+    square = np.array([[0, 0], [50, 0], [50, 50], [0, 50], [0, 0]], float)
+    level = Curve(np.array([[40.0, 25.0], [45.0, 25.0]]), np.zeros(0, np.int64), 5, 5)
+    outline = Curve(square, np.arange(4), 50, -50j, closed=True)
+    assert nested([square, level.points], [True, False]).around == [[], [0]]
+    assert [c.closed for c in ordered([outline, level])] == [False, True]

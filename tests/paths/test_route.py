@@ -40,6 +40,12 @@ def square(x, y, side):
     return [(x, y), (x + side, y), (x + side, y + side), (x, y + side), (x, y)]
 
 
+def test_who_wants_no_lead_in_is_not_told_that_there_is_no_room_for_one():
+    route = routed(sheet(square(0, 0, 50)), Cutting(lead_in=0.0, joints=3))
+    assert [cut.how for cut in route.cuts] == ["none"] * 3
+    assert route.warnings == []
+
+
 # -------------------------------------------------------------------------------------------------- micro-joints
 
 

@@ -7,6 +7,7 @@ import pytest
 import svgpathtools
 from scipy.special import ellipe
 
+from kerfgym.envs.paths.choice import Reading
 from kerfgym.envs.paths.curve import CHORD
 from kerfgym.envs.paths.svg import read_svg
 from kerfgym.envs.plant.quantity import InvalidInput
@@ -24,7 +25,7 @@ def picture(tmp_path):
 
     def read(*lines, page=PAGE, **choices):
         (tmp_path / "part.svg").write_text("\n".join([f"<svg {XML} {page}>", *lines, "</svg>"]), encoding="utf-8")
-        return read_svg(tmp_path / "part.svg", **choices)
+        return read_svg(tmp_path / "part.svg", Reading(**choices))
 
     return read
 

@@ -5,6 +5,7 @@ import time
 import numpy as np
 import pytest
 
+from kerfgym.envs.paths.choice import Reading
 from kerfgym.envs.paths.svg import read_svg
 from kerfgym.envs.plant.quantity import InvalidInput
 
@@ -20,7 +21,7 @@ def picture(tmp_path):
 
     def read(*lines, before="", head=HEAD, **choices):
         (tmp_path / "part.svg").write_text("\n".join([before + head, *lines, "</svg>"]), encoding="utf-8")
-        return read_svg(tmp_path / "part.svg", **choices)
+        return read_svg(tmp_path / "part.svg", Reading(**choices))
 
     return read
 

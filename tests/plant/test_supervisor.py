@@ -482,8 +482,8 @@ def test_a_short_following_error_raises_none_and_neither_does_any_when_it_is_off
 
 
 def over_a_hole(guard: bool, kp: float = 50.0, length: float = 10.0, steps: int = 700) -> dict[str, np.ndarray]:
-    sudden = {} if guard else {"guard__sudden": 100.0}
-    fleet = machine_with(kp=kp, job__hole_guard=guard, **sudden)
+    never = {} if guard else {"guard__rise": 5.0}  # not where the sheet falls as none does, either
+    fleet = machine_with(kp=kp, job__hole_guard=guard, **never)
     fleet.put_feature(0, 0, 60.0, 60.0 + length, 0.0, length)
     fields = ("signals.head", "supervisor.mode", "signals.gap", "supervisor.alarm", "signals.override")
     return dict(zip(("head", "mode", "gap", "alarm", "override"), run(started(fleet), steps, *fields), strict=True))
