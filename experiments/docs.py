@@ -35,7 +35,7 @@ from ..envs.plant.quantity import InvalidInput, Quantity, quantities
 from . import budgets, search
 from .bounds import record
 from .figures import marks, tables
-from .manual import assumptions, references
+from .manual import assumptions, command_line, python_api, references
 from .markdown import row, table
 from .results import REFERENCE
 from .runs import atomic
@@ -426,7 +426,8 @@ MADE: dict[str, Callable[[], str]] = {
     "bounds and estimates": record.comparison,
     "suites": suites, **{f"suite {name}": suite(name) for name in scenarios.suites()},
     "sources": references.bibliography, "places": references.equations, "assumptions": assumptions.page,
-    "capacitance": capacitance,
+    "documents": references.documents, "capacitance": capacitance, "commands": command_line.commands,
+    "scripts": command_line.scripts, "python": lambda: python_api.page(markdown),
     **tables.MADE,
 }  # fmt: skip
 """What stands between marks in pages written by hand."""

@@ -166,6 +166,12 @@ def bibliography() -> str:
     return "\n\n".join(text)
 
 
+def documents() -> str:
+    """The five documents in full, one an item of a list, with what each is used for."""
+    rows = (each for each in entries() if each.fields["topic"] == DOCUMENTS)
+    return "\n".join(f"- **{each.cited}**: {citation(each)} *Here: {each.fields['use']}.*" for each in rows)
+
+
 def equations() -> str:
     """Where an equation, table or figure of the five documents is."""
     rows = (
