@@ -328,6 +328,13 @@ def scenario_tables() -> str:
     return "\n".join(text)
 
 
+def verdicts() -> str:
+    """What a row of a reproduction may come to."""
+    from .reproduce.claims import VERDICTS  # draws, which takes a second to load
+
+    return table(("verdict", "meaning"), VERDICTS.items())
+
+
 def capacitance() -> str:
     """What the nominal head reads at some heights, from the sensor's own equations."""
     p, step, rows = sensor.Params(), 1e-5, []
@@ -427,7 +434,7 @@ MADE: dict[str, Callable[[], str]] = {
     "suites": suites, **{f"suite {name}": suite(name) for name in scenarios.suites()},
     "sources": references.bibliography, "places": references.equations, "assumptions": assumptions.page,
     "documents": references.documents, "capacitance": capacitance, "commands": command_line.commands,
-    "scripts": command_line.scripts, "python": lambda: python_api.page(markdown),
+    "verdicts": verdicts, "scripts": command_line.scripts, "python": lambda: python_api.page(markdown),
     **tables.MADE,
 }  # fmt: skip
 """What stands between marks in pages written by hand."""
