@@ -44,7 +44,7 @@ ALLOWED: dict[str, dict[str, str]] = {
     },
     "docs/bounds.md": {
         "They know the sheet 5 ms ahead": "the preview's definition, controller.AHEAD",
-        "an impulse of 70 µm": "an impulse at the set height, from the constants of the sensor's model",
+        "An impulse of 70 µm": "an impulse at the set height, from the constants of the sensor's model",
         "the sensor resolves, 5 µm": "a constant, sensor.LEAST_GAP",
         "Over 200 seeds the RMS": "the test seeds, a constant of the suites",
     },

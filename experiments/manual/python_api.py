@@ -117,11 +117,11 @@ def _arguments(thing: Any) -> str:
     """Names of arguments with their defaults, without types; those of a protocol are not told."""
     if getattr(thing, "_is_protocol", False):
         return ""
-    out = []
+    out: list[str] = []
     for each in inspect.signature(thing).parameters.values():
         if each.name in ("self", "cls"):
             continue
-        star = {each.VAR_POSITIONAL: "*", each.VAR_KEYWORD: "**"}.get(each.kind, "")
+        star = "*" if each.kind == each.VAR_POSITIONAL else "**" if each.kind == each.VAR_KEYWORD else ""
         if each.kind == each.KEYWORD_ONLY and not any(word.startswith("*") for word in out):
             out.append("*")
         default = "" if each.default is each.empty else repr(each.default)

@@ -169,7 +169,7 @@ def bibliography() -> str:
 def documents() -> str:
     """The five documents in full, one an item of a list, with what each is used for."""
     rows = (each for each in entries() if each.fields["topic"] == DOCUMENTS)
-    return "\n".join(f"- **{each.cited}**: {citation(each)} *Here: {each.fields['use']}.*" for each in rows)
+    return "\n".join(f"- **{each.cited}**: {citation(each)} *Here: {each.fields['use']}.*" for each in rows) + "\n"
 
 
 def equations() -> str:
