@@ -6,11 +6,14 @@ import re
 import shutil
 import subprocess
 import sys
+import textwrap
+import types
 from pathlib import Path
 
 import pytest
 
 import kerfgym
+from kerfgym import baselines
 from kerfgym.envs import job_metrics
 from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.experiments import cli, results, table
@@ -170,6 +173,21 @@ def test_the_recipe_for_a_metric_puts_it_into_summary_and_table(monkeypatch, mad
     sheet = table.sheets(found)[0]
     at = sheet.titles.index("within, %")
     assert [row[at] for rows in sheet.sections for row in rows] == ["93.2"] * 3
+
+
+def test_the_recipe_for_a_shipped_controller_makes_a_stack_of_it(monkeypatch):
+    text = page("add-a-controller.md")
+    (law,) = re.findall(r"(?ms)^```python\n# mine_law\.py\n(.*?)^```", text)
+    head, _, functions = law.partition("class Law:")
+    module = types.ModuleType("kerfgym.baselines.mine")
+    exec(head + textwrap.dedent(functions[functions.index("    def init") :]), vars(module))
+    monkeypatch.setitem(sys.modules, "kerfgym.baselines.mine", module)
+    (entry,) = re.findall(r'(?m)^    ("mine": .*),$', section(text, "## Ship it"))
+    monkeypatch.setattr(baselines, "_CATALOGUE", baselines._CATALOGUE | eval(f"{{{entry}}}"))
+    stack = baselines._make("mine")
+    values = {name: parameter.value for name, parameter in stack.parameters().items()}
+    assert (stack.slot, values["law.gain"], values["filter.window"]) == ("z", 60.0, 5.0)
+    assert stack.provenance["trials"] == 0
 
 
 HUM = """
