@@ -107,7 +107,9 @@ def scripts() -> str:
 
 
 def _plain(text: str) -> str:
-    """The first sentence, without roles and double backquotes."""
-    first = re.split(r"(?<=\w[.?])\s", re.sub(r"\s+", " ", text.split("\n\n")[0]), maxsplit=1)[0]
-    first = re.sub(r"^``python -m [^`]*``: ", "", first)
-    return re.sub(r"``([^`]+)``", r"`\1`", re.sub(r":\w+:`~?([^`]+)`", r"`\1`", first)).rstrip(":.")
+    """The first sentence, of a question the answer too; without how the module is run, roles and double backquotes."""
+    lines = re.split(r"(?<=\w[.?])\s", re.sub(r"\s+", " ", text.split("\n\n")[0]))
+    first = " ".join(lines[: 2 if lines[0].endswith("?") else 1])
+    first = re.sub(r"^``python -m [^`]*``: |:? ``python -m [^`]*``.*$", "", first)
+    first = re.sub(r"``([^`]+)``", r"`\1`", re.sub(r":\w+:`~?([^`]+)`", r"`\1`", first)).rstrip(":.")
+    return first[:1].upper() + first[1:]
