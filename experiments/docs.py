@@ -146,11 +146,11 @@ def machine() -> str:
     """The page of the machine."""
     text = [
         "# The machine",
-        "Each part is a file of `envs/plant/`, in the order in which the signal travels; what follows is the text at "
-        "its head, and its parameters. Units are mm, s, Hz, pF, µH, W unless another is named. Sources: a document's "
-        "name; [P] published elsewhere, [C] computed, [S] from a data sheet, [A] assumed. A scenario sets most of what "
-        "belongs to the machine ([scenarios](add-a-scenario.md)), a controller's stack what belongs to the control "
-        "([controllers](controllers.md)).",
+        "Each part is a file of `envs/plant/`. They stand here in the order in which the signal travels, each with the "
+        "text at the head of its file and a table of its parameters. Units are mm, s, Hz, pF, µH, W unless another is "
+        "named. Sources: a document's name; [P] published elsewhere, [C] computed, [S] from a data sheet, [A] assumed. "
+        "A scenario sets most numbers of the machine ([scenarios](add-a-scenario.md)), a controller's stack those of "
+        "filter and law ([controllers](controllers.md)). [Physics](physics.md) says why the machine is modelled so.",
     ]
     for name in PARTS:
         module = importlib.import_module(f"kerfgym.envs.plant.{name}")
@@ -188,9 +188,10 @@ def environments() -> str:
     """The page of the environments: each class' docstring, which is in Markdown already."""
     text = [
         "# Environments",
-        "`import kerfgym` registers them. What is said of an environment holds for its vector environment "
-        "(`gymnasium.make_vec`) and for the native `VecEnv` of stable-baselines3 (`kerfgym.agents.vec_env`) too: one "
-        "kernel steps them all, and the same scenario seed gives the same bits in each.",
+        "`import kerfgym` registers the environments. Each section below also holds for the vector environment "
+        "(`gymnasium.make_vec`) and for the native `VecEnv` of stable-baselines3 (`kerfgym.agents.vec_env`): one "
+        "kernel steps them all, and the same scenario seed gives the same bits in each. [Your first ten "
+        "minutes](first-minutes-learning.md) begins more gently, and the [Glossary](glossary.md) explains the terms.",
     ]
     for name, spec in gymnasium.registry.items():
         if name.startswith("kerfgym/"):
