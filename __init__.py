@@ -1,6 +1,6 @@
 """kerfgym: a reinforcement-learning and optimisation testbed for laser-cutting machine control."""
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 
 def _register() -> None:

@@ -117,7 +117,7 @@ def _activate(work, y, outputs, kind):
 
 @stage
 def _remember(work, gates, cell, hidden, outputs):
-    """The gates of an LSTM change its cells and give its outputs."""
+    """The gates of an LSTM (Hochreiter and Schmidhuber 1997) change its cells and give its outputs."""
     for o in range(outputs):
         enter, forget = _logistic(work[gates + o]), _logistic(work[gates + outputs + o])
         candidate, out = _tanh(work[gates + _U2 * outputs + o]), _logistic(work[gates + _U3 * outputs + o])

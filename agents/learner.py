@@ -1,4 +1,4 @@
-"""The learner of stable-baselines3 or sb3-contrib that settings ask for, and its first policy."""
+"""The learner of stable-baselines3 (Raffin et al. 2021) or sb3-contrib that settings ask for, and its first policy."""
 
 from collections.abc import Callable
 from typing import Any

@@ -24,7 +24,9 @@ ALGORITHMS = {
     "tqc": ("sb3_contrib", "TQC"),
     "recurrent-ppo": ("sb3_contrib", "RecurrentPPO"),
 }
-"""Package and class of each algorithm."""
+"""Package and class of each algorithm: PPO (Schulman et al. 2017) with its advantages (Schulman et al. 2016), SAC
+(Haarnoja et al. 2018), TD3 (Fujimoto et al. 2018), TQC (Kuznetsov et al. 2020), PPO with memory (Hochreiter and
+Schmidhuber 1997)."""
 
 ENVIRONMENTS = {
     "kerfgym/HeightFollowing-v0": ("height-following", "HeightFollowingVecEnv"),

@@ -2,7 +2,7 @@
 
     minimise ½·(x − x₀)ᵀH(x − x₀)   with   |x_i| ≤ most   and   |start + x_0 + … + x_i| ≤ bound_i,    i = 0 … n − 1
 
-H is positive definite, x₀ what would be best without bounds. Goldfarb and Idnani's method (1983) begins there, takes
+H is positive definite, x₀ what would be best without bounds. The method (Goldfarb and Idnani 1983) begins there, takes
 one violated bound after another into its set, drops those that pull the wrong way, and keeps every intermediate point
 optimal for its set; so it ends at the optimum after finitely many steps, mostly about as many as bounds are active.
 ``bound_i`` is ``fastest``, or as near to it as ``most`` allows where ``start`` lies beyond it, so a plan always exists.

@@ -1,6 +1,7 @@
 """Iterative learning control: over laps of one closed contour it learns, place by place, what velocity is needed.
 
-The command is a PID's, ``u_fb``, and a velocity F(place) learnt in the laps before. In lap j + 1::
+The command is a PID's, ``u_fb``, and a velocity F(place) learnt in the laps before (Bristow et al.
+2006). In lap j + 1::
 
     F_{j+1}(place) = Q[F_j(place) + γ·(u_fb − de/dt)(place + lead)],     F_0 = 0,   e = height − set height
 

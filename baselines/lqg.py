@@ -1,7 +1,8 @@
 """LQG: Kalman filters of drive and sheet, and a linear-quadratic regulator, on an identified model.
 
-The model is :mod:`servo`'s. Two Kalman filters estimate the drive (from the encoder and the commands that were sent)
-and the sheet (from encoder − reading, as the surface observer does). The regulator minimises, over all coming periods,
+The model is :mod:`servo`'s. Two Kalman filters (Kalman 1960) estimate the drive (from the encoder and the commands that
+were sent) and the sheet (from encoder − reading, as the surface observer does). The regulator minimises, over all
+coming periods,
 
     Σ error² + (damping·relative speed)² + (effort·change of command)²
 

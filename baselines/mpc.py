@@ -1,7 +1,7 @@
 """MPC: the LQG's estimator and cost, under bounds on the command and on its change.
 
 Each period it plans the next HORIZON changes of command: the LQG's cost over them, and behind them the cost-to-go of
-the unbounded regulator, subject to
+the unbounded regulator (Mayne et al. 2000), subject to
 
     |change| ≤ acceleration·T,   |command| ≤ fastest
 

@@ -1,4 +1,4 @@
-"""PID with filtered derivative and anti-windup.
+"""PID with filtered derivative and anti-windup (Åström and Hägglund 2006).
 
 ``u = −(kp·e + I + kd·de/dt)``, ``e = height − set height``. The derivative is taken of the error behind a first-order
 lag. While the supervisor overrides the law the integral stands still and the derivative is 0: how the error moves then

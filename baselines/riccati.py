@@ -1,6 +1,6 @@
 """The discrete algebraic Riccati equation, by iterating it, in compiled code.
 
-For one input, ``x⁺ = A·x + b·u`` and the cost ``Σ xᵀQx + r·u²``::
+For one input (Anderson and Moore 1990), ``x⁺ = A·x + b·u`` and the cost ``Σ xᵀQx + r·u²``::
 
     P ← Q + AᵀPA − kᵀk·s,   s = r + bᵀPb,   k = bᵀPA/s,       u = −k·x
 

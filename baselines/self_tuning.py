@@ -4,13 +4,13 @@ The sheet under the nozzle is ``head position − height``. Its rise over the ne
 linear function of how it has just moved: differences to the last four readings and to six moving averages, from 2 to 64
 periods long. The coefficients are not given; they are estimated by recursive least squares with forgetting, so a slope,
 a wave, a vibrating sheet or several sines at once are each predicted once they have been seen for a few of their
-periods. This is the direct self-tuning scheme (Åström and Wittenmark, "On self tuning regulators", Automatica 9, 1973)
-for a disturbance that can be measured; drive and dead time enter through ``lead`` and ``sharpen`` alone.
+periods. This is the direct self-tuning scheme (Åström and Wittenmark 1973) for a disturbance that can be measured;
+drive and dead time enter through ``lead`` and ``sharpen`` alone.
 
-The covariance of the coefficients is kept as factors U·D·Uᵀ (Bierman, "Factorization Methods for Discrete Sequential
-Estimation", 1977), U unit upper triangular, D diagonal. It is symmetric and positive definite by construction, however
-long the machine runs: a covariance that is updated as a plain matrix loses both to rounding, and forgetting makes
-what is lost grow. Along a direction that is not excited D stops growing at the variance known before learning.
+The covariance of the coefficients is kept as factors U·D·Uᵀ (Bierman 1977), U unit upper triangular, D diagonal. It is
+symmetric and positive definite by construction, however long the machine runs: a covariance that is updated as a plain
+matrix loses both to rounding, and forgetting makes what is lost grow. Along a direction that is not excited D stops
+growing at the variance known before learning.
 
 A reading off what was predicted is bridged by the prediction, unless it goes on from the readings before; one that is
 off for longer than ``hold`` is real. Then the readings of the bridge count after all, and until all that predictions

@@ -4,7 +4,7 @@ Drive: a velocity loop of second order behind a dead time, ``v̈ = ω²·(u − 
 out limits, friction, backlash and the structural mode. ``dead_time`` counts from the instant that a reading belongs to
 (the middle of its gate) to the first effect of the command that follows from it.
 
-Sheet: its level has a speed, and its speed an acceleration that dies with the time constant τ (Singer's model)::
+Sheet: its level has a speed, and its speed an acceleration that dies with the time constant τ (Singer 1970)::
 
     level' = speed,   speed' = acceleration,   acceleration' = −acceleration/τ        each with noise
 

@@ -33,7 +33,7 @@ CONTROLS = ("direct", "residual", "schedule")
 OBSERVATIONS = ("features", "raw")
 
 DIRECT_SPEED, RESIDUAL_SPEED = 200.0, 50.0
-"""mm/s of head velocity that an action of 1 means."""
+"""mm/s of head velocity that an action of 1 means, alone or beside a base controller's (Johannink et al. 2019)."""
 
 LONGEST_WINDOW, LARGEST_TRIM = 15, 3
 LEAST_GAIN, LARGEST_GAIN = 0.2, 3.0

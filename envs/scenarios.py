@@ -102,7 +102,7 @@ def _q(unit: str, low: float, high: float, doc: str, source: str = "[A]", whole:
 
 @dataclass(frozen=True, kw_only=True)
 class Axis(_Section):
-    """The Z axis; defaults are the following suite's plants (DESIGN §4, PHYSICS §2)."""
+    """The Z axis; defaults are the following suite's plants (docs/physics.md#the-z-axis)."""
 
     bandwidth: Annotated[Number, _q("Hz", 5, 500, "velocity loop")] = Uniform(uniform=(50, 120))
     zeta: Annotated[Number, _q("1", 0.2, 2, "its damping ratio")] = Uniform(uniform=(0.6, 1.0))
@@ -140,7 +140,7 @@ class Axis(_Section):
 
 @dataclass(frozen=True, kw_only=True)
 class Head(_Section):
-    """The sensor's noise and disturbances (PHYSICS §1); the head itself comes from the pool of calibrated heads."""
+    """The sensor's noise and disturbances (docs/physics.md#disturbances); the head is one of the pool's."""
 
     plate: Annotated[
         float, _q("mm", sheet.FOOTPRINT, sensor.WIDEST, "radius of the plate's footprint; the score's is 2 mm")

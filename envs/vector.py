@@ -1,4 +1,4 @@
-"""``gymnasium.vector.VectorEnv`` over the block kernel: thousands of machines step as one."""
+"""``gymnasium.vector.VectorEnv`` over the block kernel: thousands of machines step as one (Towers et al. 2024)."""
 
 from typing import Any
 

@@ -420,8 +420,8 @@ def tune(
         threads: of each process. Default: the cores shared out, of a training 1.
         env: of trainings, id of the environment. Default: kerfgym/HeightFollowing-v0.
         steps: of each training. Default: a tenth of the preset's, at least an episode of each machine.
-        set: of trainings, a value of the preset as for train, from which the search begins or which it leaves as it is;
-            may be given several times.
+        set_: of trainings, a value of the preset as for train, from which the search begins or which it leaves as it
+            is; may be given several times.
         storage: database in which the study is kept, for many machines; postgresql://user@host/database. Default: a
             journal in the run folder.
         extrapolate: process settings may leave those that were published; the result says so.
@@ -487,7 +487,7 @@ def train(
         seed: of everything random.
         preset: settings to train with, such as tune ppo writes, or the settings.toml of another training. Default: the
             shipped ones of environment and algorithm.
-        set: a value of the preset, by dotted name (algorithm.gamma=0.97, environment.scenario=["wavy","step"],
+        set_: a value of the preset, by dotted name (algorithm.gamma=0.97, environment.scenario=["wavy","step"],
             environment.reward.rate=0.1); may be given several times.
         name: of the run folder. Default: environment, algorithm and seed.
         device: of torch: cpu, cuda, cuda:1.

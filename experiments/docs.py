@@ -31,10 +31,11 @@ from ..envs import evidence, job_metrics, metrics, scenarios
 from ..envs import stack as stacks
 from ..envs.engine.lanes import is_part
 from ..envs.engine.quantity import InvalidInput, Quantity, quantities
-from ..envs.plant import controller
+from ..envs.plant import controller, sensor
 from . import budgets, search
 from .bounds import record
 from .figures import marks, tables
+from .manual import assumptions, command_line, python_api, references
 from .markdown import row, table
 from .results import REFERENCE
 from .runs import atomic
@@ -97,8 +98,9 @@ def _table(lines: list[str]) -> list[str]:
 
 
 def _inline(line: str) -> str:
-    """Roles such as ``:func:`x``` and double backquotes as plain code."""
-    return re.sub(r"``([^`]+)``", r"`\1`", re.sub(r":\w+:`~?([^`]+)`", r"`\1`", line))
+    """Roles such as ``:func:`x``` and double backquotes as plain code; pages of the manual as links."""
+    line = re.sub(r"``([^`]+)``", r"`\1`", re.sub(r":\w+:`~?([^`]+)`", r"`\1`", line))
+    return re.sub(r"(?<![`\w])docs/(\w[\w-]*\.md(?:#[\w-]+)?)", r"[\1](\1)", line)
 
 
 # ---------------------------------------------------------------------------------------------------------- the machine
@@ -144,11 +146,11 @@ def machine() -> str:
     """The page of the machine."""
     text = [
         "# The machine",
-        "Each part is a file of `envs/plant/`, in the order in which the signal travels; what follows is the text at "
-        "its head, and its parameters. Units are mm, s, Hz, pF, µH, W unless another is named. Sources: a document's "
-        "name; [P] published elsewhere, [C] computed, [S] from a data sheet, [A] assumed. A scenario sets most of what "
-        "belongs to the machine ([scenarios](add-a-scenario.md)), a controller's stack what belongs to the control "
-        "([controllers](controllers.md)).",
+        "Each part is a file of `envs/plant/`. They stand here in the order in which the signal travels, each with the "
+        "text at the head of its file and a table of its parameters. Units are mm, s, Hz, pF, µH, W unless another is "
+        "named. Sources: a document's name; [P] published elsewhere, [C] computed, [S] from a data sheet, [A] assumed. "
+        "A scenario sets most numbers of the machine ([scenarios](add-a-scenario.md)), a controller's stack those of "
+        "filter and law ([controllers](controllers.md)). [Physics](physics.md) says why the machine is modelled so.",
     ]
     for name in PARTS:
         module = importlib.import_module(f"kerfgym.envs.plant.{name}")
@@ -186,9 +188,10 @@ def environments() -> str:
     """The page of the environments: each class' docstring, which is in Markdown already."""
     text = [
         "# Environments",
-        "`import kerfgym` registers them. What is said of an environment holds for its vector environment "
-        "(`gymnasium.make_vec`) and for the native `VecEnv` of stable-baselines3 (`kerfgym.agents.vec_env`) too: one "
-        "kernel steps them all, and the same scenario seed gives the same bits in each.",
+        "`import kerfgym` registers the environments. Each section below also holds for the vector environment "
+        "(`gymnasium.make_vec`) and for the native `VecEnv` of stable-baselines3 (`kerfgym.agents.vec_env`): one "
+        "kernel steps them all, and the same scenario seed gives the same bits in each. [Your first ten "
+        "minutes](first-minutes-learning.md) begins more gently, and the [Glossary](glossary.md) explains the terms.",
     ]
     for name, spec in gymnasium.registry.items():
         if name.startswith("kerfgym/"):
@@ -326,6 +329,28 @@ def scenario_tables() -> str:
     return "\n".join(text)
 
 
+def verdicts() -> str:
+    """What a row of a reproduction may come to."""
+    from .reproduce.claims import VERDICTS  # draws, which takes a second to load
+
+    return table(("verdict", "meaning"), VERDICTS.items())
+
+
+def capacitance() -> str:
+    """What the nominal head reads at some heights, from the sensor's own equations."""
+    p, step, rows = sensor.Params(), 1e-5, []
+    at = lambda h: sensor.oscillator(p, sensor.capacitance(p, h, 1.0), 0.0)  # noqa: E731
+    for h in (0.1, 0.5, 1.0, 2.0, 5.0, 10.0):
+        farads, slope = sensor.capacitance(p, h, 1.0), (at(h + step) - at(h - step)) / (2 * step)  # Hz/mm
+        noise = 1e3 * at(h) * p.noise / (2 * farads) / slope
+        drift = 1e3 * at(h) * 0.0008 / slope
+        rows.append(
+            (f"{h:g}", f"{farads:.2f}", f"{1e-6 * at(h):.3f}", f"{1e-3 * slope:.1f}", f"{noise:.3g}", f"{drift:.3g}")
+        )
+    titles = ("gap, mm", "C5, pF", "frequency, MHz", "Hz per µm", "1 fF of noise, µm", "0.16 % of L·C, µm")
+    return table(titles, rows)
+
+
 def suites() -> str:
     """Every suite, from its file."""
     rows = []
@@ -408,6 +433,9 @@ MADE: dict[str, Callable[[], str]] = {
     "presets": presets, "other presets": other_presets, "evidence": evidence_ranges,
     "bounds and estimates": record.comparison,
     "suites": suites, **{f"suite {name}": suite(name) for name in scenarios.suites()},
+    "sources": references.bibliography, "places": references.equations, "assumptions": assumptions.page,
+    "documents": references.documents, "capacitance": capacitance, "commands": command_line.commands,
+    "verdicts": verdicts, "scripts": command_line.scripts, "python": lambda: python_api.page(markdown),
     **tables.MADE,
 }  # fmt: skip
 """What stands between marks in pages written by hand."""

@@ -36,7 +36,7 @@ NOMINAL = Axis(
     bandwidth=80.0, zeta=0.8, dead_time=0.001, latency=0.0005, acceleration=14000.0, resonance=100.0, friction=800.0,
     bristle=0.005, stiction=1.4, stribeck=3.0,
 )  # fmt: skip
-"""The machine in the middle of PHYSICS §2's ranges."""
+"""The machine in the middle of the ranges in docs/physics.md#the-z-axis."""
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ suite and stay fixed, unless the question is how it would be on other scenarios 
 Values are arrays (runs, seeds, scenarios), lower is better. A failed run is ``inf``: the worst, never dropped.
 
 **Intervals** are from a hierarchical bootstrap over these axes (:mod:`resampling`), studentised with equal tails:
-percentile and BCa intervals hold less than they say at 20 runs, those of Student's t too where figures are skewed
-(``python -m kerfgym.experiments.coverage``).
+percentile and BCa intervals (Efron 1987) hold less than they say at 20 runs, those of Student's t too where figures are
+skewed (``python -m kerfgym.experiments.coverage``).
 """
 
 import math
@@ -72,14 +72,14 @@ def failures_last(values: Any) -> np.ndarray:
 
 
 def iqm(values: Any) -> float:
-    """Interquartile mean: mean of the middle half of all values, a quarter cut off at either end, as in rliable."""
+    """Interquartile mean: of the middle half of all values, a quarter cut off at either end (Agarwal et al. 2021)."""
     flat = np.sort(failures_last(values), axis=None)
     cut = int(TRIMMED * len(flat))
     return float(np.mean(flat[cut : len(flat) - cut]))
 
 
 def cvar(values: Any, share: float = WORST) -> float:
-    """Conditional value at risk: mean of the worst ``share`` of the values (Rockafellar and Uryasev).
+    """Conditional value at risk: mean of the worst ``share`` of the values (Rockafellar and Uryasev 2000).
 
     Where ``share`` of them is no whole number, the last counts in part.
     """
@@ -91,7 +91,7 @@ def cvar(values: Any, share: float = WORST) -> float:
 
 
 def wilson(hits: int, count: int, level: float = LEVEL) -> Interval:
-    """A rate with Wilson's interval; NaN of nothing."""
+    """A rate with Wilson's interval (Wilson 1927); NaN of nothing."""
     if count == 0:
         return Interval(math.nan)
     found = stats.binomtest(int(hits), int(count)).proportion_ci(level, method="wilson")
@@ -130,7 +130,7 @@ def probability_of_improvement(x: Any, y: Any, paired: bool = True) -> Interval:
         x: (seeds, scenarios).
         y: the same; with other seeds only if not ``paired``.
         paired: whether runs of the same seed are compared (common random numbers). Otherwise every run of ``x`` is
-            compared with every one of ``y``, Mann and Whitney's U, as rliable does it.
+            compared with every one of ``y`` (Mann and Whitney 1947), as rliable does it.
     """
     a, b = _table(x), _table(y)
     if paired:

@@ -1,9 +1,10 @@
 """A hierarchical bootstrap: samples (runs, seeds, scenarios) drawn anew axis by axis, figures studentised.
 
 Each axis that is drawn at random gets weights, how often each of its members was drawn; axes cross, so a member's
-weight is the product (Owen's pigeonhole bootstrap). Seeds are drawn once for all samples, which keeps pairs together;
-seeds that only some samples have are drawn among themselves. A statistic gives, with each value, the *influence* of
-every member on it; their mean squares are its variance, and that of a difference follows from the pairs' products.
+weight is the product (the pigeonhole bootstrap, Owen 2007). Seeds are drawn once for all samples, which keeps pairs
+together; seeds that only some samples have are drawn among themselves. A statistic gives, with each value, the
+*influence* of every member on it; their mean squares are its variance, and that of a difference follows from the pairs'
+products.
 
 The generator's seed is fixed: the same samples give the same intervals to the last digit.
 """

@@ -6,7 +6,7 @@ Every stack is given the same:
 - *searched set*: all that its law declares and all that its filter's kind reads, within the declared ranges (windows up
   to 15, trims up to 3, bridges up to 10 samples);
 - *trials*: :data:`TRIALS`, the first of which is the stack as it stands. TPE explores, then CMA-ES is started twice
-  from the best so far, first with a narrow, then with a wide spread (TPE alone misses optima, PHYSICS §6). A search
+  from the best so far, first with a narrow, then with a wide spread (docs/design.md#searching). A search
   that starts from a preset found on the same suite goes on from it, and its record counts both (``start``);
 - *seeds*: :data:`SEEDS` tune seeds for each scenario and trial; a scenario of minutes takes a tenth of them;
 - *final check*: the best :data:`CHECKED` on :data:`MORE_SEEDS` tune seeds, and Ms at the suite's frequencies. Few seeds

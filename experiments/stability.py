@@ -13,9 +13,9 @@ about the controller needs to be known, so a learned policy is measured as a cla
 The noise is a random-phase multisine of 20 µm RMS with a period of a second, of which the amplitudes fall as 1/f from
 :data:`KNEE` on, as those of sheets do, so that the drive can follow it at all frequencies. |S| is the cross-spectrum of
 gap and sheet over the sheet's own spectrum. It is averaged over periods and over draws of the phases; how much it
-scatters from one draw to the next gives its interval (Pintelon and Schoukens, *System Identification*, 2012, ch. 4: the
-best linear approximation and its variance). What friction, thresholds and limits add scatters too. Its lines are 1 Hz
-apart; of the narrow peak of a loop near its limit of stability the sines tell more.
+scatters from one draw to the next gives its interval (Pintelon and Schoukens 2012, ch. 4: the best linear approximation
+and its variance). What friction, thresholds and limits add scatters too. Its lines are 1 Hz apart; of the narrow peak
+of a loop near its limit of stability the sines tell more.
 """
 
 from collections.abc import Callable

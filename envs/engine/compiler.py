@@ -1,4 +1,4 @@
-"""From the parts to machine code, by Numba; imported only when a kernel is not in the cache yet.
+"""From the parts to machine code, by Numba (Lam et al. 2015); imported only when a kernel is not in the cache yet.
 
 Numba compiles each function as something that Python may call: wrapped, optimised, linked, loaded. Parts only ever run
 inside a kernel. Here they are lowered once and no more; then a kernel is linked with all parts it calls, optimised and

@@ -189,7 +189,7 @@ _A1, _AF, _A3, _A5 = U(0x0101010101010101), U(0x0F0F0F0F0F0F0F0F), U(0x333333333
 
 @part
 def bits(key, n):
-    """The ``n``-th 64 random bits of stream ``key`` (splitmix64, Steele 2014): no state, any order."""
+    """The ``n``-th 64 random bits of stream ``key`` (splitmix64, Steele et al. 2014): no state, any order."""
     z = key + n * GOLD
     z = (z ^ (z >> _S30)) * _M1
     z = (z ^ (z >> _S27)) * _M2

@@ -1,4 +1,4 @@
-"""Words of a G-code programme: one line of RS274/NGC, read once and evaluated as often as it is run.
+"""Words of a G-code programme: one line of RS274/NGC (Kramer et al. 2000), read once, evaluated as often as it is run.
 
 The package index has no reader that could be used: gcodeparser takes what stands in (comments) for commands, drops
 lines without a G and makes True of an expression; pygcode, from 2017, knows neither ``#<name>`` nor ``$0``; both would

@@ -1,4 +1,4 @@
-"""Jerk-limited changes of speed: the S-curve, without acceleration at both ends.
+"""Jerk-limited changes of speed: the S-curve, without acceleration at both ends (Biagiotti and Melchiorri 2008).
 
 From v0 to v1 = v0 ± dv the acceleration rises with the jerk J, stays at a where dv ≥ a²/J, and falls again. That takes
 T = dv/a + a/J, or 2·sqrt(dv/J) where a is not reached, and leads (v0 + v1)/2·T far.

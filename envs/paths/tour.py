@@ -1,8 +1,10 @@
-"""A shorter way through contours: stretches of the order are turned round (2-opt), short runs go elsewhere (Or-opt).
+"""A shorter way through contours: stretches of the order are turned round, short runs go elsewhere.
+
+The first is 2-opt (Croes 1958), the second Or-opt (Or 1976).
 
 What must come first stays first: a stretch turns round only if no contour of it lies within another of it, and a run
 moves only past contours that it neither lies within nor holds. Each contour is joined with those nearest to it, as long
-as that makes the way shorter; who gets new neighbours is asked again (Bentley 1992, don't-look bits).
+as that makes the way shorter; who gets new neighbours is asked again (don't-look bits, Bentley 1992).
 """
 
 from collections import deque

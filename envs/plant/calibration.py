@@ -1,4 +1,6 @@
-"""Calibration: a run of the machine → monotone frequency–height table → look-up (Xi2023 Fig. 7, PHYSICS §1 and §6).
+"""Calibration: a run of the machine → monotone frequency–height table → look-up (Xi2023 Fig. 7).
+
+Why the table is fitted and made monotone, and how far that reaches: docs/physics.md#calibration.
 
 The run itself is the supervisor's ``calibrate`` mode on the machine: touch the sheet, rise to 10 mm at 10 mm/s, one
 count per 1 ms, each tagged with the encoder at the centre of its gate. :func:`build` makes the table from the samples:
@@ -138,7 +140,7 @@ def height(p, frequencies, heights, first, frequency):
 
 
 def isotonic(values: np.ndarray) -> np.ndarray:
-    """The non-decreasing sequence nearest to ``values`` in the least-squares sense (pool adjacent violators)."""
+    """The rising sequence nearest to ``values`` by least squares (pool adjacent violators, Ayer et al. 1955)."""
     means: list[float] = []
     counts: list[int] = []
     for value in values:

@@ -1,7 +1,8 @@
 """Cut: from beam, speed and errors to melt margin, roughness, dross and kerf, once per control period.
 
-The streaming form of the quality model (PHYSICS §4); :mod:`envs.quality` holds the full one, which deposits the beam's
-energy along the whole trajectory. Here the energy's lateral density at a depth z is taken in closed form:
+The streaming form of the quality model (docs/physics.md#the-cut); :mod:`envs.quality` holds the full one, which
+deposits the beam's energy along the whole trajectory. Here the energy's lateral density at a depth z is taken in closed
+form:
 
 * Beam radius ``w(z)² = w0²·(1 + ((z − zf)² + κ·az²)/zR²)``, focus depth ``zf``, amplitude ``az`` of its dither; κ is
   such that ∫p² comes out for a uniformly swept focus.
@@ -25,14 +26,14 @@ Melt and gas leave through that kerf:
 
       K = 1/(1 + slot·∫t/g du + max(0, b_bottom/b_top − 1)²),   τ ∝ K
 
-  With friction factor f and inlet loss ½, ``slot = 2f/1.5``; over a wavy film Wallis' correlation for annular flow,
-  f = 0.005·(1 + 300·δ/D), gives about 0.08 for the films found here. For g ≪ slot·t it is the balance of forces
+  With friction factor f and inlet loss ½, ``slot = 2f/1.5``; over a wavy film a correlation for annular flow (Wallis
+  1969), f = 0.005·(1 + 300·δ/D), gives about 0.08 for the films found here. For g ≪ slot·t it is the balance of forces
   τ = Δp·g/(2t), in which f no longer occurs: however rough the walls, a kerf half as wide has half the shear. So a
   narrow kerf has a thick film, which narrows it further; what is too narrow cannot be cleared. δ in K is that of the
   kerf without film, one step of the iteration.
 * Roughness ``Rz² = (R0·(δ/δ0)^k·G^−γ)² + R_geo² + (k_h·rms e_h)² + (R_u·max(0, m̄ − m_u))²``, δ at the bottom and with
   K, not below the limit of ISO 9013's range 1. Roughness that follows the gas' shear, and a kerf that decides more than
-  the gas' settings, is what Mahrle, Borkmann and Pfohl (Materials 14 (2021) 2669) measured on 10 mm stainless steel.
+  the gas' settings, was measured on 10 mm stainless steel (Mahrle et al. 2021).
   The last term is the upturn at very low speed, where the melt burns beyond the beam; γ lets the gas smooth the cut.
 * Dross ``a·(b̄/b0)^⅓·(K/K0·G)^−½``: what the film leaves at the lower edge, δ ∝ τ^−½; a wider kerf brings more melt, and
   a bead grows with the cube root of its volume [A]. Gas at the nozzle ``G = (p/p0)/(1 + (e_h/hs)²)`` with its own hs on

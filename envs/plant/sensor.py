@@ -1,4 +1,6 @@
-"""Sensor: gap → capacitance → oscillator → counted frequency, with its disturbances (Xi2023 eqs. 1–5, PHYSICS §1).
+"""Sensor: gap → capacitance → oscillator → counted frequency, with its disturbances (Xi2023 eqs. 1–5).
+
+Where the numbers come from: docs/physics.md#the-sensor.
 
 Gap capacitance, a disc over a plane with its fringe field beside the body of the head::
 
@@ -93,7 +95,7 @@ def oscillator(p, c5, detuning):
 
 @part
 def sensing_radius(p, gap):
-    """Radius of the disc on which an edge is felt, R + 1.5·h, mm (PHYSICS §1)."""
+    """Radius of the disc on which an edge is felt, R + 1.5·h, mm (docs/physics.md#footprints)."""
     return min(p.radius + 1.5 * gap, WIDEST)
 
 

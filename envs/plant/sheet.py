@@ -31,7 +31,7 @@ FAR = 1e9
 """mm, further than any path goes: the far end of a step or an edge."""
 
 FOOTPRINT = 2.0
-"""mm, radius of the nozzle tip's footprint [A] (PHYSICS §6 used ±2 mm)."""
+"""mm, radius of the nozzle tip's footprint [A], see docs/physics.md#footprints."""
 
 PLATE = 5.6
 """mm, radius of the footprint of a plate of 5 mm: the hemisphere whose second moment is the disc's, R·√1.25 [C]. Fringe

@@ -7,7 +7,8 @@ is only lifted, by the law, where the sheet comes nearer than the protection hei
 command on, except where one of its guards acts:
 
 - *approach*: until the set height is first reached, the descent is no faster than the speed from which the axis still
-  stops in time, ``sqrt(2·α·a·distance)`` less what the loop's ``delay`` costs (PHYSICS §6, Patent2022's descent);
+  stops in time, ``sqrt(2·α·a·distance)`` less what the loop's ``delay`` costs (Patent2022's descent,
+  docs/physics.md#approach-and-holes);
 - *hole and edge guard*: when the sheet seems to fall by more than ``rise`` within 5 ms, faster than sheets do, the head
   goes back to where it was before and holds there, until the sheet is back or ``timeout`` has passed (then it
   approaches anew). It looks at encoder − reading, not at the reading: a tight loop hides the rise of the reading by
@@ -52,7 +53,7 @@ MEMORY = 15
 """ms by which a hold goes back in the head's positions: an edge is felt that much earlier than it trips the guard."""
 
 RISE_WINDOW = 5
-"""ms over which the hole guard looks for a fall of the sheet (PHYSICS §6)."""
+"""ms over which the hole guard looks for a fall of the sheet (docs/physics.md#approach-and-holes)."""
 
 SUDDEN = 20.0
 """Times the ``rise`` that trips the hole guard: at least 1 mm in 5 ms. Below a plate of 5.6 mm a step of 2 mm falls by
@@ -62,7 +63,7 @@ SECONDS = 1e-3
 """s, one tick."""
 
 LEAD = 10.0
-"""mm, screw lead and so the distance of the encoder's index pulses (PHYSICS §2)."""
+"""mm, screw lead and so the distance of the encoder's index pulses (docs/physics.md#the-z-axis)."""
 
 WITHIN = 1.2
 """Revolutions within which the index pulse must come once the home switch has released."""

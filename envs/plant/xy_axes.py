@@ -27,7 +27,7 @@ from ..engine.lanes import clip, fma, part
 
 
 class Params(NamedTuple):
-    """A pair of axes. Defaults: Wu, with the constants (a) of PHYSICS §3."""
+    """A pair of axes. Defaults: Wu, with constants (a) of docs/physics.md#the-x-and-y-axes."""
 
     literal: bool = False
     servo: float = 4.0  # control periods of 1 ms from servo instant to servo instant [S] Wu

@@ -14,8 +14,8 @@ faster than g), and through a structural mode that carries the share ``complianc
 
     head/motor = (1 − c) + c·ωr²/(s² + 2·ζr·ωr·s + ωr²)
 
-Friction is LuGre's (Canudas de Wit et al., "A new model for control of systems with friction", IEEE Trans. Automatic
-Control 40, 1995): bristles bend by z before they slide, at g(v) between static and Coulomb friction F::
+Friction is LuGre's (Canudas de Wit et al. 1995): bristles bend by z before they slide, at g(v) between static and
+Coulomb friction F::
 
     dz/dt = v − σ·|v|·z/g(v),   friction = σ·z,   g(v) = F·(1 + (stiction − 1)/(1 + (v/stribeck)²)),   σ = F/bristle
 

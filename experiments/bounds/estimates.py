@@ -1,10 +1,10 @@
 """An estimate of what is left to a controller that keeps the set height from the start and learns all that was drawn.
 
 It knows the machine and the ensemble, and learns phases, amplitudes, frequencies and slopes from the readings. Sizes
-are taken as normal with the mean square that was drawn, frequencies by the Cramér–Rao inequality linearised at those
-drawn. Both may be on either side of the truth: a normal prior is the one of its variance that knows least, so where the
-readings do not outweigh it the truth is lower; and a linearised frequency is learned faster than one that is not known
-well. So this is no bound.
+are taken as normal with the mean square that was drawn, frequencies by the Cramér–Rao inequality (Cramér 1946)
+linearised at those drawn. Both may be on either side of the truth: a normal prior is the one of its variance that knows
+least, so where the readings do not outweigh it the truth is lower; and a linearised frequency is learned faster than
+one that is not known well. So this is no bound.
 """
 
 import numpy as np

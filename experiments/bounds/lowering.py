@@ -3,7 +3,7 @@
 Before the score begins that costs nothing. So every reading before it counts as one of the least noise that there is
 (:func:`noise.finest`). Afterwards each reading at a gap of h − d costs d². Let r be its information over that of a
 reading at the set height. Error variances are convex in the information of the readings (a posterior covariance is, and
-van Trees' inequality needs no more of a sensor that is not linear), so all readings together gain at most::
+the inequality of van Trees 1968 needs no more of a sensor that is not linear), so all readings together gain at most::
 
     Σ_k max_d [S_k·(r(d) − 1) − d²],    S_k = −Σ_n ∂V_n/∂ln I_k,    Σ_k −∂V_n/∂ln I_k ≤ V_n
 

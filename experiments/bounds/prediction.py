@@ -32,7 +32,7 @@ def wiener(
 ) -> tuple[float, np.ndarray]:
     """Error variance of the best fixed prediction with finite memory, and its weights on the readings, newest first.
 
-    R⁻¹r by Levinson's recursion; R is Toeplitz because the random part is stationary.
+    R⁻¹r by Levinson's recursion (Levinson 1946); R is Toeplitz because the random part is stationary.
 
     Args:
         random: µm²; its number of lags but :data:`FARTHEST` is the memory.

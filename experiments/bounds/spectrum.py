@@ -65,7 +65,7 @@ def tones(variance: np.ndarray, omega: np.ndarray, sensor: Any = 1.0, score: Any
 def bands(variance: np.ndarray, omega: np.ndarray, zeta: np.ndarray, lags: int = MEMORY) -> Random:
     """Vibrations as bands, exactly as the machine makes them: two steps of :func:`sheet.shake` in a control period.
 
-    They obey ``x(n+1) = (2 − a − b)·x(n) − (1 − a)·x(n−1) + noise``, hence their covariances do, too (Yule–Walker).
+    They obey ``x(n+1) = (2 − a − b)·x(n) − (1 − a)·x(n−1) + noise``, hence their covariances do, too (Yule 1927).
 
     Args:
         variance: µm² of each, shape (n,).

@@ -31,7 +31,7 @@ SIZES = tuple(10.0**k for k in range(2, 10))
 ODD = (np.nan, np.inf, -np.inf)
 
 LONGEST_IMPULSE = 5
-"""Periods: PHYSICS §1 has one sample to a few ms."""
+"""Periods; docs/physics.md#disturbances: one sample to a few ms."""
 
 
 class Drawn(NamedTuple):

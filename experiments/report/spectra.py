@@ -19,7 +19,7 @@ DECADES = 5.0
 
 
 def spectrum(error: np.ndarray, counted: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """Frequencies (Hz) and density of the counted stretches (Welch, Hann, half overlap), in the error's unit per √Hz.
+    """Frequencies (Hz) and density of the counted stretches (Welch 1967; Hann, half overlap), in the error's unit/√Hz.
 
     Stretches shorter than a segment are left out; None if all are.
     """

@@ -42,7 +42,7 @@ PRESETS = {
     "a": xy_axes.Params(),
     "b": xy_axes.Params(t1=0.012, t2=0.006626, tau=0.0, gain=1.04167),
 }
-"""Drive constants that agree with the printed limit (PHYSICS §3); Wu gives none."""
+"""Drive constants that agree with the printed limit (docs/physics.md#the-x-and-y-axes); Wu gives none."""
 
 KN = 0.2
 KP = 0.54

@@ -163,7 +163,7 @@ def slices(
 
 
 def importances(study: Any, title: str, name: str, i: int | None = None) -> Figure | None:
-    """Share of each parameter in what the better trials have in common (PED-ANOVA), for value ``i`` of several."""
+    """What better trials have in common: each parameter's share (Watanabe et al. 2023), for value ``i`` of several."""
     try:
         shares = optuna.importance.get_param_importances(study, target=None if i is None else (lambda t: t.values[i]))
     except (ValueError, RuntimeError):  # too few trials

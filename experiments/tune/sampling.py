@@ -1,8 +1,9 @@
 """Samplers whose every trial depends on the seed, its number and the trials finished before it, and on nothing else.
 
-optuna's samplers keep a random state that dies with the process. Here a trial's sampler is made for that trial, with a
-seed drawn from the study's seed and the trial's number, so a study that was killed and goes on is the same study.
-CMA-ES is replayed from the trials that it asked for: generation by generation, which takes milliseconds.
+The samplers of optuna (Akiba et al. 2019) keep a random state that dies with the process. Here a trial's sampler is
+made for that trial, with a seed drawn from the study's seed and the trial's number, so a study that was killed and goes
+on is the same study. CMA-ES is replayed from the trials that it asked for: generation by generation, which takes
+milliseconds.
 """
 
 import math
@@ -22,6 +23,8 @@ from .goals import FAILED
 from .space import Axis, Space, numbers_of, start_of
 
 SAMPLERS = ("tpe+cmaes", "tpe", "cmaes", "gp", "random", "nsga2")
+"""TPE (Bergstra et al. 2011), CMA-ES (Hansen and Ostermeier 2001), Gaussian processes (Snoek et al. 2012), NSGA-II (Deb
+et al. 2002)."""
 SINGLE = ("tpe+cmaes", "cmaes")
 """Samplers for one metric only."""
 
@@ -29,7 +32,7 @@ STARTUP = 20
 """Random trials at the start of TPE."""
 
 EXPLORE, EXPLORE_CHOICES = 0.3, 0.7
-"""Share of the trials that TPE makes before CMA-ES takes over (PHYSICS §6: TPE alone misses optima by up to 1.8 ×), and
+"""Share of the trials that TPE makes before CMA-ES takes over (docs/design.md#searching), and
 the same where there are choices, which CMA-ES has to take as they are."""
 
 TURNS = 6

@@ -22,7 +22,8 @@ NEAR = 1.25
 """Times the cap on Ms beyond which a candidate is not looked at any further."""
 
 PRUNE_AFTER, PRUNE_TRIALS = 3, 10
-"""Scenarios that a candidate goes through, and trials that are completed, before the median of those prunes."""
+"""Scenarios that a candidate goes through, and trials that are completed, before the median of those prunes (Golovin
+et al. 2017)."""
 
 
 @dataclass(frozen=True)

@@ -163,7 +163,7 @@ def drawn(kernel_, key: int, n: int, dtype=np.float64) -> np.ndarray:
 
 
 def test_words_of_stream_zero_are_those_of_splitmix64():
-    # Steele, Lea, Flood 2014, computed with Python's whole numbers.
+    # Steele et al. 2014, computed with Python's whole numbers.
     mask = 2**64 - 1
 
     def word(state: int) -> int:

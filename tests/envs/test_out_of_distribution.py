@@ -1,4 +1,4 @@
-"""The suite ``ood``: the core of the following suite with one condition beyond what it draws from (DESIGN §4)."""
+"""The suite ``ood``: the core of the following suite, one condition beyond what it draws from (docs/suites.md#ood)."""
 
 from dataclasses import asdict
 
@@ -17,7 +17,7 @@ SHIFTS = {
     "low": {"set_height": 0.3},
     "spatter": {"head": {"impulses": 6.0}},
 }
-"""DESIGN §4: 400 mm/s; noise × 3; dead time 3 ms; 40 Hz and 150 Hz loop; set height 0.3 mm; impulses × 3."""
+"""docs/suites.md#ood: 400 mm/s; noise × 3; dead time 3 ms; 40 Hz and 150 Hz loop; set height 0.3 mm; impulses × 3."""
 
 
 def parts(name):

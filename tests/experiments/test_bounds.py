@@ -480,7 +480,7 @@ def test_the_dual_is_below_the_best_that_a_jerk_constant_in_each_period_can_do_a
 
 def test_noise_is_that_of_the_field_numbers():
     flat = scenarios.load("flat").varied(head={"noise": 0.01, "nominal": True, "jitter": 0.0})
-    for height, micrometres in ((0.5, 3.5), (1.0, 13.0), (2.0, 47.0)):  # µm for 0.01 pF, PHYSICS §1
+    for height, micrometres in ((0.5, 3.5), (1.0, 13.0), (2.0, 47.0)):  # µm for 0.01 pF, docs/physics.md#the-sensor
         fleet = read.prepared(flat.varied(set_height=height), [0])
         assert noise.gaussian(fleet)[0] == pytest.approx(micrometres, rel=0.05)
 

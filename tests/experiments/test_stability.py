@@ -24,7 +24,7 @@ CENTRE = 0.125e-3
 
 
 def axis(s, bandwidth, zeta, resonance):
-    """Head over velocity command, without dead time: PHYSICS §2."""
+    """Head over velocity command, without dead time: docs/physics.md#the-z-axis."""
     w, wr = 2 * np.pi * bandwidth, 2 * np.pi * resonance
     loop = w**2 / (s**2 + 2 * zeta * w * s + w**2)
     mode = wr**2 / (s**2 + 2 * 0.05 * wr * s + wr**2)

@@ -40,7 +40,7 @@ GRAVITY = 9810.0  # mm/s²
 EPSILON0 = 8.8541878128e-3  # pF/mm
 CLOCK = 300e6  # Hz (CN102528288A)
 LEAST_GAP = 0.005  # mm, least apparent gap under an impulse
-FOOTPRINT = 2.0  # mm, radius of the nozzle's footprint (PHYSICS §6)
+FOOTPRINT = 2.0  # mm, radius of the nozzle's footprint (docs/physics.md#footprints)
 AHEAD = 5  # ms by which the sheet is known ahead: the period T draws from the words of the period T − 5
 BAND = 0x5EED5EED5EED5EED  # vibration i has the stream key + (i + 1)·BAND
 FADE = 1.0  # s, end of a turn in which the next one fades in
@@ -67,7 +67,7 @@ PARTS = ("path", "sheet", "random", "turns", "sensor", "gate", "filter", "table"
 
 
 def word(keys: Array, n: int) -> Array:
-    """Output ``n`` of splitmix64 (Steele 2014) for each of ``keys``, 64 bits; output 0 is the mixed key itself."""
+    """Output ``n`` of splitmix64 (Steele et al. 2014) for each of ``keys``, 64 bits; output 0 is the mixed key."""
     z = keys + np.uint64(n * 0x9E3779B97F4A7C15 % 2**64)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
@@ -350,7 +350,7 @@ class ZMachine:
         return z + p.bulge * (1.0 - to_grow) * 0.5 * (1.0 + np.cos(np.pi * u))
 
     def coverage(self, x: Array, gap: Array) -> Array:
-        """Share of the sensor's plate over sheet: it feels edges on a disc of radius R + 1.5·h (PHYSICS §1); a void
+        """Share of the sensor's plate over sheet: it feels edges on a disc of radius R + 1.5·h; a void
         narrower than the disc takes away in proportion to its width."""
         radius = np.minimum(self.sensor.radius + 1.5 * np.maximum(gap, 0.0), WIDEST)
         begin, end, _, across = self.features.swapaxes(0, 1)
@@ -371,7 +371,7 @@ class ZMachine:
         return np.sign(distance) * np.minimum(v, self.guard.fastest)
 
     def _supervise(self) -> None:
-        """Approach, hole guard, bumpless handover (PHYSICS §6); then the D/A and the queue of the dead time."""
+        """Approach, hole guard, bumpless handover (docs/physics.md#approach-and-holes); then D/A and dead time."""
         g, e = self.guard, self.height - self.job.set_height
         sheet_before = self.positions[-1 - WINDOW] - self.heights[-1 - WINDOW]
         fall = sheet_before - (self.encoder - self.height)
@@ -412,7 +412,7 @@ class ZMachine:
     # ----------------------------------------------------------------------------------------------------- Z axis
 
     def _move(self) -> None:
-        """Twenty substeps of the axis (PHYSICS §2), and what the gate sees of them.
+        """Twenty substeps of the axis (docs/physics.md#the-z-axis), and what the gate sees of them.
 
         Loop: a' = j − F' with j = ω²(u − v) − 2ζω·a within the drive's limits. F is LuGre's friction, σ·b with
         b' = v − σ|v|·b/g(v), σ = Coulomb/bristle and g(v) = Coulomb·(1 + (stiction − 1)/(1 + (v/stribeck)²)); without
@@ -502,7 +502,7 @@ class ZMachine:
         self.samples.appendleft(self.frequency)
 
     def _count(self, gap: Array, cover: Array) -> None:
-        """One sample: disturbances, capacitance, oscillator, counter (Xi2023 eqs. 1 and 3, CN102528288A, PHYSICS §1).
+        """One sample: disturbances, capacitance, oscillator, counter (Xi2023 eqs. 1 and 3, CN102528288A).
 
         C5 = Cp + cover·[ε0·π(R² − rb²)/h + 2ε0·R·max(0, ln(8πR/h) − 1)], 1/Cs = 1/C5 + series,
         f = 1/(2π·sqrt(L·Cs)). The disturbed f is timed over whole oscillator periods with a clock of 300 MHz.

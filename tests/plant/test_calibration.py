@@ -1,4 +1,4 @@
-"""Calibration: the run on the machine, the table, the look-up, the CSV file (Xi2023 Fig. 7, PHYSICS §1 and §6)."""
+"""Calibration: the run on the machine, the table, the look-up, the CSV file (Xi2023 Fig. 7)."""
 
 from pathlib import Path
 
@@ -152,7 +152,7 @@ def test_a_run_with_samples_off_the_curve_is_refused_with_their_number():
 
 @pytest.mark.parametrize(("gate", "falls"), [(0.05, (2.0, 5.0)), (0.25, (5.5, 10.0)), (1.0, None)])
 def test_averaging_few_periods_leaves_raw_samples_that_fall_but_a_table_that_rises(gate, falls):
-    # PHYSICS §6: averaging 100 periods falls from 2.5 mm up, 1000 periods from 7.2 mm, 2000 never; σ grows with h².
+    # A gate of 100 periods falls from 2.5 mm up, 1000 periods from 7.2 mm, 2000 never; σ grows with h².
     frequency, height = heads.run(QUIET, gate=Gate(gate, 0.0))
     valid = (frequency > 0.0) & (height > 0.0)
     where = height[valid][1:][np.diff(frequency[valid]) < 0.0]

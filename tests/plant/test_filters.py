@@ -32,7 +32,7 @@ def _filtered(p, x, start, slope, out):
 filtered = for_python(_filtered)
 
 SLOPE = 127e3
-"""Hz/mm, of the table at 1 mm (PHYSICS §1)."""
+"""Hz/mm, of the table at 1 mm (docs/physics.md#the-sensor)."""
 
 
 def passed(p: Params, x: np.ndarray, start: float) -> np.ndarray:

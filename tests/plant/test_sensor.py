@@ -1,4 +1,4 @@
-"""Sensor: capacitance, oscillator, counter and disturbances, against closed forms and the table of PHYSICS §1."""
+"""Sensor: capacitance, oscillator, counter and disturbances, against closed forms and docs/physics.md#the-sensor."""
 
 import numpy as np
 import pytest
@@ -195,7 +195,7 @@ def test_a_mean_of_per_period_frequencies_has_the_bias_of_a_mean_of_reciprocals_
 
 @pytest.mark.parametrize(("low", "high", "bias"), [(116.0, 120.0, 1.2e-5), (81.0, 86.0, 2.4e-5)])
 def test_over_a_band_the_bias_of_the_mean_is_a_sixth_over_a_squared_count(low, high, bias):
-    # PHYSICS §6 prints 1.2e-5, that of 2.54 MHz in the middle of the oscillator's band; the head works at 3.6 MHz.
+    # docs/physics.md#the-sensor: 1.2e-5 at 2.54 MHz, the middle of the oscillator's band; the head works at 3.6 MHz.
     rng = np.random.default_rng(8)
     length = rng.uniform(low, high, 200_000)  # clock ticks per oscillator period
     f, phases = CLOCK / length, rng.random(length.size)

@@ -1,4 +1,4 @@
-"""Supervisor: its modes, guards, alarms and handovers, on the machine (CN102528288A, Xi2023, PHYSICS §2 and §6)."""
+"""Supervisor: its modes, guards, alarms and handovers, on the machine (CN102528288A, Xi2023, docs/physics.md)."""
 
 from typing import NamedTuple
 
@@ -493,7 +493,7 @@ def over_a_hole(guard: bool, kp: float = 50.0, length: float = 10.0, steps: int 
 @pytest.mark.parametrize("length", [3.0, 5.0, 8.0, 10.0, 15.0, 50.0])
 def test_with_the_guard_no_hole_lets_the_head_down(length, kp):
     guarded = over_a_hole(True, kp, length)
-    assert guarded["head"].min() > 0.6  # PHYSICS §6
+    assert guarded["head"].min() > 0.6  # docs/physics.md#approach-and-holes
     assert guarded["head"].max() < 1.1
     assert guarded["gap"][-1] == pytest.approx(1.0, abs=2e-3)
     assert not guarded["alarm"].any()
