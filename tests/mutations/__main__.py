@@ -26,6 +26,7 @@ from typing import Any
 
 import tyro
 
+from kerfgym.envs.plant import kernels
 from kerfgym.envs.plant.quantity import InvalidInput
 from kerfgym.experiments import markdown, pages
 from kerfgym.tests.mutations import child, reach
@@ -64,7 +65,10 @@ def main(
         return
     todo = [m for m in wanted if m.name not in known or known[m.name]["source"] != told(m)]
     if again:
-        todo += [m for m in wanted if m not in todo and known[m.name]["by"] is None and m.name not in reasons]
+        todo += [m for m in wanted if m not in todo and known[m.name]["by"] is None and key(m) not in reasons]
+    todo.sort(
+        key=lambda m: not reach.tests_of(m.file)[0].startswith(reach.QUICK)
+    )  # a run that is stopped has judged the more
     with tempfile.TemporaryDirectory(prefix="kerfgym-mutants-") as scratch:
         copy = Path(scratch) / "kerfgym"
         for name in COPIED:
@@ -74,8 +78,11 @@ def main(
             else:
                 copy.mkdir(exist_ok=True)
                 shutil.copy(source, copy / name)
+        if (compiled := ROOT / "envs" / "plant" / "__pycache__").exists():
+            shutil.copytree(compiled, Path(scratch) / "kernels")
+        sound: set[str] = set()
         for i, mutant in enumerate(todo):
-            outcome = judged(mutant, copy, limit)
+            outcome = judged(mutant, copy, limit, sound)
             with store.open("a", encoding="utf-8") as out:
                 out.write(json.dumps(outcome) + "\n")
             print(
@@ -84,6 +91,12 @@ def main(
             )
     known = outcomes(store)
     print(report(wanted, known, reasons, count, seed, len(every)))
+
+
+def key(mutant: Mutant) -> str:
+    """Names a mutant in ``equivalent.toml``: with its line's text, which outlasts changes elsewhere in the file."""
+    line = (ROOT / mutant.file).read_text(encoding="utf-8").splitlines()[mutant.line - 1].strip()
+    return f"{mutant.file} | {line} | {mutant.name.partition(' ')[2]}"
 
 
 def told(mutant: Mutant) -> str:
@@ -99,36 +112,43 @@ def outcomes(store: Path) -> dict[str, dict[str, Any]]:
 
 
 def explained() -> dict[str, str]:
-    """Reasons why survivors are equivalent, by the mutant's file, line's text, old and new text."""
+    """Reasons why survivors are equivalent, by :func:`key`."""
     return dict(tomllib.loads((HERE / "equivalent.toml").read_text(encoding="utf-8")))
 
 
-def judged(mutant: Mutant, copy: Path, limit: float) -> dict[str, Any]:
-    """The outcome of a mutant: the test file that kills it, or None."""
+def judged(mutant: Mutant, copy: Path, limit: float, sound: set[str]) -> dict[str, Any]:
+    """The outcome of a mutant: the test file that kills it, or None.
+
+    Raises:
+        InvalidInput: that test file fails without a mutant, too. ``sound`` are those that are known not to.
+    """
     path, begun, by = copy / mutant.file, time.time(), None
     source = path.read_bytes()
     path.write_bytes(mutant.applied(source))
+    shutil.rmtree(copy.parent / "mutant", ignore_errors=True)
     try:
         for tests in reach.tests_of(mutant.file):
-            if not (copy / tests).exists():
-                continue
-            verdict = ran(copy, tests, limit)
+            verdict = ran(copy, tests, limit, mutant.file)
             if verdict != "passed":
                 by = f"{Path(tests).name}" + (f" ({verdict})" if verdict != "failed" else "")
                 break
     finally:
         path.write_bytes(source)
+    if by and tests not in sound:
+        if ran(copy, tests, 2.0 * limit, "") != "passed":
+            raise InvalidInput(f"{tests} fails without any mutant:\n{(copy.parent / 'last.txt').read_text()[-3000:]}")
+        sound.add(tests)
     return {
         "name": mutant.name, "file": mutant.file, "line": mutant.line, "kind": mutant.kind, "old": mutant.old,
         "new": mutant.new, "by": by, "seconds": round(time.time() - begun, 1), "source": told(mutant),
     }  # fmt: skip
 
 
-def ran(copy: Path, tests: str, limit: float) -> str:
+def ran(copy: Path, tests: str, limit: float, mutated: str) -> str:
     """``passed``, ``failed``, ``crashed`` or ``hangs``, by a forked process."""
     pid = os.fork()
     if pid == 0:
-        child.become(copy, tests)
+        child.become(copy, tests, mutated, kernels.STAMP)
     end = time.time() + limit
     while time.time() < end:
         done, status = os.waitpid(pid, os.WNOHANG)
@@ -147,7 +167,7 @@ def report(
     """Score and table of what survived."""
     have = [(m, known[m.name]) for m in wanted if m.name in known and known[m.name]["source"] == told(m)]
     survived = [(m, o) for m, o in have if o["by"] is None]
-    equal = [m for m, _ in survived if m.name in reasons]
+    equal = [m for m, _ in survived if key(m) in reasons]
     real = len(have) - len(equal)
     killed = len(have) - len(survived)
     kinds = Counter(m.kind for m, _ in have)
@@ -164,7 +184,7 @@ def report(
         "",
         markdown.table(
             ["mutant", "why"],
-            [[f"`{m.name}`", reasons.get(m.name, "a test is missing")] for m, _ in survived],
+            [[f"`{m.name}`", reasons.get(key(m), "a test is missing")] for m, _ in survived],
         ),
     ]
     return "\n".join(lines)

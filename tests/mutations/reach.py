@@ -18,7 +18,12 @@ OWN: dict[str, tuple[str, ...]] = {
     "envs/plant/filters": ("plant/test_filters.py", *_Z),
     "envs/plant/fleet": ("plant/test_kernels.py", *_Z),
     "envs/plant/gantries": _XY,
-    "envs/plant/gantry": ("plant/test_xy_oracle.py", "plant/test_xy_axes.py", "envs/test_jobs.py"),
+    "envs/plant/gantry": (
+        "plant/test_gantry.py",
+        "plant/test_xy_oracle.py",
+        "plant/test_xy_axes.py",
+        "envs/test_jobs.py",
+    ),
     "envs/plant/heads": ("plant/test_calibration.py", "plant/test_sensor.py", *_Z),
     "envs/plant/idle": _Z,
     "envs/plant/machine": (*_Z, "plant/test_supervisor.py", "plant/test_calibration.py", "plant/test_path.py"),
@@ -28,7 +33,7 @@ OWN: dict[str, tuple[str, ...]] = {
     "envs/plant/published": ("plant/test_xy_oracle.py", "envs/test_evidence.py"),
     "envs/plant/sensor": (*_Z, "plant/test_sensor.py", "plant/test_calibration.py"),
     "envs/plant/sheet": (*_Z, "plant/test_sheet.py"),
-    "envs/plant/spot": ("plant/test_xy_oracle.py", "envs/test_quality.py"),
+    "envs/plant/spot": ("plant/test_gantry.py", "plant/test_xy_oracle.py", "envs/test_quality.py"),
     "envs/plant/streamed": ("plant/test_kernels.py", "envs/test_hand.py", "envs/test_vector.py"),
     "envs/plant/supervisor": (*_Z, "plant/test_supervisor.py"),
     "envs/plant/xy_axes": ("plant/test_xy_oracle.py", "plant/test_xy_axes.py"),
@@ -54,12 +59,30 @@ OWN: dict[str, tuple[str, ...]] = {
     "baselines/wu": ("baselines/test_wu.py", *_XY),
     "baselines/xi2023": (*_Z, *_LAWS),
 }
-"""Test files below ``tests/`` by module, in the order in which they run: the quickest that is likely to see it first."""
+"""Test files below ``tests/`` by module, in the order in which they run, the quickest first."""
+
+QUICK = ("tests/baselines/", "tests/plant/test_gantry.py", "tests/envs/test_quality.py")
+"""Test files that need not compile the machine begin so: mutants that are theirs are judged first."""
+
+_HERE = ("controller", "addresses", "lanes")  # in every kernel
+INSIDE: dict[str, tuple[str, ...]] = {
+    "gantry": ("gantry", "cut", "spot", "xy_axes", "published", "path", "machine", "supervisor", *_HERE),
+    "machine": (
+        "machine", "calibration", "filters", "path", "sensor", "sheet", "supervisor", "z_axis", *_HERE,
+    ),
+    "controller": _HERE,  # a law's stage; its own text is part of its stamp
+}  # fmt: skip
+"""Modules whose code a kernel of a module can contain; of other kernels nothing is known."""
 
 
 def modules(root: Path) -> list[str]:
     """Files with mutants, from the package's folder on."""
-    found = (p for folder in FOLDERS for p in sorted((root / folder).glob("*.py")) if p.stem not in ENGINE)
+    found = (
+        p
+        for folder in FOLDERS
+        for p in sorted((root / folder).glob("*.py"))
+        if p.stem not in ENGINE and p.stat().st_size > 0
+    )
     return [p.relative_to(root).as_posix() for p in found]
 
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from kerfgym.envs import scenarios, workshop
-from kerfgym.envs.plant import gantry, heads, published, spot, xy_axes
 from kerfgym.envs.plant import cut as cut_model
+from kerfgym.envs.plant import gantry, heads, published, spot, xy_axes
 from kerfgym.envs.plant.controller import Process
 from kerfgym.envs.plant.fleet import Fleet
 from kerfgym.envs.stack import team
