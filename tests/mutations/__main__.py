@@ -39,7 +39,7 @@ COPIED = ("__init__.py", "pyproject.toml", "envs", "baselines", "agents", "exper
 
 
 def main(
-    count: int = 120, seed: int = 0, only: str = "", again: bool = False, limit: float = 900.0,
+    count: int = 120, seed: int = 0, only: tuple[str, ...] = (), again: bool = False, limit: float = 900.0,
     folder: Path = ROOT / "runs" / "mutations", docs: bool = False,
 ) -> None:  # fmt: skip
     """Runs a random sample of all mutants of the plant and the laws against their tests.
@@ -47,7 +47,7 @@ def main(
     Args:
         count: how many.
         seed: of the sample.
-        only: words in a mutant's name, such as ``envs/plant/cut.py`` or ``spot.py:118``.
+        only: the sample is of mutants with one of these in their names, such as ``envs/plant/cut.py``, ``spot.py:118``.
         again: run those that survived once more.
         limit: s, after which a mutant counts as killed: it hangs.
         folder: where outcomes are kept.
@@ -56,12 +56,14 @@ def main(
     folder.mkdir(parents=True, exist_ok=True)
     store, reasons = folder / "results.jsonl", explained()
     every = [m for file in reach.modules(ROOT) for m in mutants(ROOT / file, file)]
-    wanted = [m for m in sample(every, count, seed) if only in m.name]
+    of = [m for m in every if not only or any(words in m.name for words in only)]
+    wanted = sample(of, count, seed)
     if not wanted:
-        raise InvalidInput(f"no mutant of this sample has '{only}' in its name")
-    known = outcomes(store)
+        raise InvalidInput(f"no mutant has {' or '.join(only)} in its name")
+    known, words = outcomes(store), f"--count {count} --seed {seed}" + "".join(f" --only {each}" for each in only[:1])
+    words += "".join(f" {each}" for each in only[1:])
     if docs:
-        pages.put("mutations", report(wanted, known, reasons, count, seed, len(every)), pages.manual(PAGE))
+        pages.put("mutations", report(wanted, known, reasons, words, len(of)), pages.manual(PAGE))
         return
     todo = [m for m in wanted if m.name not in known or known[m.name]["source"] != told(m)]
     if again:
@@ -90,7 +92,7 @@ def main(
                 flush=True,
             )
     known = outcomes(store)
-    print(report(wanted, known, reasons, count, seed, len(every)))
+    print(report(wanted, known, reasons, words, len(of)))
 
 
 def key(mutant: Mutant) -> str:
@@ -162,7 +164,7 @@ def ran(copy: Path, tests: str, limit: float, mutated: str) -> str:
 
 
 def report(
-    wanted: list[Mutant], known: dict[str, dict[str, Any]], reasons: dict[str, str], count: int, seed: int, every: int
+    wanted: list[Mutant], known: dict[str, dict[str, Any]], reasons: dict[str, str], words: str, every: int
 ) -> str:
     """Score and table of what survived."""
     have = [(m, known[m.name]) for m in wanted if m.name in known and known[m.name]["source"] == told(m)]
@@ -172,7 +174,7 @@ def report(
     killed = len(have) - len(survived)
     kinds = Counter(m.kind for m, _ in have)
     lines = [
-        f"Made by `python -m kerfgym.tests.mutations --count {count} --seed {seed}`: of {every} mutants {len(wanted)}"
+        f"Made by `python -m kerfgym.tests.mutations {words}`: of {every} mutants {len(wanted)}"
         f" were drawn and {len(have)} were run. {killed} were killed and {len(survived)} survived, of which"
         f" {len(equal)} are equivalent: a score of {100 * killed / max(real, 1):.1f} % of {real}.",
         "",

@@ -14,7 +14,12 @@ _LAWS = ("baselines/test_every_controller.py", "baselines/test_laws.py")
 OWN: dict[str, tuple[str, ...]] = {
     "envs/plant/calibration": ("plant/test_calibration.py", *_Z),
     "envs/plant/controller": ("plant/test_kernels.py", *_Z),
-    "envs/plant/cut": ("plant/test_xy_oracle.py", "envs/test_quality.py", "envs/test_jobs.py"),
+    "envs/plant/cut": (
+        "plant/test_xy_parts.py",
+        "plant/test_xy_oracle.py",
+        "envs/test_quality.py",
+        "envs/test_jobs.py",
+    ),
     "envs/plant/filters": ("plant/test_filters.py", *_Z),
     "envs/plant/fleet": ("plant/test_kernels.py", *_Z),
     "envs/plant/gantries": _XY,
@@ -30,13 +35,18 @@ OWN: dict[str, tuple[str, ...]] = {
     "envs/plant/path": ("plant/test_path.py", *_Z),
     "envs/plant/planning": ("envs/test_jobs.py",),
     "envs/plant/prompt": ("plant/test_kernels.py",),
-    "envs/plant/published": ("plant/test_xy_oracle.py", "envs/test_evidence.py"),
+    "envs/plant/published": ("plant/test_xy_parts.py", "plant/test_xy_oracle.py", "envs/test_evidence.py"),
     "envs/plant/sensor": (*_Z, "plant/test_sensor.py", "plant/test_calibration.py"),
     "envs/plant/sheet": (*_Z, "plant/test_sheet.py"),
-    "envs/plant/spot": ("plant/test_gantry.py", "plant/test_xy_oracle.py", "envs/test_quality.py"),
+    "envs/plant/spot": (
+        "plant/test_xy_parts.py",
+        "plant/test_gantry.py",
+        "plant/test_xy_oracle.py",
+        "envs/test_quality.py",
+    ),
     "envs/plant/streamed": ("plant/test_kernels.py", "envs/test_hand.py", "envs/test_vector.py"),
     "envs/plant/supervisor": (*_Z, "plant/test_supervisor.py"),
-    "envs/plant/xy_axes": ("plant/test_xy_oracle.py", "plant/test_xy_axes.py"),
+    "envs/plant/xy_axes": ("plant/test_xy_parts.py", "plant/test_xy_oracle.py", "plant/test_xy_axes.py"),
     "envs/plant/z_axis": (*_Z, "plant/test_z_axis.py"),
     "baselines/__init__": _LAWS,
     "baselines/active_set": ("baselines/test_mpc.py", *_LAWS),
@@ -61,7 +71,7 @@ OWN: dict[str, tuple[str, ...]] = {
 }
 """Test files below ``tests/`` by module, in the order in which they run, the quickest first."""
 
-QUICK = ("tests/baselines/", "tests/plant/test_gantry.py", "tests/envs/test_quality.py")
+QUICK = ("tests/baselines/", "tests/plant/test_gantry.py", "tests/plant/test_xy_parts.py", "tests/envs/test_quality.py")
 """Test files that need not compile the machine begin so: mutants that are theirs are judged first."""
 
 _HERE = ("controller", "addresses", "lanes")  # in every kernel
