@@ -176,7 +176,8 @@ def report(
     lines = [
         f"Made by `python -m kerfgym.tests.mutations {words}`: of {every} mutants {len(wanted)}"
         f" were drawn and {len(have)} were run. {killed} were killed and {len(survived)} survived, of which"
-        f" {len(equal)} are equivalent: a score of {100 * killed / max(real, 1):.1f} % of {real}.",
+        f" {len(equal)} are equivalent: a score of {100 * killed / max(real, 1):.1f} % of {real}."
+        + ("" if len(have) == len(wanted) else " The run is not finished: the score says little yet."),
         "",
         markdown.table(
             ["kind", "run", "survived"],
