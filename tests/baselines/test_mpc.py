@@ -142,3 +142,14 @@ def test_a_plan_that_knows_its_bounds_overshoots_less_than_a_clipped_command():
         assert np.abs(sent).max() == pytest.approx(p.fastest)
         over[clipped] = heads.max() - 0.1
     assert 0.0 < over[False] < 0.3 * over[True]
+
+
+def test_a_plan_that_will_meet_the_bound_of_the_command_alone_begins_gently():
+    p = P._replace(acceleration=1e5, fastest=3.0, gate=5.0, shift=0.1, wander=1e-4, bend=1e-2, effort=50.0)
+    (_, planned), (_, clipped) = (stepped(p, clipped, periods=20) for clipped in (False, True))
+    for sent in (planned, clipped):
+        assert np.abs(sent).max() == pytest.approx(p.fastest)
+        assert np.abs(np.diff(sent)).max() < 0.1 * p.acceleration * PERIOD  # no change meets its bound
+    # Changes cost more than time, and the last of those that the LQG plans would be cut off.
+    begins = np.flatnonzero(clipped)[0]
+    assert 0.0 < planned[begins] < 0.95 * clipped[begins]

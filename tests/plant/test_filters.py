@@ -287,6 +287,48 @@ def test_on_the_machine_the_jump_means_the_same_at_any_height(gap, apparent, dro
     assert filtered_ == pytest.approx(0.0 if dropped else raw, abs=3e-3)
 
 
+def followed(p: Params, x: np.ndarray) -> tuple[list[filters.State], list[float]]:
+    """States and outputs of a recursive filter in plain Python, from rest at ``BASE``."""
+    p, s, states, out = filters.validated(p), filters.State(BASE, 1e6, 0.0, 0.0), [], []
+    for sample in x:
+        s, y = filters.finish(p, s, 0.0, sample, SLOPE)
+        states.append(s)
+        out.append(y)
+    return states, out
+
+
+def test_the_anti_impulse_filter_learns_a_trend_by_a_first_order_lag():
+    rate = 0.02 * SLOPE  # half a jump a sample, which is believed from the start
+    states, _ = followed(kind("anti-impulse", jump=0.04), BASE + rate * np.arange(1.0, 13.0))
+    assert [s.trend for s in states] == pytest.approx(rate * (1.0 - 0.7 ** np.arange(1.0, 13.0)))
+
+
+@pytest.mark.parametrize("trend", [0.03, -0.03])
+@pytest.mark.parametrize(("beyond", "dropped"), [(0.0549, False), (0.0551, True), (-0.0549, False), (-0.0551, True)])
+def test_off_the_trend_a_jump_may_be_higher_by_half_of_it(trend, beyond, dropped):
+    ramp = BASE + trend * SLOPE * np.arange(1.0, 121.0)
+    x = np.append(ramp[:100], ramp[100] + beyond * SLOPE)  # 40 µm, and half of 30 µm
+    _, out = followed(kind("anti-impulse", jump=0.04), x)
+    assert out[-1] == pytest.approx(ramp[100] if dropped else x[-1])
+
+
+def test_a_trend_goes_on_only_as_far_as_a_jump():
+    # 15 µm a sample: two of them are less than a jump of 40 µm, three are more.
+    ramp = BASE + 0.015 * SLOPE * np.arange(1.0, 101.0)
+    _, out = followed(kind("anti-impulse", jump=0.04, hold=5), np.append(ramp, [ramp[-1] + 0.5 * SLOPE] * 5))
+    assert np.diff(out[99:]) / SLOPE == pytest.approx([0.015, 0.015, 0.0, 0.0, 0.0], abs=1e-6)
+
+
+@pytest.mark.parametrize("late", [1, 2, 5, 19, 20, 21, 30])
+def test_after_a_jump_that_outlasted_it_the_anti_impulse_filter_stays_open_for_20_samples(late):
+    x = np.full(80, BASE)
+    x[10:] += 0.3 * SLOPE  # bridged twice, believed from sample 12 on
+    x[12 + late] += 0.3 * SLOPE
+    _, out = followed(kind("anti-impulse", jump=0.04, hold=2), x)
+    passes = abs(out[12 + late] - x[12 + late]) < 1.0
+    assert passes == (late <= 20)
+
+
 # --------------------------------------------------------------------------------------------------- bad settings
 
 
