@@ -9,7 +9,7 @@ import yaml
 
 import kerfgym
 from kerfgym.envs.plant import filters, sensor
-from kerfgym.envs.plant.quantity import InvalidInput, quantities
+from kerfgym.envs.engine.quantity import InvalidInput, quantities
 from kerfgym.experiments.manual import assumptions, references
 
 ROOT = Path(kerfgym.__file__).parent

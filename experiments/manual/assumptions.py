@@ -20,7 +20,7 @@ LAYERS = ("envs", "baselines", "agents", "experiments")
 MARK = "[A]"
 
 ABOUT = {
-    "envs/plant/quantity.py": "says what the mark means",
+    "envs/engine/quantity.py": "says what the mark means",
     "experiments/docs.py": "says what the mark means",
     "experiments/manual/assumptions.py": "reads the marks",
     "experiments/report/limits.py": "says what the mark means",

@@ -11,7 +11,7 @@ import re
 from collections.abc import Callable
 from typing import Any
 
-from ...envs.plant.quantity import InvalidInput, did_you_mean
+from ...envs.engine.quantity import InvalidInput, did_you_mean
 
 PUBLIC: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
     "Scenarios": (
@@ -31,7 +31,7 @@ PUBLIC: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
                 "resolve", "team", "names", "register", "Stack", "Stack.parameters", "Stack.varied", "Team",
                 "PythonController",
             ),
-            "envs.plant.quantity": ("Quantity", "InvalidInput"),
+            "envs.engine.quantity": ("Quantity", "InvalidInput"),
         },
     ),
     "Roll-outs and figures": (

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ... import __file__ as _root
-from ...envs.plant.quantity import InvalidInput
+from ...envs.engine.quantity import InvalidInput
 from ..markdown import table
 
 ROOT = Path(_root).parent

@@ -15,7 +15,7 @@ import pytest
 import kerfgym
 from kerfgym import baselines
 from kerfgym.envs import job_metrics
-from kerfgym.envs.plant.quantity import InvalidInput
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.experiments import cli, results, table
 from kerfgym.experiments.manual import command_line, python_api, references
 

@@ -55,7 +55,7 @@ def _keep_kernels(copy: Path, mutated: str, stamp: str) -> None:
     The package itself compiles every kernel anew when any source of the plant changes, which takes longer than most
     tests.
     """
-    kernels = importlib.import_module("kerfgym.envs.plant.kernels")
+    kernels = importlib.import_module("kerfgym.envs.engine.kernels")
     plain, own = kernels._file, kernels.STAMP
 
     def file(together: tuple[Any, ...]) -> Path:

@@ -5,7 +5,7 @@ import pytest
 
 from kerfgym.envs.plant import gantry, spot, xy_axes
 from kerfgym.envs.plant.controller import Process
-from kerfgym.envs.plant.lanes import U, W, load, store
+from kerfgym.envs.engine.lanes import U, W, load, store
 
 
 def table(x, y, feed=0.0, phase=gantry.CUT, most=3.0):
