@@ -8,8 +8,8 @@ import pytest
 import yaml
 
 import kerfgym
-from kerfgym.envs.plant import filters, sensor
 from kerfgym.envs.engine.quantity import InvalidInput, quantities
+from kerfgym.envs.plant import filters, sensor
 from kerfgym.experiments.manual import assumptions, references
 
 ROOT = Path(kerfgym.__file__).parent

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from kerfgym.envs.engine.lanes import U, W, load, store
 from kerfgym.envs.plant import gantry, spot, xy_axes
 from kerfgym.envs.plant.controller import Process
-from kerfgym.envs.engine.lanes import U, W, load, store
 
 
 def table(x, y, feed=0.0, phase=gantry.CUT, most=3.0):
