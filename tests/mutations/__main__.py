@@ -26,8 +26,8 @@ from typing import Any
 
 import tyro
 
+from kerfgym.envs.engine import kernels
 from kerfgym.envs.engine.quantity import InvalidInput
-from kerfgym.envs.plant import kernels
 from kerfgym.experiments import markdown, pages
 from kerfgym.tests.mutations import child, reach
 from kerfgym.tests.mutations.mutants import Mutant, mutants, sample
