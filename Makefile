@@ -13,10 +13,10 @@ test: $(READY)  ## all tests, a file after the other on each core
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile
 
 train: $(READY)  ## the shipped policies anew
-	$(BIN)/python -m kerfgym.experiments.ship
+	$(BIN)/python -m kerfgym.experiments.studies.ship
 
 figures: $(READY)  ## what README and manual show and is older than the code, measured anew
-	$(BIN)/python -m kerfgym.experiments.figures --stale
+	$(BIN)/python -m kerfgym.experiments.studies --stale
 
 lint: $(READY) build/types/kerfgym/envs  ## style and types
 	$(BIN)/ruff check .

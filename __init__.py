@@ -8,7 +8,7 @@ def _register() -> None:
 
     import gymnasium
 
-    from .envs.sources import FOLDERS, SHELVES, SOURCES
+    from .envs.control.sources import FOLDERS, SHELVES, SOURCES
 
     SOURCES.append("kerfgym.baselines")
     FOLDERS.append("kerfgym.agents.policy:stack_of")
@@ -16,7 +16,7 @@ def _register() -> None:
     gymnasium.register(
         id="kerfgym/HeightFollowing-v0",
         entry_point="kerfgym.envs.height_following:HeightFollowingEnv",
-        vector_entry_point="kerfgym.envs.vector:HeightFollowingVectorEnv",
+        vector_entry_point="kerfgym.envs.tasks.vector:HeightFollowingVectorEnv",
     )
     gymnasium.register(
         id="kerfgym/ContourFollowing-v0",

@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from ..envs import files
 from ..envs.engine.lanes import mix
 from ..envs.engine.quantity import InvalidInput
+from ..envs.safety import files
 
 FORMAT = "kerfgym training 1"
 COUNTERS = ("num_timesteps", "_n_updates", "_episode_num")

@@ -11,13 +11,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..envs import interface, job_interface
 from ..envs.engine.deck import Deck, places
 from ..envs.engine.lanes import U0, U1, UW, U, as_bits, as_number, call, clip, doubles, part, singles, stage, words
-from ..envs.job_batch import PERIOD
 from ..envs.plant import machine
 from ..envs.plant.controller import Privileged, stage_address
 from ..envs.plant.fleet import Fleet
+from ..envs.tasks import interface, job_interface
+from ..envs.tasks.job_batch import PERIOD
 from .network import ACTIVATIONS, LN2_HIGH, LN2_LOW, LOG2E, OUTPUTS, SERIES, Network
 
 
@@ -219,7 +219,7 @@ def fly(block_address, at, n, io_address, first):
 
 
 class Compiled:
-    """A policy as a pilot of fleets, see :class:`envs.stack.Pilot`."""
+    """A policy as a pilot of fleets, see :class:`envs.control.stack.Pilot`."""
 
     def __init__(self, policy: Any) -> None:
         self.policy = policy

@@ -21,7 +21,7 @@ import gymnasium as gym
 import numpy as np
 
 from ..envs.engine.quantity import InvalidInput
-from ..envs.job_batch import PERIOD
+from ..envs.tasks.job_batch import PERIOD
 from .network import Layer, Memory, Network, Normaliser, run
 from .policy import FORMAT, TASKS, Document, Policy, describe, describe_base, shape_of
 

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from ..envs import files
 from ..envs.engine.quantity import InvalidInput
+from ..envs.safety import files
 from .settings import PRESETS, Settings, algorithm_class, environment_class
 
 NUM_ENVS = 64

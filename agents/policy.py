@@ -21,11 +21,12 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from ..envs import files, interface, job_interface
-from ..envs import stack as stacks
+from ..envs.control import stack as stacks
+from ..envs.control.stack import Stack
 from ..envs.engine.quantity import InvalidInput, did_you_mean
 from ..envs.plant.controller import SLOTS, Process
-from ..envs.stack import Stack
+from ..envs.safety import files
+from ..envs.tasks import interface, job_interface
 from .network import Layer, Memory, Network, Normaliser, run
 
 FORMAT = 1

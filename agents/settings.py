@@ -12,8 +12,8 @@ from typing import Any
 
 from typing_extensions import TypedDict  # as pydantic wants it below Python 3.12
 
-from ..envs import consent, files
 from ..envs.engine.quantity import InvalidInput, did_you_mean
+from ..envs.safety import consent, files
 
 PRESETS = Path(__file__).parent / "presets"
 

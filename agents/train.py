@@ -21,7 +21,7 @@ from typing import Any
 
 from ..envs import scenarios
 from ..envs.engine.quantity import InvalidInput
-from ..envs.job_batch import PERIOD
+from ..envs.tasks.job_batch import PERIOD
 from . import checkpoint
 from .evaluation import Evaluation, Evaluator
 from .learner import environment, learner

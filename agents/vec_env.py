@@ -17,7 +17,7 @@ from ..envs.cutting import CuttingVectorEnv
 from ..envs.engine.deck import refuse_copy
 from ..envs.engine.quantity import InvalidInput, did_you_mean
 from ..envs.height_following import check_render_mode
-from ..envs.vector import HeightFollowingVectorEnv, KernelVectorEnv, make_batch, put_sequences
+from ..envs.tasks.vector import HeightFollowingVectorEnv, KernelVectorEnv, make_batch, put_sequences
 
 ATTRIBUTES = (
     "scenario", "scenario_seed", "base", "control", "split", "render_mode", "spec", "action_space",

@@ -10,8 +10,8 @@ import importlib
 import tomllib
 from pathlib import Path
 
+from kerfgym.envs.control.stack import Stack, register
 from kerfgym.envs.plant.controller import make_law
-from kerfgym.envs.stack import Stack, register
 
 PRESETS = Path(__file__).parent / "presets"
 

@@ -14,7 +14,7 @@ What an innovation of the sheet exceeds ``gate`` by is cut off, so impulses hard
 it is taken to be where it is read; over a hole it is not read at all.
 
 Defaults of bandwidth, damping and dead time are means over the following suite's plants, as identified by
-``python -m kerfgym.experiments.identify``.
+``python -m kerfgym.experiments.studies.identify``.
 """
 
 from typing import Annotated, NamedTuple
@@ -25,7 +25,7 @@ from kerfgym.envs.engine.quantity import Quantity
 from kerfgym.envs.plant.controller import PERIOD
 from kerfgym.envs.plant.supervisor import HOLD
 
-_IDENTIFIED = "[C] experiments/identify.py"
+_IDENTIFIED = "[C] experiments/studies/identify.py"
 
 Bandwidth = Annotated[float, Quantity("Hz", 20.0, 250.0, "of the model's velocity loop", _IDENTIFIED, log=True)]
 Zeta = Annotated[float, Quantity("1", 0.3, 3.0, "its damping ratio", _IDENTIFIED)]

@@ -1,6 +1,6 @@
 """Command sequences on the panel: what CN102528288A names as advanced processes.
 
-Each is a plain function of a :class:`~kerfgym.envs.panel.Panel`: it gives commands, moves X, and says how it ended. A
+Each is a plain function of a :class:`~kerfgym.envs.control.panel.Panel`: it gives commands, moves X, and says how it ended. A
 sequence that meets an alarm stops X and ends there; the supervisor has the head by then. Jobs of the suites ``contour``
 and ``cutting`` pierce and leap in the compiled machine; here the same is done from outside, command by command, as a
 numerical control does.
@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from kerfgym.envs.control.panel import Outcome, Panel
 from kerfgym.envs.engine.quantity import InvalidInput
-from kerfgym.envs.panel import Outcome, Panel
 from kerfgym.envs.plant import supervisor
 from kerfgym.envs.plant.controller import PERIOD
 

@@ -24,7 +24,7 @@ TERMS = 26
 
 
 class Drive(NamedTuple):
-    """What is identified (experiments/identify.py)."""
+    """What is identified (experiments/studies/identify.py)."""
 
     bandwidth: float = 80.0  # Hz
     zeta: float = 0.8

@@ -2,9 +2,9 @@
 
 from typing import Any, Literal
 
-from .job_batch import ContourBatch
-from .job_env import JobEnv
-from .vector import KernelVectorEnv
+from .tasks.job_batch import ContourBatch
+from .tasks.job_env import JobEnv
+from .tasks.vector import KernelVectorEnv
 
 
 class ContourFollowingEnv(JobEnv):

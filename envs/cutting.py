@@ -2,9 +2,9 @@
 
 from typing import Any, Literal
 
-from .job_batch import CuttingBatch
-from .job_env import JobEnv
-from .vector import KernelVectorEnv
+from .tasks.job_batch import CuttingBatch
+from .tasks.job_env import JobEnv
+from .tasks.vector import KernelVectorEnv
 
 
 class CuttingEnv(JobEnv):
@@ -30,7 +30,7 @@ class CuttingEnv(JobEnv):
     | 6 | offset of the focus, up positive | ±1 mm | ±0.1 mm | ±5 mm |
     | 7 | standoff, added to the nominal | ±0.3 mm | ±0.05 mm | ±1 mm |
 
-    What comes out is limited to the settings that were published of the material (`envs/evidence.py`; for C45 by
+    What comes out is limited to the settings that were published of the material (`envs/figures/evidence.py`; for C45 by
     Huang2024): the third column, with equal amplitudes in x and y, the smaller of the two, and a feed of at most 8.33
     mm/s without dither, 16.7 mm/s with ±0.3 mm of it. `extrapolate=True` leaves only what the optics, the recipe and
     the axes allow.

@@ -5,12 +5,12 @@ from typing import Any, Literal
 import gymnasium as gym
 import numpy as np
 
-from .batch import Batch
 from .engine.deck import refuse_copy
 from .engine.quantity import InvalidInput, did_you_mean
-from .film import Film
-from .interface import INFO
+from .pictures.film import Film
 from .scenarios import Scenario
+from .tasks.batch import Batch
+from .tasks.interface import INFO
 
 LARGEST = 3.4e38
 """Largest finite action (float32)."""

@@ -13,10 +13,10 @@ import tyro
 from tyro.conf import OmitArgPrefixes, Positional, UseAppendAction, arg
 
 from .. import __version__
-from ..envs import consent
 from ..envs.engine.quantity import InvalidInput, did_you_mean
-from . import typed
-from .drawings import Options, tell
+from ..envs.safety import consent
+from .render.choices import Options, tell
+from .store import typed
 
 DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES)
 """What a disk says when it is full or closed."""
@@ -75,11 +75,11 @@ def _entries(kind: str) -> list[tuple[str, str]]:
             for name, s in scenarios.suite(group).items()
         ]
     if kind == "controllers":
-        from ..envs import stack
+        from ..envs.control import stack
 
         found = [*map(stack.get, stack.names()), *map(stack.resolve, stack.shelved())]
         return [(s.name, f"{s.summary} [{s.slot}, {s.information}]") for s in found]
-    from ..envs import job_metrics, metrics
+    from ..envs.figures import job_metrics, metrics
 
     return [(m.name, f"{m.summary} [{m.unit}, {m.better} is better]") for m in metrics.METRICS.values()] + [
         (m.name, f"{m.summary} [{m.unit}, {m.better} is better; jobs]") for m in job_metrics.METRICS.values()
@@ -153,11 +153,13 @@ def benchmark(
         resume: finish what another command began; what the same command began goes on without.
     """
     _agree(allow_code)
-    from . import pool
+    from .store import pool
 
     pool.check(backend, jobs, scheduler)  # before anything that takes time
-    from . import archive, grids, runs
-    from . import benchmark as bench
+    from .benchmark import benchmarking as bench
+    from .measure import grids
+    from .results import archive
+    from .store import runs
 
     reading = drawing.reading()
     how = cut_as(lead_in, kerf, joints, joint_spacing, joint_width)
@@ -191,11 +193,11 @@ def cut_as(
 
 def _show(folder: Path, grids: dict[str, Any], markdown: bool) -> None:
     """Prints the tables of a run, or its summary, and where the report is."""
-    from . import digest
-    from .table import sheets
+    from .report import summary
+    from .report.terminal import sheets
 
     if markdown:
-        print((folder / digest.NAME).read_text(encoding="utf-8"))
+        print((folder / summary.NAME).read_text(encoding="utf-8"))
         return
     for suite, results in grids.items():
         for sheet in sheets(results):
@@ -222,8 +224,8 @@ def report(
         markdown: print the summary as Markdown, for an issue, instead of the tables; it is also in summary.md.
         overwrite: replace an existing run folder.
     """
-    from . import runs
-    from .remake import remake, tell
+    from .report.remake import remake, tell
+    from .store import runs
 
     folder, found = remake(run, runs.named(name, "report-") if name or len(run) > 1 else None, overwrite)
     tell(found)
@@ -259,11 +261,11 @@ def blame(
     """
     _agree(allow_code)
     from ..envs import scenarios
-    from . import runs
-    from .bars import progress
     from .blame import blame as run
-    from .grids import Grid, split_seeds
-    from .table import print_blame
+    from .measure.grids import Grid, split_seeds
+    from .report.terminal import print_blame
+    from .store import runs
+    from .store.progress import progress
 
     chosen = tuple(scenarios.load(s) for s in scenario or scenarios.core("following"))
     jobs = any(s.job for s in chosen)
@@ -319,13 +321,13 @@ def render(
     _agree(allow_code)
     how = cut_as(lead_in, kerf, joints, joint_spacing, joint_width)
     if plan is not None:
-        from .plans import draw
+        from .render.plans import draw
 
         for note in draw(out, plan, scenario, how, drawing.reading()):
             typed.say(f"{plan}: {note}")
         print(out)
         return
-    from .film import film
+    from .render.episode import film
 
     film(out, controller, scenario, seed, seconds, slow, path, colour, drawing.reading(), how)
     if path is not None:
@@ -352,15 +354,15 @@ def reproduce(
         overwrite: replace an existing run folder.
         resume: finish what another command began; what the same command began goes on without.
     """
-    from . import runs
-    from .bars import progress
-    from .reproduce import page
-    from .reproduce.run import reproduce as run
+    from .reproduce import claims_page
+    from .reproduce.carry_out import reproduce as run
+    from .store import runs
+    from .store.progress import progress
 
     folder = runs.named(name, "reproduce-", resume)
     with progress("studies") as told:
         parts = run(names, folder, seeds, jobs, overwrite, resume, told)
-    page.show(parts)
+    claims_page.show(parts)
     print(f"\n{folder / 'reproduce.html'}")
     failed = [part["study"] for part in parts if part["error"]]
     if failed:
@@ -432,8 +434,8 @@ def tune(
         resume: finish what another command began; what the same command began goes on without.
     """
     _agree(allow_code)
-    from . import runs
-    from .bars import progress
+    from .store import runs
+    from .store.progress import progress
     from .tune import command
     from .tune import tune as run
 
@@ -498,7 +500,7 @@ def train(
         resume: finish what another command began; what the same command began goes on without.
     """
     _agree(allow_code)
-    from .training import train as run
+    from .train.folder import train as run
 
     folder = run(algorithm, env, steps, seed, set_, name, device, threads, ms, overwrite, resume, preset)
     print(f"\n{folder}")
@@ -520,11 +522,11 @@ def speed(
         torch_threads: threads that torch may use in it.
         overwrite: replace an existing run folder.
     """
-    from . import runs
-    from .bars import status
+    from .report.terminal import print_speed
     from .speed.proof import NothingDone
-    from .speed.run import speed as measure
-    from .table import print_speed
+    from .speed.timing import speed as measure
+    from .store import runs
+    from .store.progress import status
 
     for what, value in (("--rounds", rounds), ("--torch-threads", torch_threads)):
         if value < 1:

@@ -13,9 +13,12 @@ import pytest
 import tyro
 
 import kerfgym
-from kerfgym.envs import job_metrics, metrics, scenarios, stack
+from kerfgym.envs import scenarios
+from kerfgym.envs.control import stack
 from kerfgym.envs.engine.quantity import InvalidInput
-from kerfgym.experiments import cli, docs
+from kerfgym.envs.figures import job_metrics, metrics
+from kerfgym.experiments import cli
+from kerfgym.experiments.manual import docs
 
 ROOT = Path(kerfgym.__file__).parent
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(docs.FOLDER.glob("*.md"))]
@@ -57,7 +60,7 @@ def files(text):
 
 
 def test_made_pages_are_as_old_as_the_code():
-    assert not [path.name for path in docs.stale()], "python -m kerfgym.experiments.docs writes them"
+    assert not [path.name for path in docs.stale()], "python -m kerfgym.experiments.manual.docs writes them"
 
 
 def test_an_edit_of_the_code_makes_its_page_stale(monkeypatch):

@@ -9,8 +9,8 @@ import re
 
 import pytest
 
-from kerfgym.experiments import docs
-from kerfgym.experiments.figures import marks
+from kerfgym.experiments.manual import docs
+from kerfgym.experiments.studies import marks
 
 WHOLE = {"machine.md", "environments.md"}
 """Pages that the code makes from docstrings and declared quantities: what stands there is the machine's definition."""
@@ -137,8 +137,8 @@ ALLOWED: dict[str, dict[str, str]] = {
         "fall by 1 mm and more in 5 ms": "supervisor.SUDDEN times the default of Params.rise",
     },
     "docs/security.md": {
-        "1 MB for settings, 32 MB for a CSV table, 64 MB for a drawing": "limits, constants of envs.files",
-        "64 MB for a run's record": "a limit, a constant of envs.files",
+        "1 MB for settings, 32 MB for a CSV table, 64 MB for a drawing": "limits, constants of envs.safety.files",
+        "64 MB for a run's record": "a limit, a constant of envs.safety.files",
         "heights of at most ±1000 mm": "a limit, scenarios.MOST_HEIGHT",
         "more than 300 million cells": "a limit, tabular.CELLS",
     },

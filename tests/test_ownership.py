@@ -18,21 +18,23 @@ import pytest
 import kerfgym
 from kerfgym.agents import compiled
 from kerfgym.agents.vec_env import HeightFollowingVecEnv
-from kerfgym.envs import panel, scenarios, workshop
-from kerfgym.envs import stack as stacks
-from kerfgym.envs.batch import Batch
+from kerfgym.envs import scenarios
+from kerfgym.envs.control import panel
+from kerfgym.envs.control import stack as stacks
 from kerfgym.envs.cutting import CuttingEnv
 from kerfgym.envs.engine.deck import Deck, places
 from kerfgym.envs.engine.kernels import Kernel
 from kerfgym.envs.height_following import HeightFollowingEnv
-from kerfgym.envs.job_batch import ContourBatch, CuttingBatch
 from kerfgym.envs.plant import calibration, heads, machine, path, prompt
 from kerfgym.envs.plant.controller import stage_address
 from kerfgym.envs.plant.fleet import Fleet
-from kerfgym.envs.vector import HeightFollowingVectorEnv
-from kerfgym.experiments import decisions, margins, rollout
-from kerfgym.experiments.faults import inject
-from kerfgym.experiments.faults.inject import Fault, Faults, Without
+from kerfgym.envs.tasks import workshop
+from kerfgym.envs.tasks.batch import Batch
+from kerfgym.envs.tasks.job_batch import ContourBatch, CuttingBatch
+from kerfgym.envs.tasks.vector import HeightFollowingVectorEnv
+from kerfgym.experiments.measure import cost, margins, rollout
+from kerfgym.experiments.studies.faults import inject
+from kerfgym.experiments.studies.faults.inject import Fault, Faults, Without
 
 SIZE, PERIODS = 5, 40
 EVERY = np.arange(SIZE)
@@ -460,12 +462,12 @@ def test_faults_that_read_the_machine_s_deck_outlive_fleet_and_faults():
 
 def test_decisions_are_timed_on_a_machine_that_is_there():
     stack = stacks.resolve("height-following-ppo")
-    signals, wishes = decisions.lived(stack, "rough", 50), []
+    signals, wishes = cost.lived(stack, "rough", 50), []
     for forget in (False, True):
         fleet = Fleet(1, stack.law, heads.POOL)
         stack.install(fleet, [0])
         given, wish, hand = signals.copy(), fleet.slots(machine.WISH, 1), fleet.row("hand.residual")
-        run = decisions._decide_kernel.bound(decisions.deck_for(fleet, given, len(given)))
+        run = cost._decide_kernel.bound(cost.deck_for(fleet, given, len(given)))
         if forget:
             del fleet, given
             churn()

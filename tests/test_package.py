@@ -134,8 +134,11 @@ def test_the_walk_over_imports_sees_both_spellings():
     assert "envs.engine.lanes" in {
         name.rpartition(".")[0] for name in imported("envs.plant.sheet", SOURCES["envs.plant.sheet"])
     }
-    assert any(name.startswith("envs.stack") for name in imported("baselines", SOURCES["baselines"]))
-    assert any(name.startswith("baselines") for name in imported("experiments.search", SOURCES["experiments.search"]))
+    assert any(name.startswith("envs.control.stack") for name in imported("baselines", SOURCES["baselines"]))
+    assert any(
+        name.startswith("baselines")
+        for name in imported("experiments.tune.protocol", SOURCES["experiments.tune.protocol"])
+    )
 
 
 def test_every_sub_package_is_installed_with_its_data():

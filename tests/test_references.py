@@ -76,7 +76,7 @@ def test_a_bibliography_of_another_form_is_an_error_with_its_line(text, message)
 def test_equations_of_the_documents_are_found_where_they_are_computed():
     places = references.places(ENTRIES, SOURCES)
     assert "envs/plant/filters.py" in places["Xi2023", "equation", 6]
-    assert {"envs/plant/spot.py", "envs/quality.py"} <= set(places["Huang2024", "equation", 13])
+    assert {"envs/plant/spot.py", "envs/figures/quality.py"} <= set(places["Huang2024", "equation", 13])
     assert "envs/paths/bspline.py" in places["Huang2024", "equation", 4]  # "eqs. 3–8"
 
 

@@ -25,15 +25,17 @@ from safetensors.numpy import save
 import kerfgym
 from kerfgym.agents import checkpoint, settings
 from kerfgym.agents.policy import Policy
-from kerfgym.envs import consent, files, names, scenarios, secrets
-from kerfgym.envs import stack as stacks
+from kerfgym.envs import scenarios
+from kerfgym.envs.control import stack as stacks
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.paths.read import read as read_drawing
-from kerfgym.experiments import archive, pool, tabular
-from kerfgym.experiments import stored as stored_records
-from kerfgym.experiments.benchmark import run
+from kerfgym.envs.safety import consent, files, names, secrets
+from kerfgym.experiments.benchmark.benchmarking.benchmarking import run
 from kerfgym.experiments.cli import main
-from kerfgym.experiments.remake import remake
+from kerfgym.experiments.report.remake import remake
+from kerfgym.experiments.results.followers import archive
+from kerfgym.experiments.store import kinds as stored_records
+from kerfgym.experiments.store import pool, tabular
 from kerfgym.experiments.tune import storage
 
 ROOT = Path(kerfgym.__file__).parent
@@ -332,7 +334,8 @@ def test_what_no_file_can_be_called_is_not_there(here, text, capsys):
 
 
 def test_an_error_is_no_longer_than_can_be_read(capsys, monkeypatch):
-    from kerfgym.experiments import cli, typed
+    from kerfgym.experiments import cli
+    from kerfgym.experiments.store import typed
 
     def fails() -> None:
         raise InvalidInput(f"'{'x' * 50_000}' in {URL} is no number; allowed: {'some, ' * 5000}")
@@ -802,7 +805,7 @@ def test_a_report_has_no_foreign_markup(changed):
 
 @line("Curves of trainings and studies that a run names are read only below the folder in which you work.")
 def test_curves_outside_are_not_read(here, tmp_path_factory):
-    from kerfgym.experiments.report import training, tuning
+    from kerfgym.experiments.report import curves, tuning
 
     def fill(place):
         (place / "ppo" / "policy").mkdir(parents=True)
@@ -818,7 +821,7 @@ def test_curves_outside_are_not_read(here, tmp_path_factory):
     away = os.path.relpath(outside, here)
     (here / "link").symlink_to(outside)
     policies = ["mine/ppo/policy", f"{outside}/ppo/policy", f"{away}/ppo/policy", "link/ppo/policy", "a\0b"]
-    assert list(training.curves(policies)) == ["mine/ppo/policy"]
+    assert list(curves.curves(policies)) == ["mine/ppo/policy"]
     tunings = ["mine/tuned.toml", f"{outside}/tuned.toml", f"{away}/tuned.toml", "link/tuned.toml"]
     assert list(tuning.studies(tunings)) == ["mine/tuned.toml"]
 
@@ -924,7 +927,7 @@ def test_passwords_are_nowhere(here, capsys, monkeypatch):
     assert "://user:…@127.0.0.1:1/database' cannot be used" in told
     assert "hunter2" not in told
     database = f"sqlite:///{here}/a.db?password=hunter2"  # a database that needs none and does not mind
-    monkeypatch.setattr("kerfgym.experiments.tune.pictures.write", lambda *_: [])
+    monkeypatch.setattr("kerfgym.experiments.tune.history.write", lambda *_: [])
     monkeypatch.setattr("kerfgym.experiments.tune.outcome.TEST_SEEDS", 2)
     opened = storage.opened
     monkeypatch.setattr(storage, "opened", lambda url: opened(url.replace("?password=hunter2", "")))

@@ -6,8 +6,8 @@ from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 
-from .. import files
 from ..engine.quantity import InvalidInput, did_you_mean
+from ..safety import files
 from .choice import Reading, Rules
 from .drawing import Drawing
 from .joining import GAP

@@ -1,6 +1,6 @@
 """Cut: from beam, speed and errors to melt margin, roughness, dross and kerf, once per control period.
 
-The streaming form of the quality model (docs/physics.md#the-cut); :mod:`envs.quality` holds the full one, which
+The streaming form of the quality model (docs/physics.md#the-cut); :mod:`envs.figures.quality` holds the full one, which
 deposits the beam's energy along the whole trajectory. Here the energy's lateral density at a depth z is taken in closed
 form:
 
@@ -49,7 +49,7 @@ What it misses: heat that builds up in corners and narrow webs, striations as a 
 supersonic flow of the gas, surface tension, preheating by neighbouring cuts. Roughness and dross are proxies:
 calibrated on three published cuts (C45) or assumed (the others), validated nowhere. The three cuts do not tell whether
 a dither smooths because more is absorbed or because the kerf gets wider: a power of m̄ alone meets them as well as this
-form does and says the opposite about a narrow kerf. :mod:`envs.evidence` says how far a run lies from those cuts.
+form does and says the opposite about a narrow kerf. :mod:`envs.figures.evidence` says how far a run lies from those cuts.
 """
 
 from typing import NamedTuple

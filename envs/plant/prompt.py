@@ -6,7 +6,7 @@ difference is what is left of noise and impulses; it is added to the newest faul
     prompt = filter(counted) − filter(faultless) + faultless now
 
 For a filter that is linear this takes away its delay and its roundness, and nothing else. No real filter can do that:
-it serves to ask what the delay of one costs (:mod:`kerfgym.envs.ideal`).
+it serves to ask what the delay of one costs (:mod:`kerfgym.envs.plant.ideal`).
 
 The second filter lives in a *shadow*, a block with the machine's layout of which only the filter's rows are used.
 """

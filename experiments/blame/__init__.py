@@ -5,7 +5,7 @@ it, and a controller retuned for the better machine might do without. Likewise w
 present gains, which the stages' delays forbid it to raise.
 """
 
+from .blaming import blame, in_report
 from .game import Blame, measure, shapley
-from .run import blame, in_report
 
 __all__ = ["Blame", "blame", "in_report", "measure", "shapley"]

@@ -1,7 +1,7 @@
 """What each stage of the machine costs a controller: a game whose players are idealised stages.
 
 For every subset of stages the same episodes (same seeds, same random numbers) are rolled out with just these idealised
-(:mod:`kerfgym.envs.ideal`). A stage's share of the mean-square true error is its Shapley value: what idealising it
+(:mod:`kerfgym.envs.plant.ideal`). A stage's share of the mean-square true error is its Shapley value: what idealising it
 gains, averaged over all orders in which the stages could be idealised. Shares add up to the real error less that of the
 fully idealised machine, which is what law, supervisor and sampling leave. Of a job there are two errors, and two games:
 of the gap and of the contour.
@@ -13,15 +13,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...envs import ideal, job_metrics, metrics
-from ...envs import stack as stacks
+from ...envs.control import stack as stacks
+from ...envs.control.stack import Stack, Team
 from ...envs.engine.quantity import InvalidInput, did_you_mean
-from ...envs.plant import filters
+from ...envs.figures import job_metrics, metrics
+from ...envs.plant import filters, ideal
 from ...envs.plant.fleet import Fleet
 from ...envs.scenarios import Scenario
-from ...envs.stack import Stack, Team
-from .. import jobs, rollout
-from ..ledger import Ledger
+from ..measure import rollout
+from ..results import jobs
+from ..store.ledger import Ledger
 
 REFERENCES = ("preview-5ms", "oracle")
 """Controllers with other information, shown beside; neither is a bound (:mod:`kerfgym.experiments.bounds`)."""

@@ -7,6 +7,6 @@ shapes of unknown size (:mod:`shapes`), the sensor's noise (:mod:`noise`), what 
 which scenarios that is possible. Where feed or sheet change meanwhile, :mod:`changing` and :mod:`moving` take over.
 """
 
-from .record import recorded, stale
+from .stored import recorded, stale
 
 __all__ = ["recorded", "stale"]

@@ -7,12 +7,14 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ...envs import metrics, scenarios
-from ...envs import stack as stacks
+from ...envs import scenarios
+from ...envs.control import stack as stacks
+from ...envs.figures import metrics
 from ...envs.scenarios import SPLITS
-from .. import rollout
-from ..grids import shipped
-from . import record, suite
+from ..measure import rollout
+from ..measure.grids import shipped
+from . import scenario as suite
+from . import stored
 
 CHUNK = 20
 """Machines that are rolled out at a time; episodes may be long."""
@@ -51,9 +53,9 @@ def main() -> int:
     if given.seeds and not given.check:
         parser.error("--seeds goes with --check; the record is of all test seeds")
     seeds, started = SPLITS["test"][: given.seeds or None], time.process_time()
-    found = {name: suite.of(scenario, seeds) for name, scenario in record.wanted().items()}
+    found = {name: suite.of(scenario, seeds) for name, scenario in stored.wanted().items()}
     if seeds == SPLITS["test"]:
-        record.write(found, seeds)
+        stored.write(found, seeds)
     cost = time.process_time() - started
     best = closest(found, seeds) if given.check else {}
     wrong = []
@@ -64,7 +66,7 @@ def main() -> int:
         print(f"{name:28} {bound.bound:8.3f} {bound.learned:8.3f} {linear:>8}{who}")
         if name in best and best[name][1] < bound.bound:
             wrong.append(name)
-    print(f"{cost:.0f} CPU-seconds" + f"; {record.FILE.name} written" * (seeds == SPLITS["test"]))
+    print(f"{cost:.0f} CPU-seconds" + f"; {stored.FILE.name} written" * (seeds == SPLITS["test"]))
     if wrong:
         print(f"below its bound, so the bound is wrong: {', '.join(wrong)}", file=sys.stderr)
     return bool(wrong)

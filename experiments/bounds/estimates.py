@@ -14,7 +14,7 @@ from ...envs.plant.controller import PERIOD
 from ...envs.plant.fleet import Fleet
 from ...envs.scenarios import Scenario
 from . import shapes
-from .read import Lines
+from .ingredients import Lines
 from .shapes import Shapes
 
 

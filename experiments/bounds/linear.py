@@ -18,7 +18,7 @@ from ...envs.plant.controller import PERIOD
 from ...envs.plant.fleet import Fleet
 from ...envs.scenarios import Scenario
 from . import moving, prediction, shapes, spectrum
-from .read import Lines, of_bands, of_sizes, of_surface, prepared
+from .ingredients import Lines, of_bands, of_sizes, of_surface, prepared
 from .spectrum import MEMORY, NOTHING, Random
 
 ENSEMBLE = 1000

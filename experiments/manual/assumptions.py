@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ... import __file__ as _root
-from ..markdown import table
+from ..store.markdown import table
 
 ROOT = Path(_root).parent
 LAYERS = ("envs", "baselines", "agents", "experiments")
@@ -21,7 +21,7 @@ MARK = "[A]"
 
 ABOUT = {
     "envs/engine/quantity.py": "says what the mark means",
-    "experiments/docs.py": "says what the mark means",
+    "experiments/manual/docs.py": "says what the mark means",
     "experiments/manual/assumptions.py": "reads the marks",
     "experiments/report/limits.py": "says what the mark means",
 }

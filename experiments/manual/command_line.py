@@ -17,7 +17,7 @@ import tyro
 
 from ... import __file__ as _root
 from ..cli import COMMANDS
-from ..markdown import table
+from ..store.markdown import table
 
 ROOT = Path(_root).parent
 

@@ -27,7 +27,7 @@ PUBLIC: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
         "A *stack* is a controller with its filter and limits, a *team* one stack for each slot of a machine that does "
         "jobs. [Controllers](controllers.md) explains both.",
         {
-            "envs.stack": (
+            "envs.control.stack": (
                 "resolve", "team", "names", "register", "Stack", "Stack.parameters", "Stack.varied", "Team",
                 "PythonController",
             ),
@@ -37,17 +37,17 @@ PUBLIC: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
     "Roll-outs and figures": (
         "Simulate without an environment, and measure. [Add a metric](add-a-metric.md) lists the metrics.",
         {
-            "experiments.rollout": ("roll",),
-            "envs.recording": ("Recording", "Recording.error", "Recording.reported_error", "Recording.scored"),
-            "envs.metrics": ("metric", "evaluate"),
+            "experiments.measure.rollout": ("roll",),
+            "envs.figures.recording": ("Recording", "Recording.error", "Recording.reported_error", "Recording.scored"),
+            "envs.figures.metrics": ("metric", "evaluate"),
         },
     ),
     "Stored runs": (
         "What a benchmark left behind. [Runs and reports](runs.md) tells the files, [Statistics](statistics.md) the "
         "figures.",
         {
-            "experiments.archive": ("load", "Archive"),
-            "experiments.inference": ("iqm", "cvar", "wilson", "probability_of_improvement", "performance_profile"),
+            "experiments.results.archive": ("load", "Archive"),
+            "experiments.statistics.intervals": ("iqm", "cvar", "wilson", "probability_of_improvement", "performance_profile"),
         },
     ),
     "Learning": (
@@ -67,7 +67,7 @@ PUBLIC: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
         {
             "envs.paths.read": ("read",),
             "envs.paths.gcode": ("read_gcode",),
-            "envs.panel": (
+            "envs.control.panel": (
                 "Panel", "Panel.home", "Panel.calibrate", "Panel.follow", "Panel.move", "Panel.centre", "Panel.protect",
                 "Panel.stop", "Panel.break_", "Panel.wait", "Panel.log",
             ),

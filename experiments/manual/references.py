@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from ... import __file__ as _root
 from ...envs.engine.quantity import InvalidInput
-from ..markdown import table
+from ..store.markdown import table
 
 ROOT = Path(_root).parent
 BIBLIOGRAPHY = ROOT / "docs" / "references.bib"

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from ..comparison import figures
-from ..pooling import kind
+from ..plots.palette import Look
+from ..statistics.comparison import figures
+from ..statistics.pooling import kind
 from .numbers import fixed, known, listed, number, percent, span, times
-from .palette import Look
 from .standing import CARDS, Standing
 from .suite import KNOWS, Suite
 

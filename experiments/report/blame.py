@@ -6,10 +6,10 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
-from ..blame.tables import REST
+from ..blame.shares import REST
+from ..plots.palette import INK, Look
 from .figure import Figure
 from .numbers import listed, number, span, times
-from .palette import INK, Look
 from .suite import Suite
 
 

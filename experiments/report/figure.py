@@ -7,7 +7,7 @@ from typing import Any
 import plotly.graph_objects as go
 from plotly.io._json import to_json_plotly
 
-from .palette import Look
+from ..plots.palette import Look
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
+from ..plots.palette import QUIET, Look
 from .figure import Figure, logarithmic
 from .numbers import number
-from .palette import QUIET, Look
 from .standing import Standing
 from .suite import Suite
 

@@ -4,10 +4,10 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
-from ..bounds.record import LABEL, LINEAR
+from ..bounds.stored import LABEL, LINEAR
+from ..plots.palette import DIVERGING
 from .figure import Figure
 from .numbers import number
-from .palette import DIVERGING
 from .suite import Suite
 
 SHOWN = {

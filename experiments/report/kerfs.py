@@ -6,9 +6,9 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from ...envs import material
-from ...envs.kerf_picture import DIVERGING, EVEN, QUANTITIES, limits_of
+from ...envs.pictures.kerf_picture import DIVERGING, EVEN, QUANTITIES, limits_of
 from ...envs.plant import cut, streamed
+from ...envs.scenarios import material
 from .pack import Channel, pack
 from .scope import shown_first, telling
 from .spectra import error_of

@@ -1,8 +1,8 @@
 """What this cannot tell you."""
 
-from ...envs.material import material
 from ...envs.plant.sheet import FOOTPRINT
 from ...envs.scenarios import SPLITS
+from ...envs.scenarios.material import material
 from .suite import Suite
 
 

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from ..pooling import over_scenarios
+from ..statistics.pooling import over_scenarios
 from .numbers import number, part, times
 from .suite import Suite
 

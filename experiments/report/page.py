@@ -15,31 +15,31 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from ...envs.scenarios import SPLITS
-from ..jobs import JobResults
-from ..results import Results
-from ..runs import atomic
-from . import (
+from ..plots.palette import looks
+from ..results.followers import Results
+from ..results.jobs import JobResults
+from ..store.runs import atomic
+from . import (  # fmt: skip
     answer,
     blame,
+    cut_quality,
     fronts,
     heat,
     kerfs,
     limits,
     out_of_distribution,
+    performance,
     plan,
-    profile,
-    quality,
     scope,
     scores,
     sensitivity,
     spectra,
     table,
-    training,
     tuning,
-)  # fmt: skip
+)
+from . import curves as training
 from .figure import Figure, as_json
 from .numbers import count
-from .palette import looks
 from .record import record
 from .standing import Standing, all_of
 from .suite import Suite
@@ -108,7 +108,7 @@ def page(folder: Path, grids: dict[str, Results | JobResults], meta: dict[str, A
         command=" ".join(map(str, command)) if isinstance(command, list | tuple) else str(command),
         spectra=_there([spectra.figure(suites, look, labels)]),
         sensitivities=_there(sensitivity.figure(s, look, labels) for s in suites),
-        quality=[quality.figure(*steel) for steel in materials(suites)],
+        quality=[cut_quality.figure(*steel) for steel in materials(suites)],
         tuned=_there([tuning.figure({**tuning.presets(suites), **tuning.studies(controllers)}, labels)]),
         trained=_there([training.figure(curves, look, labels)]),
         beyond=out_of_distribution.table(suites, labels), beyond_name=out_of_distribution.NAME,
@@ -141,7 +141,7 @@ def _learned(meta: dict[str, Any], name: str) -> bool:
 def _chapter(suite: Suite, standings: dict[str, Standing], look: dict, labels: dict[str, str]) -> Chapter:
     own = standings[suite.metric]
     figures = [
-        scores.figure(own, look, labels), heat.figure(suite, labels), profile.figure(suite, look, labels),
+        scores.figure(own, look, labels), heat.figure(suite, labels), performance.figure(suite, look, labels),
         fronts.figure(suite, standings, look, labels),
     ]  # fmt: skip
     return Chapter(

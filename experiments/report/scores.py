@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from ..bounds.record import LABEL, LINEAR
+from ..bounds.stored import LABEL, LINEAR
+from ..plots.palette import INK, QUIET, Look
 from .figure import Figure, logarithmic
 from .heat import SHOWN
 from .numbers import fixed, known, number, span
-from .palette import INK, QUIET, Look
 from .standing import Standing
 from .suite import Suite
 

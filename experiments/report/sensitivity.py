@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
+from ..plots.palette import INK, QUIET, Look
 from .figure import Figure, line, logarithmic
-from .palette import INK, QUIET, Look
 from .suite import Suite
 
 LIMIT_MS = 2.0

@@ -7,8 +7,8 @@ from scipy.signal import welch
 
 from ...envs.plant import supervisor
 from ...envs.plant.controller import PERIOD
+from ..plots.palette import Look
 from .figure import Figure, line, logarithmic
-from .palette import Look
 from .suite import Suite
 
 SEGMENT = 512

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 
-from ..fairness import extrapolated, in_any_metric, order, standings
+from ..statistics.ranks import extrapolated, in_any_metric, order, standings
 from .suite import Suite
 
 CARDS = {

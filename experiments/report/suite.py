@@ -5,11 +5,11 @@ from functools import cached_property
 
 import pandas as pd
 
-from ...envs import job_metrics, metrics
+from ...envs.figures import job_metrics, metrics
 from ...envs.plant.controller import INFORMATION
-from ..fairness import order
-from ..jobs import JobResults
-from ..results import INFORMED, REFERENCE, Results
+from ..results.followers import INFORMED, REFERENCE, Results
+from ..results.jobs import JobResults
+from ..statistics.ranks import order
 
 TITLES = {
     "following": "Height following", "ood": "Out of distribution", "contour": "Contours", "cutting": "Cutting",

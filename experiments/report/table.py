@@ -5,14 +5,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from ...envs.material import material
-from ...envs.quality import iso_range
-from .. import comparison
-from ..budgets import MARKS
-from ..inference import wilson
-from ..margins import DELAYS, GAINS
-from ..margins import in_words as margin
-from ..pooling import kind
+from ...envs.figures.quality import iso_range
+from ...envs.scenarios.material import material
+from ..measure.margins import DELAYS, GAINS
+from ..measure.margins import in_words as margin
+from ..statistics import comparison
+from ..statistics.budgets import MARKS
+from ..statistics.intervals import wilson
+from ..statistics.pooling import kind
 from .answer import HOW
 from .numbers import fixed, known, listed, million, number, part, percent, share_of_period, span
 from .sensitivity import LIMIT_MS

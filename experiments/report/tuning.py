@@ -5,13 +5,13 @@ import contextlib
 import pandas as pd
 import plotly.graph_objects as go
 
-from ...envs import files
 from ...envs.engine.quantity import InvalidInput
-from .. import runs, tabular
+from ...envs.safety import files
+from ..plots.palette import COLOURS, INK
+from ..store import runs, tabular
 from .figure import Figure
 from .heat import SHOWN
 from .numbers import fixed
-from .palette import COLOURS, INK
 from .suite import Suite
 
 

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from ...baselines import wu
 from ...envs import scenarios
-from ...envs import stack as stacks
+from ...envs.control import stack as stacks
 from ...envs.plant import heads, xy_axes
 from ...envs.plant.fleet import Fleet
 

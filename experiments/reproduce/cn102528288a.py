@@ -9,11 +9,13 @@ from matplotlib.figure import Figure
 
 from ...baselines import cn102528288a as law
 from ...baselines import sequences
-from ...envs import metrics, scenarios, stack
-from ...envs.panel import LEVEL, Panel
+from ...envs import scenarios
+from ...envs.control import stack
+from ...envs.control.panel import LEVEL, Panel
+from ...envs.figures import metrics
 from ...envs.plant import sensor, supervisor, z_axis
-from .. import rollout
-from ..report.palette import COLOURS, GRID, QUIET
+from ..measure import rollout
+from ..plots.palette import COLOURS, GRID, QUIET
 from . import fixed_gains
 from .claims import (
     FAILS,

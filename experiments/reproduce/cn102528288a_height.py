@@ -3,8 +3,8 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from ...envs import material as materials
-from ..report.palette import COLOURS, QUIET
+from ...envs.scenarios import material as materials
+from ..plots.palette import COLOURS, QUIET
 from .claims import CALIBRATED, TREND, Drawing, Findings, Row, Trial, estimate, judged, study
 from .huang2024 import jobs_of
 

@@ -9,14 +9,16 @@ from scipy.interpolate import BSpline, CubicSpline
 from scipy.special import comb
 
 from ...baselines import preset
-from ...envs import job_metrics, quality, scenarios
-from ...envs import material as materials
-from ...envs import stack as stacks
+from ...envs import scenarios
+from ...envs.control import stack as stacks
 from ...envs.engine.quantity import InvalidInput
+from ...envs.figures import job_metrics, quality
 from ...envs.paths import bspline
 from ...envs.plant import cut, gantry, spot
-from .. import calibrate, jobs
-from ..report.palette import COLOURS, GRID, QUIET
+from ...envs.scenarios import material as materials
+from ..plots.palette import COLOURS, GRID, QUIET
+from ..results import jobs
+from . import fit_cut
 from .claims import (
     CALIBRATED,
     INPUT,
@@ -424,11 +426,11 @@ def jobs_of(name: str, scenario: str, seeds: int, shape: str = "circular") -> di
 def table_2(trial: Trial) -> Findings:
     """The nine numbers from whole jobs (streaming form), from the full form, and the radar chart of Fig. 10."""
     steel = materials.material("c45-10")
-    straight = calibrate.table(steel.params, steel.power).set_index("method")
+    straight = fit_cut.table(steel.params, steel.power).set_index("method")
     rows, figures = [], {}
     fitted = "six coefficients were fitted to these six numbers and the focus: agreement validates nothing"
     for method, name in METHODS.items():
-        printed, seen = calibrate.TABLE_2[method], jobs_of(name, "cut-square", trial.seeds)
+        printed, seen = fit_cut.TABLE_2[method], jobs_of(name, "cut-square", trial.seeds)
         feed = estimate(0.06 * seen["mean_feed"], "m/min")
         dross, rough = estimate(seen["dross"], "mm"), estimate(1e-3 * seen["roughness"], "mm")
         figures[method] = (feed.value, dross.value, rough.value)
@@ -460,7 +462,7 @@ def table_2(trial: Trial) -> Findings:
             v[2] == v.max() and d[2] == d.min() and r[0] < r[2] < r[1])) else "another order",
         judged(holds, CALIBRATED), fitted,
     ))  # fmt: skip
-    paper = {m: (row["feed"], row["dross"], row["roughness"]) for m, row in calibrate.TABLE_2.items()}
+    paper = {m: (row["feed"], row["dross"], row["roughness"]) for m, row in fit_cut.TABLE_2.items()}
     areas = [area(radar(values)) for values in (paper, figures)]
     lead = [a["dynamic compound"] / max(a["static, surface quality"], a["static, fastest"]) for a in areas]
     rows.append(Row(
@@ -528,7 +530,7 @@ def fastest(p: cut.Params, watts: float, dither: spot.Command) -> float:
     low, high = 0.01, 20.0
     for _ in range(40):
         middle = float(np.sqrt(low * high))
-        through = calibrate.streamed(p, watts, {"feed": middle, "dither": dither}).through > 0.5
+        through = fit_cut.streamed(p, watts, {"feed": middle, "dither": dither}).through > 0.5
         low, high = (middle, high) if through else (low, middle)
     return low
 
@@ -539,10 +541,10 @@ def absorption(trial: Trial) -> Findings:
     steel = materials.material("c45-10")
     amplitudes = np.linspace(0.0, 0.3, 31)
     share = np.array([
-        calibrate.beam_of(steel.params, steel.power, DYNAMIC._replace(x=float(a), y=float(a))).absorbed
+        fit_cut.beam_of(steel.params, steel.power, DYNAMIC._replace(x=float(a), y=float(a))).absorbed
         for a in amplitudes
     ])  # fmt: skip
-    plain = float(calibrate.beam_of(steel.params, steel.power, spot.Command()).absorbed)
+    plain = float(fit_cut.beam_of(steel.params, steel.power, spot.Command()).absorbed)
     speeds = [fastest(steel.params, steel.power, d) for d in (spot.Command(), DYNAMIC)]
     without, with_ = (jobs_of(DITHERS[name][0], "cut-square", trial.seeds, DITHERS[name][1])
                       for name in ("none", "circular"))  # fmt: skip
@@ -573,7 +575,7 @@ def absorption(trial: Trial) -> Findings:
     feeds = np.geomspace(0.1, 2.0, 40)
     for (label, dither), colour in zip({"none": spot.Command(), "circle of 0.3 mm": DYNAMIC}.items(),
                                        (COLOURS[1], COLOURS[0]), strict=True):  # fmt: skip
-        margin = [calibrate.streamed(steel.params, steel.power, {"feed": float(v), "dither": dither}).margin
+        margin = [fit_cut.streamed(steel.params, steel.power, {"feed": float(v), "dither": dither}).margin
                   for v in feeds]  # fmt: skip
         right.semilogx(feeds, margin, color=colour, label=label)
     right.axhline(1.0, color=QUIET, lw=0.8, ls="--")
@@ -651,7 +653,7 @@ def focus_dither(trial: Trial) -> Findings:
     lines = {}
     for kilohertz in (2.0, 4.0):
         figures = [
-            calibrate.streamed(steel.params, steel.power, {
+            fit_cut.streamed(steel.params, steel.power, {
                 "feed": 1.0, "dither": spot.Command(frequency=1e3 * kilohertz, x=0.3, y=0.3, z=float(z)),
             })
             for z in strokes

@@ -6,14 +6,15 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...baselines import patent2022 as law
-from ...envs import metrics, scenarios
-from ...envs import stack as stacks
+from ...envs import scenarios
+from ...envs.control import stack as stacks
+from ...envs.figures import metrics
+from ...envs.figures.recording import Recording
 from ...envs.plant.controller import PERIOD
-from ...envs.recording import Recording
 from ...envs.scenarios import Scenario
-from ..report.palette import COLOURS
-from ..rollout import roll
-from ..stability import Injection
+from ..measure.rollout import roll
+from ..measure.stability import Injection
+from ..plots.palette import COLOURS
 from .claims import (
     PRESENT,
     SILENT,

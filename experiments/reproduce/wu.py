@@ -8,14 +8,15 @@ from matplotlib.figure import Figure
 from scipy import signal
 
 from ...baselines import wu
-from ...envs import job_metrics, scenarios
-from ...envs import stack as stacks
+from ...envs import scenarios
+from ...envs.control import stack as stacks
 from ...envs.engine.quantity import InvalidInput
+from ...envs.figures import job_metrics
 from ...envs.plant import xy_axes
 from ...envs.scenarios import Scenario
-from ...envs.workshop import drawing_of
-from .. import jobs
-from ..report.palette import COLOURS, QUIET
+from ...envs.tasks.workshop import drawing_of
+from ..plots.palette import COLOURS, QUIET
+from ..results import jobs
 from . import axes
 from .axes import IDEAL
 from .claims import (

@@ -5,14 +5,14 @@ from collections.abc import Callable
 import numpy as np
 
 from ...envs import scenarios
-from ...envs import stack as stacks
+from ...envs.control import stack as stacks
+from ...envs.control.stack import Stack
 from ...envs.plant import heads
 from ...envs.plant.fleet import Fleet
 from ...envs.scenarios import Axis, Head, Scenario
-from ...envs.stack import Stack
-from .. import identify_table1 as table1
-from .. import rollout
-from ..report.palette import COLOURS, QUIET
+from ..measure import rollout
+from ..plots.palette import COLOURS, QUIET
+from . import fit_table1 as table1
 from .claims import (
     FAILS,
     INPUT,

@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 from ...envs.plant import filters, heads, idle, machine
 from ...envs.plant.controller import make_law
 from ...envs.plant.fleet import Fleet
-from ..report.palette import COLOURS, QUIET
+from ..plots.palette import COLOURS, QUIET
 from .claims import (
     NAMED,
     PRESENT,

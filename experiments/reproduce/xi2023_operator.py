@@ -3,9 +3,9 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from ...envs.panel import CENTRE, LEVEL, Panel
+from ...envs.control.panel import CENTRE, LEVEL, Panel
 from ...envs.plant import supervisor
-from ..report.palette import COLOURS, GRID, QUIET
+from ..plots.palette import COLOURS, GRID, QUIET
 from .claims import INPUT, NAMED, PRESENT, SILENT, TREND, Drawing, Findings, Row, Trial, estimate, judged, study
 
 CONTROLLER = "xi2023-improved"

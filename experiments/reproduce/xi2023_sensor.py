@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...envs.plant import calibration, heads, sensor
-from ..report.palette import COLOURS, QUIET
+from ..plots.palette import COLOURS, QUIET
 from .claims import (
     CALIBRATED,
     FAILS,

@@ -4,11 +4,11 @@ from typing import Any
 
 import numpy as np
 
-from ...envs import stack as stacks
+from ...envs.control import stack as stacks
 from ...envs.scenarios import Axis, Head, Scenario
-from .. import identify_table1 as table1
-from .. import rollout
-from ..report.palette import COLOURS, INK, QUIET
+from ..measure import rollout
+from ..plots.palette import COLOURS, INK, QUIET
+from . import fit_table1 as table1
 from .claims import (
     CALIBRATED,
     NOT,

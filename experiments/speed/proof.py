@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...envs.episodes import Episodes
 from ...envs.plant.fleet import Fleet
+from ...envs.tasks.episodes import Episodes
 
 
 class NothingDone(RuntimeError):

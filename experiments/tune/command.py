@@ -5,11 +5,11 @@ import math
 from ...agents.settings import ALGORITHMS
 from ...envs import scenarios
 from ...envs.engine.quantity import InvalidInput
-from .. import budgets
+from ..statistics import budgets
 from . import storage
+from .controllers import Result, check
 from .evaluate import with_jobs
 from .goals import Limit, Limits
-from .run import Result, check
 from .study import Task
 from .study import controller as stated
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from ...envs.engine.quantity import InvalidInput
-from .. import runs
+from ..store import runs
 from . import storage
 from .work import Search, abandoned
 

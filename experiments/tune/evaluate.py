@@ -8,17 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from ...envs import evidence, job_metrics, metrics, scenarios
-from ...envs import stack as stacks
+from ...envs import scenarios
+from ...envs.control import stack as stacks
+from ...envs.control.stack import Stack, Team
 from ...envs.engine.quantity import InvalidInput
+from ...envs.figures import evidence, job_metrics, metrics
+from ...envs.figures.recording import Recording
 from ...envs.plant import heads
 from ...envs.plant.fleet import Fleet
-from ...envs.recording import Recording
 from ...envs.scenarios import Scenario
-from ...envs.stack import Stack, Team
-from .. import jobs, rollout, stability
-from ..ledger import Ledger
-from ..plants import machines
+from ..measure import rollout, stability
+from ..measure.plants import machines
+from ..results import jobs
+from ..store.ledger import Ledger
 from .goals import Figures
 
 TOGETHER = 2

@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from ...envs import job_metrics, metrics, scenarios
+from ...envs import scenarios
 from ...envs.engine.quantity import InvalidInput, did_you_mean
-from ..pooling import over_scenarios, over_seeds
+from ...envs.figures import job_metrics, metrics
+from ..statistics.pooling import over_scenarios, over_seeds
 
 FAILED = 1e6
 """Value of a candidate one of whose runs failed."""

@@ -19,9 +19,9 @@ from ...agents.settings import ALGORITHMS, Settings
 from ...agents.train import begun
 from ...envs import scenarios
 from ...envs.engine.quantity import InvalidInput
-from .. import runs
-from ..ledger import Ledger
-from . import crew, pictures, sampling, storage
+from ..store import runs
+from ..store.ledger import Ledger
+from . import crew, history, sampling, storage
 from .hyper import REST
 from .trainings import Trainings, TrainingTask, short_steps
 from .work import done, feasible
@@ -150,7 +150,7 @@ def _finish(work: Trainings, folder: Path, workers: int, started: float, command
     }  # fmt: skip
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        plots = pictures.written(folder, _pictures(work, table))
+        plots = history.written(folder, _pictures(work, table))
     file = folder / f"{task.base.name}.toml"
     head = f"# kerfgym train {task.base.name} --preset {file.as_posix()}\n"
     with runs.atomic(file) as part:
@@ -171,9 +171,9 @@ def _pictures(work: Trainings, table: pd.DataFrame) -> Iterator[tuple[str, Figur
     task = work.task
     title = f"{task.base.name} on {task.base.env}"
     text = "score on tune seeds" + " (µm)" * task.height
-    yield "history", pictures.history(table, title, "score", text)
-    yield "slices", pictures.slices(table, title, task.hyper.space.axes, "score", text, {})
-    shares = pictures.importances(work.study, title, "the score")
+    yield "history", history.history(table, title, "score", text)
+    yield "slices", history.slices(table, title, task.hyper.space.axes, "score", text, {})
+    shares = history.importances(work.study, title, "the score")
     if shares is not None:
         yield "importances", shares
 

@@ -9,11 +9,12 @@ from typing import Any
 import pandas as pd
 from optuna.trial import FrozenTrial, TrialState
 
-from ...envs import evidence, scenarios
-from ...envs import stack as stacks
+from ...envs import scenarios
+from ...envs.control import stack as stacks
+from ...envs.control.stack import Stack, Team
 from ...envs.engine.quantity import InvalidInput
-from ...envs.stack import Stack, Team
-from .. import runs
+from ...envs.figures import evidence
+from ..store import runs
 from . import goals
 from .study import RollOuts, Task
 from .work import feasible, told_number

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from ...agents.settings import ALGORITHMS
+from ...envs.control.stack import Parameter, Stack, Team
 from ...envs.engine.quantity import InvalidInput, Quantity, did_you_mean
 from ...envs.plant.filters import KINDS
-from ...envs.stack import Parameter, Stack, Team
 
 GROUPS = ("filter", "law", "guard", "gate", "table", "plan")
 ALL = ("filter", "law", "guard", "plan")

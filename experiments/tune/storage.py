@@ -22,8 +22,8 @@ from optuna.storages.journal import BaseJournalBackend, JournalFileBackend
 from optuna.storages.journal._file import BaseJournalFileLock
 from optuna.storages.journal._storage import JournalOperation
 
-from ...envs import files, secrets
 from ...envs.engine.quantity import InvalidInput
+from ...envs.safety import files, secrets
 from . import soundness
 
 JOURNAL = "study.journal"

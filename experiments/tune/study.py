@@ -7,11 +7,11 @@ from typing import Any
 import optuna
 from optuna.trial import FrozenTrial, Trial
 
-from ...envs import stack as stacks
+from ...envs.control import stack as stacks
+from ...envs.control.stack import Stack, Team
 from ...envs.engine.quantity import InvalidInput
-from ...envs.stack import Stack, Team
-from ..ledger import Ledger
-from ..pooling import ZERO
+from ..statistics.pooling import ZERO
+from ..store.ledger import Ledger
 from . import goals, sampling, storage
 from .evaluate import Evaluator, with_jobs
 from .goals import Limits

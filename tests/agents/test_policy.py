@@ -20,13 +20,15 @@ from kerfgym.agents.export import BOUND, export
 from kerfgym.agents.network import Layer, Memory, Network, Normaliser, linear, logistic, run, tanh
 from kerfgym.agents.policy import Policy
 from kerfgym.agents.vec_env import ContourFollowingVecEnv, CuttingVecEnv, HeightFollowingVecEnv
-from kerfgym.envs import scenarios, stack, workshop
-from kerfgym.envs.batch import Batch
+from kerfgym.envs import scenarios
+from kerfgym.envs.control import stack
 from kerfgym.envs.engine.quantity import InvalidInput
-from kerfgym.envs.interface import FEATURES
-from kerfgym.envs.job_batch import ContourBatch, CuttingBatch
 from kerfgym.envs.plant import gantry
-from kerfgym.experiments import decisions, rollout, stability
+from kerfgym.envs.tasks import workshop
+from kerfgym.envs.tasks.batch import Batch
+from kerfgym.envs.tasks.interface import FEATURES
+from kerfgym.envs.tasks.job_batch import ContourBatch, CuttingBatch
+from kerfgym.experiments.measure import cost, rollout, stability
 
 torch.set_num_threads(1)
 SEED, SIZE = 3, len(FEATURES)
@@ -246,8 +248,8 @@ def test_a_policy_has_a_sensitivity_like_any_controller(tmp_path):
 
 
 def test_its_decisions_cost_more_than_its_bases(folder):
-    alone = decisions.measure("xi2023-improved", 2000)
-    assert decisions.measure(str(folder), 2000).median_us > alone.median_us + 0.1
+    alone = cost.measure("xi2023-improved", 2000)
+    assert cost.measure(str(folder), 2000).median_us > alone.median_us + 0.1
 
 
 def test_its_base_can_be_varied_and_it_drives_the_slot_of_its_environment(folder):

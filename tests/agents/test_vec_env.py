@@ -12,7 +12,7 @@ from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 import kerfgym  # noqa: F401
 from kerfgym.agents.vec_env import HeightFollowingVecEnv
 from kerfgym.envs.engine.quantity import InvalidInput
-from kerfgym.envs.interface import INFO
+from kerfgym.envs.tasks.interface import INFO
 
 ID = "kerfgym/HeightFollowing-v0"
 

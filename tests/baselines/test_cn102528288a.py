@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from kerfgym.baselines import cn102528288a as law
+from kerfgym.envs.control.stack import get, resolve
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.plant.controller import PERIOD, Sensed
-from kerfgym.envs.stack import get, resolve
 
 
 @pytest.mark.parametrize(

@@ -5,11 +5,13 @@ import numpy as np
 import pytest
 
 import kerfgym  # noqa: F401
-from kerfgym.envs import scenarios, stack, workshop
+from kerfgym.envs import scenarios
+from kerfgym.envs.control import stack
 from kerfgym.envs.plant.controller import SLOTS
-from kerfgym.experiments import benchmark
+from kerfgym.envs.tasks import workshop
+from kerfgym.experiments.benchmark.benchmarking import benchmarking
 from kerfgym.experiments.cli import main
-from kerfgym.experiments.rollout import fleet_for
+from kerfgym.experiments.measure.rollout import fleet_for
 
 NAMES = [name for name in stack.names() if name != "idle"]
 IN_Z = [name for name in NAMES if stack.get(name).slot == "z"]
@@ -70,6 +72,6 @@ def test_in_an_environment_of_jobs_it_does_what_it_does_in_a_roll_out(name):
 
 def test_all_that_follow_run_in_one_benchmark(tmp_path):
     case = scenarios.load("tilt").varied(duration=0.6)
-    results = benchmark.run(IN_Z, [case], tmp_path / "r", [1000, 1001], core=("tilt",), with_ms=False, workers=1)
+    results = benchmarking.run(IN_Z, [case], tmp_path / "r", [1000, 1001], core=("tilt",), with_ms=False, workers=1)
     assert results.controllers == IN_Z
     assert np.isfinite(results.runs["rms_true"]).all()

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from kerfgym.baselines import huang2024
-from kerfgym.envs import job_metrics
+from kerfgym.envs.control.stack import get, team
+from kerfgym.envs.figures import job_metrics
 from kerfgym.envs.plant import spot
 from kerfgym.envs.plant.controller import ProcessSensed
 from kerfgym.envs.scenarios import SPLITS, load
-from kerfgym.envs.stack import get, team
-from kerfgym.experiments import jobs
+from kerfgym.experiments.results.followers import jobs
 
 PLAN = huang2024.Params(restore=0.0)
 STEADY = ProcessSensed(

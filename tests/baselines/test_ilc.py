@@ -6,12 +6,12 @@ import pytest
 
 from kerfgym.baselines import ilc
 from kerfgym.envs import scenarios
+from kerfgym.envs.control.stack import get, resolve
 from kerfgym.envs.plant import heads
 from kerfgym.envs.plant.controller import PERIOD, Sensed
 from kerfgym.envs.plant.fleet import Fleet
 from kerfgym.envs.scenarios import load
-from kerfgym.envs.stack import get, resolve
-from kerfgym.experiments.rollout import fleet_for, roll
+from kerfgym.experiments.measure.rollout import fleet_for, roll
 
 LAP = 2 * np.pi * 30.0
 SEEDS = range(1000, 1010)

@@ -13,14 +13,15 @@ from scipy import signal
 
 from kerfgym import baselines
 from kerfgym.baselines import observer, pid, preview
-from kerfgym.envs import scenarios, stack
+from kerfgym.envs import scenarios
+from kerfgym.envs.control import stack
+from kerfgym.envs.control.stack import get
 from kerfgym.envs.plant import heads, machine, supervisor
 from kerfgym.envs.plant.controller import PERIOD, Preview, Privileged, Sensed, make_law
 from kerfgym.envs.plant.fleet import Fleet
 from kerfgym.envs.scenarios import SPLITS, load
-from kerfgym.envs.stack import get
-from kerfgym.experiments.rollout import fleet_for
-from kerfgym.experiments.search import CAP, NAMES, space
+from kerfgym.experiments.measure.rollout import fleet_for
+from kerfgym.experiments.tune.protocol import CAP, NAMES, space
 
 T = PERIOD
 

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 import kerfgym  # noqa: F401
+from kerfgym.envs.control.stack import resolve
 from kerfgym.envs.plant import machine
 from kerfgym.envs.scenarios import load
-from kerfgym.envs.stack import resolve
-from kerfgym.experiments.rollout import fleet_for
+from kerfgym.experiments.measure.rollout import fleet_for
 
 # The bounds of the last are met all the time.
 SPECS = ["lqg", "mpc", "mpc:law.acceleration=300,law.fastest=5"]

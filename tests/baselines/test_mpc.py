@@ -5,11 +5,11 @@ import pytest
 from scipy.optimize import lsq_linear, nnls
 
 from kerfgym.baselines import active_set, lqg, mpc
+from kerfgym.envs.control.stack import resolve
 from kerfgym.envs.plant import machine, supervisor
 from kerfgym.envs.plant.controller import PERIOD, Sensed
 from kerfgym.envs.scenarios import load
-from kerfgym.envs.stack import resolve
-from kerfgym.experiments.rollout import fleet_for
+from kerfgym.experiments.measure.rollout import fleet_for
 
 
 def solved(h, x0, most, start, fastest):

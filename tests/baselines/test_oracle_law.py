@@ -3,11 +3,11 @@
 import numpy as np
 
 from kerfgym.baselines import oracle, preview
-from kerfgym.envs import metrics
+from kerfgym.envs.control.stack import get
+from kerfgym.envs.figures import metrics
 from kerfgym.envs.plant.controller import Preview, Privileged
 from kerfgym.envs.scenarios import core, load
-from kerfgym.envs.stack import get
-from kerfgym.experiments.rollout import roll
+from kerfgym.experiments.measure.rollout import roll
 
 
 def test_without_the_truth_it_is_the_preview():

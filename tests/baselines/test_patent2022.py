@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from kerfgym.baselines import patent2022 as law
-from kerfgym.envs import metrics
+from kerfgym.envs.control.stack import resolve
+from kerfgym.envs.figures import metrics
 from kerfgym.envs.plant.controller import PERIOD, Sensed
 from kerfgym.envs.scenarios import load
-from kerfgym.envs.stack import resolve
-from kerfgym.experiments.rollout import roll
+from kerfgym.experiments.measure.rollout import roll
 
 P = law.Params(s=20.0, r=4.0, accuracy=0.01, smallest=0.0, acceleration=5000.0, distance=2.25, fastest=150.0)
 OPEN = "guard.capture=2,guard.plan=1,guard.acceleration=50000,guard.fastest=500,guard.delay=0"

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from kerfgym.baselines import pid, plasma
-from kerfgym.envs import metrics
+from kerfgym.envs.control.stack import resolve
+from kerfgym.envs.figures import metrics
 from kerfgym.envs.plant.controller import Sensed
 from kerfgym.envs.scenarios import load
-from kerfgym.envs.stack import resolve
-from kerfgym.experiments.rollout import roll
+from kerfgym.experiments.measure.rollout import roll
 
 P = plasma.Params(kp=50.0, ki=1500.0, kd=0.2, lag=4.0, limit=100.0, feed=0.9, slope=50.0, on=2.0, off=30.0)
 

@@ -5,10 +5,10 @@ import pytest
 
 from kerfgym.baselines import self_tuning as law
 from kerfgym.envs import scenarios
-from kerfgym.envs import stack as stacks
+from kerfgym.envs.control import stack as stacks
 from kerfgym.envs.plant import supervisor
 from kerfgym.envs.plant.controller import PERIOD, Sensed
-from kerfgym.experiments import rollout
+from kerfgym.experiments.measure import rollout
 
 TERMS = law.TERMS
 

@@ -5,8 +5,8 @@ import pytest
 
 from kerfgym.baselines import sequences
 from kerfgym.envs import scenarios
+from kerfgym.envs.control.panel import LEVEL, Panel
 from kerfgym.envs.engine.quantity import InvalidInput
-from kerfgym.envs.panel import LEVEL, Panel
 
 CALM = LEVEL.varied(head={"noise": 0.0, "jitter": 0.0, "nominal": True})
 

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from kerfgym.baselines import wu
+from kerfgym.envs.control.stack import get
 from kerfgym.envs.plant import xy_axes
 from kerfgym.envs.plant.controller import AxesSensed
-from kerfgym.envs.stack import get
-from kerfgym.experiments import tune_axes
 from kerfgym.experiments.reproduce import axes
 from kerfgym.experiments.reproduce.wu import distorted, harmonics
+from kerfgym.experiments.tune import axes_protocol
 
 DRIVE = {"x_plus": 1.08, "x_minus": 0.95, "y_plus": 1.02, "y_minus": 0.9}
 MATCHED = {name: 1 / gain for name, gain in DRIVE.items()}
@@ -52,8 +52,8 @@ def test_wu_matched_is_wu_with_the_reciprocals_of_the_mismatch_scenarios_mean():
 @pytest.mark.parametrize(("share", "grows"), [(0.98, False), (1.02, True)])
 def test_the_loop_of_wu_stiff_bears_twice_its_gain_and_no_more(share, grows, monkeypatch):
     """A step so small that no limit acts; the limits of speed and acceleration make a large one ring earlier."""
-    monkeypatch.setattr(tune_axes, "STEP", 0.05)
+    monkeypatch.setattr(axes_protocol, "STEP", 0.05)
     ideal = xy_axes.Params(dac=0.0, encoder=0.0)
-    seen = tune_axes.step_response(share * tune_axes.MARGIN * get("wu-stiff").part("law").kp, ideal, 2000)
-    early, late = (np.abs(part - tune_axes.STEP).max() for part in (seen[500:1000], seen[1500:]))
+    seen = axes_protocol.step_response(share * axes_protocol.MARGIN * get("wu-stiff").part("law").kp, ideal, 2000)
+    early, late = (np.abs(part - axes_protocol.STEP).max() for part in (seen[500:1000], seen[1500:]))
     assert (late > early) == grows

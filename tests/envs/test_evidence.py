@@ -5,12 +5,14 @@ import numpy as np
 import pytest
 
 import kerfgym  # noqa: F401
-from kerfgym.envs import evidence, job_metrics, scenarios
-from kerfgym.envs import material as materials
+from kerfgym.envs import scenarios
+from kerfgym.envs.control.stack import team
+from kerfgym.envs.figures import evidence, job_metrics
 from kerfgym.envs.plant import published, spot
 from kerfgym.envs.plant.controller import Process
-from kerfgym.envs.stack import team
-from kerfgym.experiments import calibrate, jobs
+from kerfgym.envs.scenarios import material as materials
+from kerfgym.experiments.reproduce import fit_cut
+from kerfgym.experiments.results.followers import jobs
 
 PRINTED, CALIBRATED = evidence.published("c45-10"), evidence.calibrated("c45-10")
 FEED = 1000 / 60  # mm/s, of override 1
@@ -31,7 +33,7 @@ def did(name, scenario, seeds=(1000,)):
 # --------------------------------------------------------------------------------------------- inside and outside
 
 
-@pytest.mark.parametrize("row", calibrate.TABLE_2.values(), ids=list(calibrate.TABLE_2))
+@pytest.mark.parametrize("row", fit_cut.TABLE_2.values(), ids=list(fit_cut.TABLE_2))
 def test_the_three_published_cuts_lie_inside(row):
     d = row["dither"]
     command = Process(1.0, 1.0, d.frequency, d.x, d.y, d.z, d.focus, 0.0)
@@ -47,7 +49,7 @@ def test_both_columns_of_table_1_were_published_and_no_mixture_of_them():
 
 def test_what_was_published_without_a_result_is_not_calibrated():
     """Table 2's cuts have 2 kHz and ±1 mm; Table 1 prints 4 kHz and ±5 mm for thick plate, with which none was cut."""
-    dithers = [row["dither"] for row in calibrate.TABLE_2.values() if row["dither"].frequency]
+    dithers = [row["dither"] for row in fit_cut.TABLE_2.values() if row["dither"].frequency]
     assert {d.frequency for d in dithers} == {CALIBRATED.frequency_low} == {CALIBRATED.frequency_high}
     assert {d.z for d in dithers} == {CALIBRATED.deep_low} == {CALIBRATED.deep_high}
     assert excess(DYNAMIC._replace(frequency=4000.0, z=5.0)) == {"frequency": 2000.0, "depth": pytest.approx(4.0)}

@@ -5,11 +5,12 @@ import numpy as np
 import pytest
 
 import kerfgym  # noqa: F401
-from kerfgym.envs import job_interface, scenarios, workshop
-from kerfgym.envs.job_interface import FEATURES
+from kerfgym.envs import scenarios
+from kerfgym.envs.control.stack import team
 from kerfgym.envs.plant import gantry, spot, xy_axes
 from kerfgym.envs.plant.controller import Process
-from kerfgym.envs.stack import team
+from kerfgym.envs.tasks import job_interface, workshop
+from kerfgym.envs.tasks.job_interface import FEATURES
 
 CONTOUR, CUTTING = "kerfgym/ContourFollowing-v0", "kerfgym/Cutting-v0"
 FLAT = {"noise": 0.0, "impulses": 0.0}

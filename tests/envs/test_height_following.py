@@ -12,14 +12,14 @@ from scipy.signal import lfilter
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
 import kerfgym  # noqa: F401
-from kerfgym.envs import interface
+from kerfgym.envs.control.stack import get, python_stack
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.height_following import HeightFollowingEnv
-from kerfgym.envs.interface import CONTROLS, FEATURES, INFO, OBSERVATIONS, RAW
 from kerfgym.envs.plant import supervisor
 from kerfgym.envs.scenarios import SPLITS, load, suite
-from kerfgym.envs.stack import get, python_stack
-from kerfgym.experiments.rollout import fleet_for, roll
+from kerfgym.envs.tasks import interface
+from kerfgym.envs.tasks.interface import CONTROLS, FEATURES, INFO, OBSERVATIONS, RAW
+from kerfgym.experiments.measure.rollout import fleet_for, roll
 
 ID = "kerfgym/HeightFollowing-v0"
 

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from kerfgym.envs import ideal, scenarios
-from kerfgym.envs import stack as stacks
+from kerfgym.envs import scenarios
+from kerfgym.envs.control import stack as stacks
 from kerfgym.envs.engine.quantity import InvalidInput
-from kerfgym.envs.plant import machine, z_axis
+from kerfgym.envs.plant import ideal, machine, z_axis
 from kerfgym.envs.scenarios import Head, Scenario, Sheet
-from kerfgym.experiments import rollout
+from kerfgym.experiments.measure import rollout
 
 QUIET = Head(noise=0.0, jitter=0.0, impulses=0.0)
 SLOPE = Scenario(name="slope", duration=0.15, settle=0.0, set_height=0.8, feed=200, sheet=Sheet(tilt=-0.05), head=QUIET)

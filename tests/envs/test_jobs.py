@@ -10,13 +10,15 @@ from stable_baselines3.common.env_checker import check_env as check_for_sb3
 
 import kerfgym  # noqa: F401
 from kerfgym.agents.vec_env import CuttingVecEnv
-from kerfgym.envs import job_interface, job_metrics, quality, scenarios, workshop
+from kerfgym.envs import scenarios
+from kerfgym.envs.control.stack import python_stack, team
 from kerfgym.envs.engine.quantity import InvalidInput
+from kerfgym.envs.figures import job_metrics, quality
 from kerfgym.envs.paths import job as jobs
 from kerfgym.envs.paths import kerf, parts
 from kerfgym.envs.plant import gantry
-from kerfgym.envs.stack import python_stack, team
-from kerfgym.experiments import jobs as job_runs
+from kerfgym.envs.tasks import job_interface, workshop
+from kerfgym.experiments.results.followers import jobs as job_runs
 
 CONTOUR, CUTTING = "kerfgym/ContourFollowing-v0", "kerfgym/Cutting-v0"
 SMALL = scenarios.Scenario(

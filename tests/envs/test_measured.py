@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
-from kerfgym.envs import scenarios, workshop
+from kerfgym.envs import scenarios
+from kerfgym.envs.control.stack import get, team
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.plant import calibration, heads
 from kerfgym.envs.scenarios import Scenario
-from kerfgym.envs.stack import get, team
-from kerfgym.experiments.rollout import fleet_for, roll
+from kerfgym.envs.tasks import workshop
+from kerfgym.experiments.measure.rollout import fleet_for, roll
 
 QUIET = {"noise": 0.0, "jitter": 0.0, "impulses": 0.0, "nominal": True}
 

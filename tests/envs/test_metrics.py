@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from kerfgym.envs import metrics
 from kerfgym.envs.engine.quantity import InvalidInput
-from kerfgym.envs.metrics import METRICS, broken, evaluate, failed
+from kerfgym.envs.figures import metrics
+from kerfgym.envs.figures.metrics import METRICS, broken, evaluate, failed
+from kerfgym.envs.figures.recording import Recording
 from kerfgym.envs.plant.machine import CHANNELS
 from kerfgym.envs.plant.supervisor import ALARM, FOLLOW
-from kerfgym.envs.recording import Recording
 from kerfgym.envs.scenarios import load
 
 SET = 0.8

@@ -5,8 +5,8 @@ from dataclasses import asdict
 import pytest
 
 from kerfgym.envs import scenarios
-from kerfgym.envs.distributions import bounds
 from kerfgym.envs.scenarios import core, rules, suite
+from kerfgym.envs.scenarios.distributions import bounds
 
 SHIFTS = {
     "fast": {"feed": 400.0},

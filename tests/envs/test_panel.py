@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from kerfgym.envs.control.panel import LEVEL, Panel
 from kerfgym.envs.engine.quantity import InvalidInput
-from kerfgym.envs.panel import LEVEL, Panel
 
 CALM = LEVEL.varied(head={"noise": 0.0, "jitter": 0.0, "nominal": True})
 RISING = CALM.varied(sheet={"tilt": 0.02})  # 4 mm over 200 mm

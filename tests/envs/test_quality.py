@@ -6,12 +6,12 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from kerfgym.envs import material as materials
-from kerfgym.envs import quality
 from kerfgym.envs.engine import lanes
 from kerfgym.envs.engine.quantity import InvalidInput
+from kerfgym.envs.figures import quality
 from kerfgym.envs.plant import cut, spot, streamed
-from kerfgym.experiments import calibrate
+from kerfgym.envs.scenarios import material as materials
+from kerfgym.experiments.reproduce import fit_cut
 
 C45, THIN = materials.material("c45-10"), materials.material("thin-sheet")
 TURN = 2 * np.pi
@@ -158,11 +158,11 @@ def test_no_input_gives_anything_but_finite_figures(feed, error, power):
 
 
 def test_table_2_is_met_within_4_percent_by_six_coefficients_for_seven_numbers():
-    table = calibrate.table(C45.params, C45.power)
+    table = fit_cut.table(C45.params, C45.power)
     assert table["dross, error"].abs().max() <= 0.04
     assert table["Rz, error"].abs().max() <= 0.02
-    assert len(table) * 2 + 1 == calibrate.NUMBERS == C45.calibration["numbers"]  # and the focus
-    assert len(calibrate.COEFFICIENTS) + 1 == C45.calibration["coefficients"]
+    assert len(table) * 2 + 1 == fit_cut.NUMBERS == C45.calibration["numbers"]  # and the focus
+    assert len(fit_cut.COEFFICIENTS) + 1 == C45.calibration["coefficients"]
     assert C45.label == (
         "c45-10: calibrated, 6 coefficients for 7 numbers of Huang2024 Table 2 and CN102528288A's focus; not validated"
     )
@@ -173,13 +173,13 @@ def test_table_2_is_met_within_4_percent_by_six_coefficients_for_seven_numbers()
 def test_the_defaults_are_the_material_s_file_and_the_fit_does_not_begin_there():
     """A part that is built without a material is C45; whoever calibrates anew is told to write the defaults anew."""
     assert cut.Params() == pytest.approx(C45.params)
-    assert set(calibrate.START) == set(calibrate.COEFFICIENTS)
+    assert set(fit_cut.START) == set(fit_cut.COEFFICIENTS)
 
 
 def test_the_fit_finds_what_the_file_holds():
-    p, power = calibrate.fit(C45.params._replace(**calibrate.START))
+    p, power = fit_cut.fit(C45.params._replace(**fit_cut.START))
     assert power == pytest.approx(C45.power, rel=1e-3)
-    for name in calibrate.COEFFICIENTS:
+    for name in fit_cut.COEFFICIENTS:
         assert getattr(p, name) == pytest.approx(getattr(C45.params, name), rel=5e-3), name
 
 

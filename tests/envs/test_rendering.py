@@ -9,10 +9,20 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from kerfgym.envs import rendering
 from kerfgym.envs.engine.quantity import InvalidInput
+from kerfgym.envs.pictures import rendering
+from kerfgym.envs.pictures.rendering import (
+    EXAGGERATIONS,
+    MODES,
+    NOZZLE,
+    OVERRIDE,
+    REPORTED,
+    STEEL,
+    TRUE,
+    Renderer,
+    Scene,
+)
 from kerfgym.envs.plant import sensor, supervisor
-from kerfgym.envs.rendering import EXAGGERATIONS, MODES, NOZZLE, OVERRIDE, REPORTED, STEEL, TRUE, Renderer, Scene
 
 LOWER = 340
 """px, a row between the panels of a frame of 960×540."""
@@ -261,5 +271,5 @@ def test_the_scales_are_steps_of_two():
 
 
 def test_pillow_is_imported_when_it_is_needed():
-    code = "import sys, kerfgym, kerfgym.envs.rendering; sys.exit('PIL' in sys.modules)"
+    code = "import sys, kerfgym, kerfgym.envs.pictures.rendering; sys.exit('PIL' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

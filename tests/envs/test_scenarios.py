@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from kerfgym.envs import distributions, scenarios
-from kerfgym.envs.distributions import Choice, Draws, LogUniform, Uniform, as_number, bounds
+from kerfgym.envs import scenarios
+from kerfgym.envs.control.stack import get, resolve
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.plant import heads, machine, sheet
 from kerfgym.envs.plant.fleet import Fleet
@@ -24,6 +24,7 @@ from kerfgym.envs.scenarios import (
     Steps,
     Wave,
     core,
+    distributions,
     load,
     pairs_of,
     parse,
@@ -32,7 +33,7 @@ from kerfgym.envs.scenarios import (
     suite,
     suites,
 )
-from kerfgym.envs.stack import get, resolve
+from kerfgym.envs.scenarios.distributions import Choice, Draws, LogUniform, Uniform, as_number, bounds
 
 
 def u(low, high, sign="+"):

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from kerfgym.envs import scenarios
+from kerfgym.envs.control.stack import Stack, as_stack, get, names, resolve
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.plant import filters, heads, supervisor
 from kerfgym.envs.plant.controller import SLOTS
 from kerfgym.envs.plant.fleet import Fleet
-from kerfgym.envs.stack import Stack, as_stack, get, names, resolve
 
 SHIPPED = ["idle", "observer", "pid", "preview-5ms", "xi2023-improved", "xi2023-ma", "xi2023-tuned"]
 

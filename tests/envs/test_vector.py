@@ -7,11 +7,11 @@ from gymnasium.vector import AutoresetMode
 
 import kerfgym  # noqa: F401
 from kerfgym.envs import scenarios
+from kerfgym.envs.control.stack import get
 from kerfgym.envs.engine.quantity import InvalidInput
-from kerfgym.envs.interface import FEATURES, INFO
-from kerfgym.envs.stack import get
-from kerfgym.envs.vector import HeightFollowingVectorEnv
-from kerfgym.experiments.rollout import roll
+from kerfgym.envs.tasks.interface import FEATURES, INFO
+from kerfgym.envs.tasks.vector import HeightFollowingVectorEnv
+from kerfgym.experiments.measure.rollout import roll
 
 ID = "kerfgym/HeightFollowing-v0"
 

@@ -9,16 +9,17 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kerfgym.envs import stack
+from kerfgym.envs.control import stack
 from kerfgym.envs.engine.quantity import InvalidInput
-from kerfgym.envs.metrics import METRICS
+from kerfgym.envs.figures.metrics import METRICS
 from kerfgym.envs.scenarios import core, load, suite
-from kerfgym.experiments import benchmark, budgets
-from kerfgym.experiments.benchmark import compute, run
-from kerfgym.experiments.grids import split_seeds
-from kerfgym.experiments.results import Results
-from kerfgym.experiments.rollout import roll
-from kerfgym.experiments.tasks import Case, cases
+from kerfgym.experiments.benchmark.benchmarking import benchmarking
+from kerfgym.experiments.benchmark.benchmarking.benchmarking import compute, run
+from kerfgym.experiments.measure.grids import split_seeds
+from kerfgym.experiments.measure.rollout import roll
+from kerfgym.experiments.results.followers.followers import Results
+from kerfgym.experiments.results.followers.tasks import Case, cases
+from kerfgym.experiments.statistics import budgets
 
 PAGE = importlib.util.find_spec("kerfgym.experiments.report.page")
 SHORT = [load("wavy").varied(duration=0.5), load("impulses").varied(duration=0.5)]
@@ -109,7 +110,7 @@ def test_the_record_tells_seeds_versions_parameters_and_cost(tmp_path, own):
 
 def test_a_row_is_the_roll_out_of_its_seed(tmp_path):
     results = go(tmp_path / "run", ["pid"])
-    record = roll(SHORT[1], benchmark.stacks.get("pid"), [1002])
+    record = roll(SHORT[1], benchmarking.stacks.get("pid"), [1002])
     row = results.runs[(results.runs["scenario"] == "impulses") & (results.runs["seed"] == 1002)].iloc[0]
     for name in METRICS:
         assert row[name] == pytest.approx(METRICS[name].function(record)[0], rel=1e-12), name
@@ -133,7 +134,9 @@ def test_the_sensitivity_peak_is_measured_when_asked_for(tmp_path):
 
 
 def test_the_cost_of_a_decision_is_in_the_record_and_not_among_the_figures(tmp_path, monkeypatch):
-    monkeypatch.setattr(benchmark.decisions, "measure", lambda stack: benchmark.decisions.Decision(0.25, 1.5, 1.5e-3))
+    monkeypatch.setattr(
+        benchmarking.decisions, "measure", lambda stack: benchmarking.decisions.Decision(0.25, 1.5, 1.5e-3)
+    )
     results = go(tmp_path / "run", ["pid", "xi2023-ma"], with_cost=True, report=True)
     record = json.loads((tmp_path / "run" / "run.json").read_text(encoding="utf-8"))
     assert record["grids"]["following"]["decisions"]["pid"] == {"median_us": 0.25, "p99_us": 1.5, "ratio": 0.0015}
@@ -181,7 +184,7 @@ def interrupting(monkeypatch):
             computed.append(case)
             return compute(case, *rest)
 
-        monkeypatch.setattr(benchmark, "compute", counted)
+        monkeypatch.setattr(benchmarking, "compute", counted)
         return computed
 
     return after
@@ -225,7 +228,7 @@ def test_an_edit_of_the_controllers_file_during_a_run_never_mixes_versions(tmp_p
             (tmp_path / "mine.py").write_text(OWN + "# a later thought\n", encoding="utf-8")
         return compute(case, *rest)
 
-    monkeypatch.setattr(benchmark, "compute", edits)
+    monkeypatch.setattr(benchmarking, "compute", edits)
     with pytest.raises(InvalidInput, match=r"mine.py:Mine' was edited during the run; the same command computes what"):
         go(tmp_path / "run", [own, "pid"])
     resumed = go(tmp_path / "run", [own, "pid"], resume=True).runs

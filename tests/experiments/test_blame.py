@@ -6,16 +6,19 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kerfgym.envs import job_metrics, metrics, scenarios
-from kerfgym.envs import stack as stacks
+from kerfgym.envs import scenarios
+from kerfgym.envs.control import stack as stacks
 from kerfgym.envs.engine.quantity import InvalidInput
-from kerfgym.envs.ideal import FOLLOWING, JOBS
-from kerfgym.experiments import benchmark, jobs, rollout
+from kerfgym.envs.figures import job_metrics, metrics
+from kerfgym.envs.plant.ideal import FOLLOWING, JOBS
+from kerfgym.experiments.benchmark.benchmarking import benchmarking
 from kerfgym.experiments.blame import Blame, blame, measure, shapley
-from kerfgym.experiments.blame import run as runner
+from kerfgym.experiments.blame import blaming as runner
 from kerfgym.experiments.blame.game import stages_of
-from kerfgym.experiments.blame.tables import coalitions, headroom, of_coalitions, shares
-from kerfgym.experiments.grids import Grid
+from kerfgym.experiments.blame.shares import coalitions, headroom, of_coalitions, shares
+from kerfgym.experiments.measure import rollout
+from kerfgym.experiments.measure.grids import Grid
+from kerfgym.experiments.results.followers import jobs
 
 SEEDS = range(1000, 1006)
 ROUGH = scenarios.load("rough").varied(duration=0.8, settle=0.1, name="short")
@@ -216,7 +219,7 @@ def test_bad_input_is_told_before_anything_is_written(tmp_path, words, message):
 
 def test_a_benchmark_stores_blame_of_reference_and_best(tmp_path, monkeypatch):
     monkeypatch.setattr("kerfgym.experiments.report.page.write_report", lambda *_: None)
-    results = benchmark.run(
+    results = benchmarking.run(
         ["xi2023-tuned", "pid", "preview-5ms"], [ROUGH], tmp_path / "r", SEEDS[:2], with_ms=False, with_blame=True,
         workers=1, quiet=True, command=["x"],
     )  # fmt: skip

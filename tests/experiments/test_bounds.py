@@ -9,12 +9,13 @@ from scipy.integrate import quad, solve_ivp
 from scipy.linalg import toeplitz
 from scipy.optimize import lsq_linear
 
-from kerfgym.envs import metrics, scenarios
-from kerfgym.envs import stack as stacks
+from kerfgym.envs import scenarios
+from kerfgym.envs.control import stack as stacks
 from kerfgym.envs.engine.quantity import InvalidInput
+from kerfgym.envs.figures import metrics
 from kerfgym.envs.plant import machine, path, sensor, sheet, z_axis
 from kerfgym.envs.plant.controller import PERIOD
-from kerfgym.experiments import bounds, rollout, table
+from kerfgym.experiments import bounds
 from kerfgym.experiments.bounds import (
     changing,
     estimates,
@@ -26,13 +27,15 @@ from kerfgym.experiments.bounds import (
     noise,
     prediction,
     reach,
-    read,
-    record,
     shapes,
     spectrum,
-    suite,
+    stored,
 )
-from kerfgym.experiments.figures import stamp
+from kerfgym.experiments.bounds import ingredients as read
+from kerfgym.experiments.bounds import scenario as suite
+from kerfgym.experiments.measure import rollout
+from kerfgym.experiments.report import terminal
+from kerfgym.experiments.store import stamp
 
 SIGMA, RHO, SIZE = 2.0, 0.97, 30.0
 CORE = scenarios.core("following")
@@ -619,7 +622,7 @@ def test_the_record_is_as_old_as_what_it_is_made_from():
 
 
 def test_every_core_scenario_has_a_bound_and_a_changed_one_has_none():
-    wanted = set(record.wanted())
+    wanted = set(stored.wanted())
     for name in ("following", "following-v1", "ood", "elsewhere"):
         assert {f"{name}/{each}" for each in scenarios.core(name)} <= wanted
     assert bounds.recorded(scenarios.load("following-v1/wavy")) != bounds.recorded(scenarios.load("wavy"))
@@ -633,7 +636,7 @@ def test_every_core_scenario_has_a_bound_and_a_changed_one_has_none():
 
 
 def test_a_comment_in_a_source_makes_no_record_stale_but_another_number_does():
-    files = [path for found in stamp.files(record.SOURCES).values() for path in found]
+    files = [path for found in stamp.files(stored.SOURCES).values() for path in found]
     names = {path.name for path in files}
     assert {"lanes.py", "controller.py", "calibration.py", "lasting.py", "scenarios.py"} <= names
     assert "record.py" not in names
@@ -657,37 +660,37 @@ def test_steps_of_an_ensemble_rise_over_a_short_way_as_its_spectrum_says():
 
 
 def test_bounds_are_shown_last_in_the_table_and_drawn_in_the_report(made_up):
+    from kerfgym.experiments.plots.palette import looks
     from kerfgym.experiments.report import heat, scores
-    from kerfgym.experiments.report.palette import looks
     from kerfgym.experiments.report.standing import all_of
     from kerfgym.experiments.report.suite import Suite
 
     results = made_up.following()
-    assert record.LABEL not in table.sheets(results)[0].markdown()
+    assert stored.LABEL not in terminal.sheets(results)[0].markdown()
     results.meta["bounds"] = {"wavy": 0.25, "rough": 1.0}
     assert results.bound == pytest.approx(0.5)
-    sheet_ = table.sheets(results)[0]
+    sheet_ = terminal.sheets(results)[0]
     row = dict(zip(sheet_.titles, sheet_.sections[-1][0], strict=True))
     assert len(sheet_.sections[-1]) == 1
     assert (row["controller"], row["score, µm"], row["wavy"], row["rough"], row["rank"]) == (
-        record.LABEL, "0.50", "0.25", "1.00", "–",
+        stored.LABEL, "0.50", "0.25", "1.00", "–",
     )  # fmt: skip
     seen = Suite("following", results)
     labels, look = {n: n for n in seen.ranked}, looks(seen.ranked)
     plot = scores.figure(all_of(seen)["rms_true"], look, labels).views[""]
     assert any(shape["x0"] == 0.5 for shape in plot.to_dict()["layout"]["shapes"])
-    assert any(record.LABEL in note["text"] for note in plot.to_dict()["layout"]["annotations"])
+    assert any(stored.LABEL in note["text"] for note in plot.to_dict()["layout"]["annotations"])
     view = next(iter(heat.figure(seen, labels).views.values())).to_dict()["data"][0]
-    assert view["y"][-1] == record.LABEL
+    assert view["y"][-1] == stored.LABEL
     assert view["text"][-1] == ("0.250", "1.00", "") or list(view["text"][-1])[-1] == ""
     results.meta["linear"] = {"wavy": 1.0, "rough": 4.0}
-    row = dict(zip(sheet_.titles, table.sheets(results)[0].sections[-1][1], strict=True))
-    assert (row["controller"], row["score, µm"], row["rough"]) == (record.LINEAR, "2.00", "4.00")
+    row = dict(zip(sheet_.titles, terminal.sheets(results)[0].sections[-1][1], strict=True))
+    assert (row["controller"], row["score, µm"], row["rough"]) == (stored.LINEAR, "2.00", "4.00")
     plot = scores.figure(all_of(seen)["rms_true"], look, labels).views[""].to_dict()["layout"]
     assert {0.5, 2.0} <= {shape["x0"] for shape in plot["shapes"]}
-    assert any(record.LINEAR in note["text"] for note in plot["annotations"])
+    assert any(stored.LINEAR in note["text"] for note in plot["annotations"])
     assert list(next(iter(heat.figure(seen, labels).views.values())).to_dict()["data"][0]["y"][-2:]) == [
-        record.LABEL, record.LINEAR,
+        stored.LABEL, stored.LINEAR,
     ]  # fmt: skip
     results.meta["bounds"]["wavy"] = 0.0
     assert np.isnan(results.bound)  # of scenarios of which all can be learned there is no score

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from kerfgym.envs import stack
+from kerfgym.envs.control import stack
 from kerfgym.envs.engine.quantity import InvalidInput
-from kerfgym.experiments.budgets import CPU_SLACK, SLACK, budgets, faults, in_words, measures
+from kerfgym.experiments.statistics.budgets import CPU_SLACK, SLACK, budgets, faults, in_words, measures
 
 EQUAL = {"trials": 400, "simulated_steps": 600_000_000, "cpu_seconds": 300.0}
 

@@ -6,8 +6,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kerfgym.envs import metrics, scenarios, stack
-from kerfgym.experiments import caps, rollout
+from kerfgym.envs import scenarios
+from kerfgym.envs.control import stack
+from kerfgym.envs.figures import metrics
+from kerfgym.experiments.measure import rollout
+from kerfgym.experiments.studies import caps
 
 RECORD = {"ms": 1.9, "trials": 3, "sampler": "TPE", "tune_seeds": "0-1", "simulated_steps": 9, "cpu_seconds": 0.1,
           "git": "abc"}  # fmt: skip

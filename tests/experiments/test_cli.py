@@ -17,10 +17,11 @@ import pytest
 from PIL import Image
 
 import kerfgym
-from kerfgym.envs import scenarios, stack
-from kerfgym.envs.job_metrics import METRICS as JOB_METRICS
-from kerfgym.envs.metrics import METRICS
-from kerfgym.experiments import benchmark
+from kerfgym.envs import scenarios
+from kerfgym.envs.control import stack
+from kerfgym.envs.figures.job_metrics import METRICS as JOB_METRICS
+from kerfgym.envs.figures.metrics import METRICS
+from kerfgym.experiments.benchmark.benchmarking import benchmarking
 from kerfgym.experiments.cli import main
 
 SHORT = 'name = "short"\nsummary = "half a second"\nduration = 0.5\n[sheet]\ntilt = 0.01\n'
@@ -176,7 +177,7 @@ def asked(monkeypatch, here):
             seen.update(grids=grids, options={"folder": folder, **options})
             raise KeyboardInterrupt
 
-        monkeypatch.setattr(benchmark, "run_grids", watched)
+        monkeypatch.setattr(benchmarking, "run_grids", watched)
         with pytest.raises(SystemExit):
             main(["benchmark", *words])
         return seen["grids"], seen["options"]
@@ -232,7 +233,7 @@ def test_a_full_disk_is_told_in_words(here, capsys, monkeypatch):
     def full(*_, **__):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "runs/x/runs.parquet")
 
-    monkeypatch.setattr(benchmark, "run_grids", full)
+    monkeypatch.setattr(benchmarking, "run_grids", full)
     with pytest.raises(SystemExit) as stopped:
         main(["benchmark", "-c", "pid", "-s", "wavy"])
     assert stopped.value.code == 2

@@ -4,9 +4,9 @@ import json
 
 import pytest
 
-from kerfgym.experiments.corpus import __main__ as script
-from kerfgym.experiments.corpus import canonical, each, gcode, rs274, tables
-from kerfgym.experiments.corpus.verdict import ACCEPTED, FAILED, NOTHING, REFUSED, Verdict
+from kerfgym.experiments.studies.corpus import __main__ as script
+from kerfgym.experiments.studies.corpus import accepted, canonical, each, programmes, rs274
+from kerfgym.experiments.studies.corpus.judged import ACCEPTED, FAILED, NOTHING, REFUSED, Verdict
 
 SQUARE = "G21 F600 M3\nG1 X40\nY40\nX0\nY0\nM2\n"
 
@@ -36,23 +36,23 @@ def test_each_file_of_a_folder_gets_a_verdict(folder):
 def test_a_file_that_takes_too_long_or_raises_fails_with_a_word(folder, monkeypatch):
     context = each.multiprocessing.get_context("fork")
     monkeypatch.setattr(each, "REFERENCE_TIME", 0.0)
-    monkeypatch.setattr(gcode, "check", lambda path: 1 / 0)
+    monkeypatch.setattr(programmes, "check", lambda path: 1 / 0)
     failed = each.one(folder / "square.ngc", 20.0, context)
     assert failed.outcome == FAILED
     assert failed.reason.startswith("ZeroDivisionError: division by zero (test_corpus.py, line ")
-    monkeypatch.setattr(gcode, "check", lambda path: each.multiprocessing.Event().wait())
+    monkeypatch.setattr(programmes, "check", lambda path: each.multiprocessing.Event().wait())
     assert each.one(folder / "square.ngc", 0.2, context).reason == "not read within 0.2 s"
 
 
 def test_the_table_counts_what_should_be_accepted():
     def verdict(outcome, **more):
-        return Verdict(tables.Path("a.ngc"), "gcode", outcome, **more)
+        return Verdict(accepted.Path("a.ngc"), "gcode", outcome, **more)
 
     found = [
         verdict(ACCEPTED, deviation_mm=0.0005, seconds=2.0), verdict(ACCEPTED, deviation_mm=0.002), verdict(REFUSED),
         verdict(REFUSED, counted=False), verdict(NOTHING), verdict(FAILED, counted=False),
     ]  # fmt: skip
-    (row,) = tables.summary(found).sections[0]
+    (row,) = accepted.summary(found).sections[0]
     assert row == ["gcode", "6", "2", "2", "1", "1", "2/3 (66.7%)", "2", "1", "2.00"]
 
 
@@ -88,5 +88,5 @@ def test_canonical_commands_are_a_path_on_the_machine():
 
 def test_without_rs274_the_verdict_says_so(folder, monkeypatch):
     monkeypatch.setattr(rs274, "command", lambda: None)
-    verdict = gcode.check(folder / "square.ngc")
+    verdict = programmes.check(folder / "square.ngc")
     assert (verdict.reference, verdict.deviation_mm) == ("rs274 is not installed", None)

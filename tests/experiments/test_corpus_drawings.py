@@ -6,7 +6,7 @@ from dataclasses import replace
 import ezdxf
 import pytest
 
-from kerfgym.experiments.corpus import drawings
+from kerfgym.experiments.studies.corpus import drawings
 
 svgelements = pytest.importorskip("svgelements", reason="the other reader of SVG is not here")
 

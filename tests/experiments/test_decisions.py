@@ -2,11 +2,11 @@
 
 import pytest
 
+from kerfgym.envs.control.stack import python_stack, resolve
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.plant import heads, machine
 from kerfgym.envs.plant.fleet import Fleet
-from kerfgym.envs.stack import python_stack, resolve
-from kerfgym.experiments import decisions
+from kerfgym.experiments.measure import cost as decisions
 
 
 @pytest.mark.parametrize("spec", ["pid", "mpc"])

@@ -7,12 +7,18 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kerfgym.envs import job_metrics, metrics, scenarios, stack
+from kerfgym.envs import scenarios
+from kerfgym.envs.control import stack
 from kerfgym.envs.engine.quantity import InvalidInput
-from kerfgym.experiments import jobs, pages, rollout
-from kerfgym.experiments.endurance import __main__ as command
-from kerfgym.experiments.endurance import run, sheets, tables, verdict
-from kerfgym.experiments.endurance.stream import Windows, stream
+from kerfgym.envs.figures import job_metrics, metrics
+from kerfgym.experiments.measure import rollout
+from kerfgym.experiments.results.followers import jobs
+from kerfgym.experiments.studies import pages
+from kerfgym.experiments.studies.endurance import __main__ as command
+from kerfgym.experiments.studies.endurance import minutes, sheets
+from kerfgym.experiments.studies.endurance import windows as tables
+from kerfgym.experiments.studies.endurance import worse as verdict
+from kerfgym.experiments.studies.endurance.stream import Windows, stream
 
 SEEDS = tuple(range(1000, 1006))
 
@@ -121,7 +127,7 @@ def test_a_plain_python_controller_is_streamed_like_any_other():
 
 
 def test_a_law_that_swings_more_and_more_is_found_and_a_steady_one_is_not():
-    frame, windows = run.endurance(
+    frame, windows = minutes.endurance(
         [f"{__file__}:Ageing", f"{__file__}:Steady"], {"wavy": long(16.0)}, SEEDS, window=1.0
     )
     worse, steady = (row for _, row in frame.iterrows())

@@ -7,11 +7,11 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from kerfgym.envs import stack
-from kerfgym.experiments.comparison import by_scenario, figures, methods
-from kerfgym.experiments.fairness import order, overlaps, seeds_of
-from kerfgym.experiments.results import Results
-from kerfgym.experiments.table import sheets
+from kerfgym.envs.control import stack
+from kerfgym.experiments.report.terminal import sheets
+from kerfgym.experiments.results.followers.followers import Results
+from kerfgym.experiments.statistics.comparison import by_scenario, figures, methods
+from kerfgym.experiments.statistics.ranks import order, overlaps, seeds_of
 
 CORE = ("tilt", "wavy", "step")
 RECORD = {"trials": 400, "simulated_steps": 600_000_000, "tune_seeds": "0-39"}
@@ -225,8 +225,8 @@ def test_one_seed_gives_figures_without_intervals_and_says_why():
 def test_two_copies_on_independent_seeds_are_seldom_significant_winners():
     """At most 7 % of 200 repeats (5 % are expected), here of 20 skewed runs of seven scenarios each."""
     random, won = np.random.default_rng(11), 0
-    from kerfgym.experiments.inference import Sample
-    from kerfgym.experiments.resampling import log_score, replicate
+    from kerfgym.experiments.statistics.bootstrap import log_score, replicate
+    from kerfgym.experiments.statistics.intervals import Sample
 
     for _ in range(200):
         plant = random.normal(size=(40, 1))

@@ -7,19 +7,22 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kerfgym.envs import scenarios, stack
+from kerfgym.envs import scenarios
+from kerfgym.envs.control import stack
 from kerfgym.envs.engine.deck import Deck
 from kerfgym.envs.engine.lanes import U, call, doubles, load, store, words
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.plant import calibration, filters, heads, machine, z_axis
 from kerfgym.envs.plant.controller import stage_address
 from kerfgym.envs.plant.fleet import Fleet
-from kerfgym.experiments import pages, rollout
-from kerfgym.experiments.faults import __main__ as command
-from kerfgym.experiments.faults import campaign, draws, inject, tables, trials, verdict
-from kerfgym.experiments.faults.draws import Drawn
-from kerfgym.experiments.faults.inject import Fault, Faults, Without
-from kerfgym.experiments.faults.story import story
+from kerfgym.experiments.measure import rollout
+from kerfgym.experiments.studies import pages
+from kerfgym.experiments.studies.faults import __main__ as command
+from kerfgym.experiments.studies.faults import campaign, culprits, drawn, inject, trials
+from kerfgym.experiments.studies.faults import losses as tables
+from kerfgym.experiments.studies.faults.drawn import Drawn
+from kerfgym.experiments.studies.faults.inject import Fault, Faults, Without
+from kerfgym.experiments.studies.faults.story import story
 
 START = 400.0
 PASSED = Without(supervisor=1.0)
@@ -259,7 +262,7 @@ def plant(monkeypatch, defect):
 
 
 def found(stack_, fault):
-    return verdict.judged(short(head={"nominal": True}), stack_, given(fault)).iloc[0]
+    return culprits.judged(short(head={"nominal": True}), stack_, given(fault)).iloc[0]
 
 
 def test_without_a_defect_a_spike_is_harmless():
@@ -317,7 +320,7 @@ ROW = {
     ],
 )  # fmt: skip
 def test_the_cause_is_what_prevents_it_when_taken_out(changed, cause):
-    assert verdict.cause(pd.Series(ROW | changed)) == cause
+    assert culprits.cause(pd.Series(ROW | changed)) == cause
 
 
 @pytest.mark.parametrize(
@@ -331,18 +334,18 @@ def test_an_excess_is_more_than_three_times_what_is_there_without(apart, bare, u
     row = {
         "apart_mm": apart, "apart_no_supervisor_mm": bare, "apart_no_filter_mm": unfiltered, "alarm": alarm,
     }  # fmt: skip
-    assert verdict.excess(pd.Series(row)) == excess
+    assert culprits.excess(pd.Series(row)) == excess
 
 
 # --------------------------------------------------------------------------------------------------------- the campaign
 
 
 def test_a_fault_is_a_function_of_its_number_alone():
-    assert draws.drawn("wavy", 17) == draws.drawn("wavy", 17)
-    assert draws.drawn("wavy", 21, 1) != draws.drawn("wavy", 21)
-    assert draws.drawn("wavy", 21) != draws.drawn("rough", 21)
-    many = [draws.drawn("step", i) for i in range(2000)]
-    assert {d.name for d in many} == set(draws.CLASSES)
+    assert drawn.drawn("wavy", 17) == drawn.drawn("wavy", 17)
+    assert drawn.drawn("wavy", 21, 1) != drawn.drawn("wavy", 21)
+    assert drawn.drawn("wavy", 21) != drawn.drawn("rough", 21)
+    many = [drawn.drawn("step", i) for i in range(2000)]
+    assert {d.name for d in many} == set(drawn.CLASSES)
     assert {d.seed for d in many} == set(scenarios.SPLITS["test"])
     spikes = {d.fault.value for d in many if d.name == "spike" and not math.isnan(d.fault.value)}
     assert spikes == {s * 10.0**k for k in range(2, 10) for s in (-1, 1)} | {math.inf, -math.inf}
@@ -365,13 +368,13 @@ def test_a_campaign_gives_every_controller_the_same_faults_and_says_how_to_see_o
     text = capsys.readouterr().out
     assert "Faults by controller" in text
     lost = frame[frame["lost"]]
-    assert set(lost["cause"]) <= set(verdict.CAUSES) - {""}
+    assert set(lost["cause"]) <= set(culprits.CAUSES) - {""}
     again = tables.command(lost.iloc[0], 0)
     assert f"--case {lost.iloc[0]['controller']}/{lost.iloc[0]['scenario']}/{lost.iloc[0]['number']}" in again
     ways, told = story(again.split()[-1])
     assert ways.notes == [f"cause: {lost.iloc[0]['cause']}."]
     assert len(ways.sections[0]) == len(trials.REPEATS)
-    fault = draws.drawn(lost.iloc[0]["scenario"], int(lost.iloc[0]["number"])).fault
+    fault = drawn.drawn(lost.iloc[0]["scenario"], int(lost.iloc[0]["number"])).fault
     spoilt = [float(row[0]) for row in told.sections[0] if row[1]]
     assert spoilt == list(np.arange(fault.start, fault.start + fault.length)[: len(spoilt)])
     assert spoilt[0] == fault.start
@@ -394,7 +397,7 @@ def test_its_tables_count_what_the_rows_say():
     assert any("2 of 4 faults, 50.00%" in note for note in controllers.notes)
     assert [r[0] for r in kinds.sections[0]] == ["spike", "shower"]
     assert remaining.sections[0][0][:4] == ["spike", "supervisor", "2", "-2.00"]
-    assert remaining.sections[0][0][-1] == "python -m kerfgym.experiments.faults --case lqg/flat/7 --seed 5"
+    assert remaining.sections[0][0][-1] == "python -m kerfgym.experiments.studies.faults --case lqg/flat/7 --seed 5"
 
 
 @pytest.mark.parametrize(

@@ -12,12 +12,13 @@ import pytest
 
 from kerfgym.envs import scenarios
 from kerfgym.envs.engine.quantity import InvalidInput
-from kerfgym.experiments import docs
-from kerfgym.experiments.blame import tables as blame_tables
+from kerfgym.experiments.blame import shares as blame_tables
 from kerfgym.experiments.blame.game import Blame
-from kerfgym.experiments.figures import __main__ as command
-from kerfgym.experiments.figures import agreement, imports, marks, stages, stamp, store, study, suites, tables
-from kerfgym.experiments.grids import Grid
+from kerfgym.experiments.manual import __main__ as command
+from kerfgym.experiments.manual import docs, tables
+from kerfgym.experiments.measure.grids import Grid
+from kerfgym.experiments.store import imports, stamp
+from kerfgym.experiments.studies import agreement, marks, recorded, registry, stages, suites
 
 SOURCE = '''"""Of a module."""
 
@@ -39,15 +40,15 @@ def place(tmp_path, monkeypatch):
     (tmp_path / "laws" / "pid.py").write_text(SOURCE, encoding="utf-8")
     (tmp_path / "laws" / "pid.toml").write_text("gain = 3\n", encoding="utf-8")
     monkeypatch.setattr(stamp, "ROOT", tmp_path)
-    monkeypatch.setattr(store, "FOLDER", tmp_path / "results")
-    monkeypatch.setattr(study.Study, "stamp", lambda self: stamp.stamp(self.depends))
+    monkeypatch.setattr(recorded, "FOLDER", tmp_path / "results")
+    monkeypatch.setattr(registry.Study, "stamp", lambda self: stamp.stamp(self.depends))
     monkeypatch.setattr(suites, "RUN", ())
     monkeypatch.setattr(docs, "main", lambda: None)
     return tmp_path
 
 
 def of(name, make, depends=("laws/*.py", "laws/*.toml")):
-    return study.Study(name, "a study", "kerfgym list", 1.0, depends, make)
+    return registry.Study(name, "a study", "kerfgym list", 1.0, depends, make)
 
 
 # ------------------------------------------------------------------------------------- what depends on what
@@ -67,11 +68,11 @@ def test_words_about_a_source_change_no_result():
 def test_a_study_is_stale_when_a_file_that_it_depends_on_changes(place):
     one = of("one", lambda trial: {"numbers": {"a": 1.0}})
     assert one.outdated() == ["never run"]
-    study.run(one, 1)
+    registry.run(one, 1)
     assert one.outdated() == []
     (place / "laws" / "pid.toml").write_text("gain = 4\n", encoding="utf-8")
     assert one.outdated() == ["laws/*.toml"]
-    study.run(one, 1)
+    registry.run(one, 1)
     (place / "laws" / "lqg.py").write_text("", encoding="utf-8")  # a law more
     assert one.outdated() == ["laws/*.py"]
 
@@ -97,9 +98,9 @@ def test_a_pattern_that_fits_nothing_is_an_error(place):
 
 
 def test_every_study_depends_on_files_that_there_are():
-    for each in study.studies():
+    for each in registry.studies():
         assert each.stamp(), each.name
-    assert {each.name for each in study.studies()} >= {"following", "ood", "contour", "cutting", "blame", "speed"}
+    assert {each.name for each in registry.studies()} >= {"following", "ood", "contour", "cutting", "blame", "speed"}
 
 
 def test_what_a_module_imports_counts_however_it_is_written(tmp_path):
@@ -129,7 +130,7 @@ def test_what_a_module_imports_counts_however_it_is_written(tmp_path):
     ],
 )  # fmt: skip
 def test_a_study_depends_on_what_computes_its_figures(name, files):
-    (one,) = study.studies([name])
+    (one,) = registry.studies([name])
     named = [p for found in stamp.files(one.depends).values() for p in found if p.suffix == ".py"]
     entry = Path(inspect.getfile(one.make))
     found = imports.sources(stamp.ROOT, [entry, *named])
@@ -142,8 +143,13 @@ def test_a_study_depends_on_what_computes_its_figures(name, files):
 def test_runs_are_made_anew_when_corner_plants_or_the_machine_change():
     found = imports.sources(stamp.ROOT, [stamp.ROOT / each for each in suites.RUN])
     names = {path.relative_to(stamp.ROOT).as_posix() for path in found}
-    assert names >= {"experiments/plants.py", "envs/engine/lanes.py", "envs/plant/machine.py", "envs/scenarios.py"}
-    assert "experiments/table.py" not in names
+    assert names >= {
+        "experiments/measure/plants.py",
+        "envs/engine/lanes.py",
+        "envs/plant/machine.py",
+        "envs/scenarios.py",
+    }
+    assert "experiments/report/terminal.py" not in names
 
 
 @pytest.mark.parametrize(
@@ -151,7 +157,7 @@ def test_runs_are_made_anew_when_corner_plants_or_the_machine_change():
     [("following", False), ("ood", False), ("faults", False), ("contour", True), ("cutting-parts", True)],
 )
 def test_readers_of_drawings_count_where_jobs_are_cut_and_nowhere_else(name, cuts):
-    (one,) = study.studies([name])
+    (one,) = registry.studies([name])
     named = {path.relative_to(stamp.ROOT).as_posix() for found in stamp.files(one.depends).values() for path in found}
     imported = imports.sources(stamp.ROOT, [stamp.ROOT / "envs" / "workshop.py"])
     assert not any("paths" in path.parts for path in imported)
@@ -160,13 +166,13 @@ def test_readers_of_drawings_count_where_jobs_are_cut_and_nowhere_else(name, cut
 
 def test_an_unknown_study_is_an_error():
     with pytest.raises(InvalidInput, match="no study 'folowing'; did you mean 'following'"):
-        study.studies(["folowing"])
+        registry.studies(["folowing"])
 
 
 def test_every_stored_result_is_of_a_study_and_says_where_it_comes_from():
-    known = {each.name for each in study.studies()}
-    for path in store.FOLDER.glob("*.json"):
-        found = store.read(path.stem)
+    known = {each.name for each in registry.studies()}
+    for path in recorded.FOLDER.glob("*.json"):
+        found = recorded.read(path.stem)
         assert path.stem in known
         assert found["study"] == path.stem
         assert {"command", "kerfgym", "commit", "committed", "depends", "numbers", "seeds"} <= set(found)
@@ -176,7 +182,7 @@ def test_every_stored_result_is_of_a_study_and_says_where_it_comes_from():
 
 
 def test_a_number_is_shown_as_it_is_stored(place):
-    study.run(
+    registry.run(
         of("one", lambda trial: {"numbers": {"pid": {"score": 9.7654321, "failed": None, "room": float("inf")}}}), 1
     )
     text = "<!-- n: one.pid.score -->?<!-- /n --> µm, <!-- n: one.pid.score .1f --><!-- /n -->"
@@ -205,7 +211,7 @@ def test_a_number_is_shown_as_it_is_stored(place):
 )  # fmt: skip
 def test_a_claim_that_is_no_longer_so_is_found(place, claim, why):
     pid = {"score": 8.0, "budget": "larger", "failed": None, "room": float("inf")}
-    study.run(of("one", lambda trial: {"numbers": {"pid": pid, "lqg": {"score": 9.5}}}), 1)
+    registry.run(of("one", lambda trial: {"numbers": {"pid": pid, "lqg": {"score": 9.5}}}), 1)
     found = marks.broken(f"It is so. <!-- holds: {claim} -->\n")
     assert found == [] if not why else why in found[0]
 
@@ -227,33 +233,33 @@ def test_numbers_are_written_for_readers(value, form, text):
 def test_a_page_is_stale_when_stored_results_are_not_what_it_shows(monkeypatch):
     page = docs.README.read_text(encoding="utf-8")
     assert docs.filled(page, "README.md") == page
-    found = store.read("following")
+    found = recorded.read("following")
     found["sheets"][0]["sections"][0][0][2] = "0.01"  # the first score
-    monkeypatch.setattr(store, "read", lambda name: found)
+    monkeypatch.setattr(recorded, "read", lambda name: found)
     assert "| 0.01 |" in docs.filled(page, "README.md")
 
 
 def test_a_column_that_a_table_has_no_more_is_an_error():
     with pytest.raises(InvalidInput, match="the table of 'following' has no column 'scor'; did you mean 'score"):
-        tables.columns(store.read("following"), ("controller", "scor"))
+        tables.columns(recorded.read("following"), ("controller", "scor"))
 
 
 def test_results_of_another_form_ask_to_be_made_anew(monkeypatch):
-    monkeypatch.setattr(store, "read", lambda name: {"study": name, "numbers": {}, "sheets": []})
+    monkeypatch.setattr(recorded, "read", lambda name: {"study": name, "numbers": {}, "sheets": []})
     with pytest.raises(InvalidInput, match=r"make them anew: python -m kerfgym\.experiments\.figures calibration"):
         tables.MADE["calibration"]()
 
 
 def test_a_table_that_nobody_has_measured_says_how(monkeypatch):
-    monkeypatch.setattr(store, "read", lambda name: None)
-    assert tables.MADE["speed"]() == "*Not measured yet: `python -m kerfgym.experiments.figures speed` does it.*\n"
+    monkeypatch.setattr(recorded, "read", lambda name: None)
+    assert tables.MADE["speed"]() == "*Not measured yet: `python -m kerfgym.experiments.studies speed` does it.*\n"
 
 
 def test_new_results_are_compared_with_those_before():
     before, after = ({"numbers": {"a": x, "b": {"c": [1.0, 2.0]}, "d": "x"}} for x in (1.0, 1.1))
-    assert store.differences(before, after) == (4, 1)
-    assert store.differences(before, before) == (4, 0)
-    assert store.differences(None, after) == (4, 4)
+    assert recorded.differences(before, after) == (4, 1)
+    assert recorded.differences(before, before) == (4, 0)
+    assert recorded.differences(None, after) == (4, 4)
 
 
 def controllers(ratios, information="sensor"):
@@ -287,8 +293,8 @@ def test_the_tables_of_blame_are_made_of_what_blame_gives(monkeypatch):
                    {"oracle": np.array([1.0, 1.5, 1.2])})  # fmt: skip
     frames = blame_tables.shares([blamed]), blame_tables.headroom([blamed])
     numbers = {"shares": stages.nested(frames[0], "stage"), "headroom": stages.nested(frames[1], "informed")}
-    body = {"command": "c", "kerfgym": "0", "numbers": store.plain(numbers)}
-    monkeypatch.setattr(store, "read", lambda name: body)
+    body = {"command": "c", "kerfgym": "0", "numbers": recorded.plain(numbers)}
+    monkeypatch.setattr(recorded, "read", lambda name: body)
     assert "| `pid` | wavy | 2.2 | `oracle` | 1.1 |" in tables.MADE["headroom"]()
     assert "| `pid` | wavy |" in tables.MADE["blame"]()
 
@@ -306,8 +312,8 @@ def test_a_study_that_fails_does_not_stop_the_others(place, monkeypatch, capsys)
     printed = capsys.readouterr()
     assert "failed: RuntimeError: the disk is full" in printed.out
     assert "failed: first; the same command" in printed.err
-    assert store.read("first") is None
-    assert store.number("second.a") == 2
+    assert recorded.read("first") is None
+    assert recorded.number("second.a") == 2
     monkeypatch.setattr(command, "run", lambda each, *_: pytest.fail(f"{each.name} was not stale"))
     assert command.main(["second", "--stale", "--except", "first", "--except", "second"]) == 0
     assert command.main(["--list"]) == 1
@@ -319,16 +325,16 @@ def test_a_run_that_was_made_from_the_same_is_read_back(place, monkeypatch):
     monkeypatch.chdir(place)
     monkeypatch.setattr("kerfgym.experiments.report.page.write_report", lambda *_: None)  # has tests of its own
     tiny = scenarios.load("tilt").varied(duration=0.5)
-    trial = study.Trial(of("tiny", None), 1)
+    trial = registry.Trial(of("tiny", None), 1)
     grid = Grid("following", ("xi2023-tuned", "pid"), (tiny,), (1000, 1001), ("tilt",))
 
     def made(what=grid):
         return suites.benchmarked(trial, what, ["kerfgym", "list"], with_ms=False, quiet=True)
 
-    first = store.plain(suites.concluded(made()))
+    first = recorded.plain(suites.concluded(made()))
     runs = trial.folder / "runs.parquet"
     age = runs.stat().st_mtime_ns
-    assert store.plain(suites.concluded(made())) == first
+    assert recorded.plain(suites.concluded(made())) == first
     assert runs.stat().st_mtime_ns == age
     pid = first["numbers"]["pid"]
     assert pid["ratio"] == pytest.approx(first["numbers"]["xi2023-tuned"]["score"] / pid["score"], 1e-5)
@@ -342,6 +348,6 @@ def test_a_run_that_was_made_from_the_same_is_read_back(place, monkeypatch):
 
 
 def test_what_is_stored_is_json(place):
-    body = store.plain({"a": float("nan"), "b": float("-inf"), "c": 1.23456789, "d": (True, SimpleNamespace(x=1))})
+    body = recorded.plain({"a": float("nan"), "b": float("-inf"), "c": 1.23456789, "d": (True, SimpleNamespace(x=1))})
     assert json.loads(json.dumps(body)) == body
     assert body == {"a": None, "b": "-inf", "c": 1.23457, "d": [True, "namespace(x=1)"]}

@@ -5,10 +5,10 @@ import pandas as pd
 import pytest
 
 from kerfgym.envs import scenarios
-from kerfgym.envs import stack as stacks
+from kerfgym.envs.control import stack as stacks
 from kerfgym.envs.plant.filters import KINDS
-from kerfgym.experiments import filter_grid
-from kerfgym.experiments.filter_grid import best, grid, ratio_of_scores, search_grid, with_impulses
+from kerfgym.experiments.studies import filter_grid
+from kerfgym.experiments.studies.filter_grid import best, grid, ratio_of_scores, search_grid, with_impulses
 from kerfgym.experiments.tune.goals import Limits
 from kerfgym.experiments.tune.study import Task
 

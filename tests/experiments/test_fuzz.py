@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from kerfgym.envs.engine.quantity import InvalidInput
-from kerfgym.experiments.fuzz import mutate, seeds, worker
-from kerfgym.experiments.fuzz.targets import TARGETS, case
+from kerfgym.experiments.studies.fuzz import mutate, seeds, worker
+from kerfgym.experiments.studies.fuzz.targets import TARGETS, case
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +95,7 @@ def test_every_problem_is_noticed(home, use, kind):
     ids=["answers", "sleeps", "works"],
 )
 def test_a_worker_hangs_that_sleeps_or_works_too_long(monkeypatch, does, seconds, answered):
-    from kerfgym.experiments.fuzz import __main__ as fuzz
+    from kerfgym.experiments.studies.fuzz import __main__ as fuzz
 
     monkeypatch.setattr(fuzz, "TICK", 0.05)
     receive, send = multiprocessing.Pipe(duplex=False)
@@ -110,7 +110,7 @@ def test_a_worker_hangs_that_sleeps_or_works_too_long(monkeypatch, does, seconds
 
 
 def test_the_slowest_and_the_largest_are_told(monkeypatch, tmp_path, capsys):
-    from kerfgym.experiments.fuzz import __main__ as fuzz
+    from kerfgym.experiments.studies.fuzz import __main__ as fuzz
 
     def fuzzed(names, *_):
         tallies = {name: fuzz.Tally(name) for name in names}
@@ -127,7 +127,7 @@ def test_the_slowest_and_the_largest_are_told(monkeypatch, tmp_path, capsys):
 
 
 def test_a_worker_that_hangs_or_dies_is_replaced(monkeypatch, tmp_path):
-    from kerfgym.experiments.fuzz import __main__ as fuzz
+    from kerfgym.experiments.studies.fuzz import __main__ as fuzz
 
     class Pipe:
         """The other end says nothing, or is gone."""

@@ -2,9 +2,10 @@
 
 import pytest
 
-from kerfgym.envs import scenarios, stack
+from kerfgym.envs import scenarios
+from kerfgym.envs.control import stack
 from kerfgym.envs.engine.quantity import InvalidInput
-from kerfgym.experiments.grids import DEFAULT, SHOWN, Grid, can_do, plan, shipped
+from kerfgym.experiments.measure.grids import DEFAULT, SHOWN, Grid, can_do, plan, shipped
 
 TEAM = "z=pid,xy=wu"
 

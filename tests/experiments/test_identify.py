@@ -7,7 +7,7 @@ import pytest
 from scipy import signal
 
 from kerfgym.baselines import lqg, mpc, servo
-from kerfgym.experiments import identify
+from kerfgym.experiments.studies import identify
 
 # Without what the model leaves out.
 IDEAL = replace(identify.NOMINAL, latency=0.0, friction=0.0, backlash=0.0, compliance=0.0, encoder=0.0, dac_bits=0.0)

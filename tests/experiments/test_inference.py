@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from kerfgym.experiments import resampling
-from kerfgym.experiments.inference import (
+from kerfgym.experiments.statistics import bootstrap
+from kerfgym.experiments.statistics.intervals import (
     Interval,
     Sample,
     cvar,
@@ -133,17 +133,17 @@ def plain(statistic, values):
     return statistic(values, (None, None, None))[0][0]
 
 
-STATISTICS = (resampling.log_score, resampling.mean_of_middle, resampling.log_cvar)
+STATISTICS = (bootstrap.log_score, bootstrap.mean_of_middle, bootstrap.log_cvar)
 
 
 def test_the_statistics_are_what_they_are_called():
     values = drawn(3, 40, 5)
-    assert np.exp(plain(resampling.log_score, values)) == pytest.approx(
+    assert np.exp(plain(bootstrap.log_score, values)) == pytest.approx(
         stats.gmean(np.sqrt((values**2).mean(axis=1)), axis=None)
     )
-    assert plain(resampling.mean_of_middle, values) == pytest.approx(iqm(values), rel=1e-12)
+    assert plain(bootstrap.mean_of_middle, values) == pytest.approx(iqm(values), rel=1e-12)
     worst = [cvar(values[r, :, c]) for r in range(3) for c in range(5)]
-    assert np.exp(plain(resampling.log_cvar, values)) == pytest.approx(stats.gmean(worst))
+    assert np.exp(plain(bootstrap.log_cvar, values)) == pytest.approx(stats.gmean(worst))
 
 
 @pytest.mark.parametrize("statistic", STATISTICS)
@@ -176,7 +176,7 @@ def test_the_variance_of_a_mean_is_the_textbooks():
         w = np.ones((1, 50)) if weights[1] is None else weights[1]
         return np.einsum("bs,rsc->b", w, values) / 50, (None, np.broadcast_to(values[0, :, 0], w.shape), None)
 
-    found = resampling.replicate([Sample.of(values)], mean)
+    found = bootstrap.replicate([Sample.of(values)], mean)
     assert found.spread[0, 0] == pytest.approx(stats.sem(values.ravel()) ** 2)
     low, high = stats.t.interval(0.95, 49, values.mean(), stats.sem(values.ravel()))
     assert found.interval([1.0]) == pytest.approx((values.mean(), low, high), abs=0.1 * (high - low))
@@ -184,28 +184,28 @@ def test_the_variance_of_a_mean_is_the_textbooks():
 
 def test_of_two_to_four_seeds_the_interval_is_students_and_of_one_there_is_none():
     values = drawn(1, 3, 1)
-    found = resampling.replicate([Sample.of(values)], resampling.log_score).interval([1.0])
+    found = bootstrap.replicate([Sample.of(values)], bootstrap.log_score).interval([1.0])
     assert (found.high - found.value) == pytest.approx(found.value - found.low)
     assert found.high > found.value
-    assert np.isnan(resampling.replicate([Sample.of(values[:, :1])], resampling.log_score).interval([1.0]).low)
+    assert np.isnan(bootstrap.replicate([Sample.of(values[:, :1])], bootstrap.log_score).interval([1.0]).low)
 
 
 def test_the_same_sample_gives_the_same_interval_to_the_last_digit_whoever_stands_beside_it():
     one, other = Sample.of(drawn(30, 5)), Sample.of(drawn(30, 5, seed=1))
-    alone = resampling.replicate([one], resampling.log_score).interval([1.0])
-    assert resampling.replicate([one], resampling.log_score).interval([1.0]) == alone
-    assert resampling.replicate([one, other], resampling.log_score).interval([1.0, 0.0]) == alone
+    alone = bootstrap.replicate([one], bootstrap.log_score).interval([1.0])
+    assert bootstrap.replicate([one], bootstrap.log_score).interval([1.0]) == alone
+    assert bootstrap.replicate([one, other], bootstrap.log_score).interval([1.0, 0.0]) == alone
 
 
 def test_pairs_on_common_seeds_are_told_apart_where_others_are_not():
     sheet, noise = drawn(40, 5, seed=2), np.exp(0.02 * np.random.default_rng(3).normal(size=(40, 5)))
     closer = 0.97 * sheet * noise
-    paired = resampling.replicate([Sample.of(closer), Sample.of(sheet)], resampling.log_score)
-    apart = resampling.replicate([Sample.of(closer), Sample.of(sheet, range(100, 140))], resampling.log_score)
+    paired = bootstrap.replicate([Sample.of(closer), Sample.of(sheet)], bootstrap.log_score)
+    apart = bootstrap.replicate([Sample.of(closer), Sample.of(sheet, range(100, 140))], bootstrap.log_score)
     assert paired.better()[0, 1]
     assert not apart.better().any()
     assert paired.interval([1, -1]).high < 0 < apart.interval([1, -1]).high
-    half = resampling.replicate([Sample.of(closer), Sample.of(sheet, range(20, 60))], resampling.log_score)
+    half = bootstrap.replicate([Sample.of(closer), Sample.of(sheet, range(20, 60))], bootstrap.log_score)
     assert half.spread[0, 0] == pytest.approx(apart.spread[0, 0])
 
 
@@ -214,7 +214,7 @@ def test_figures_that_hardly_scatter_are_told_apart_and_their_intervals_end():
     same, rare, slow = np.full((20, 5), 4.28), np.full((20, 5), 5.94), np.full((20, 5), 12.9)
     rare[3] = 5.95
     slow *= 1.0 + 1e-15 * np.arange(20)[:, None]  # rounding
-    found = resampling.replicate([Sample.of(x) for x in (same, rare, slow, same.copy())], resampling.log_score)
+    found = bootstrap.replicate([Sample.of(x) for x in (same, rare, slow, same.copy())], bootstrap.log_score)
     assert found.better().astype(int).tolist() == [[0, 1, 1, 0], [0, 0, 1, 0], [0, 0, 0, 0], [0, 1, 1, 0]]
     assert found.interval([-1, 0, 1, 0]) == pytest.approx([np.log(12.9 / 4.28)] * 3)
     low, value, high = found.interval([-1, 1, 0, 0])[1], *found.interval([-1, 1, 0, 0])[::2]
@@ -222,7 +222,7 @@ def test_figures_that_hardly_scatter_are_told_apart_and_their_intervals_end():
 
 
 def test_one_seed_of_one_sample_takes_no_interval_from_another():
-    found = resampling.replicate([Sample.of(drawn(30, 5)), Sample.of(drawn(1, 5))], resampling.log_score)
+    found = bootstrap.replicate([Sample.of(drawn(30, 5)), Sample.of(drawn(1, 5))], bootstrap.log_score)
     assert np.isfinite(found.interval([1, 0]).low)
     assert np.isnan(found.interval([0, 1]).low)
     assert np.isnan(found.interval([1, -1]).low)
@@ -232,11 +232,11 @@ def test_one_seed_of_one_sample_takes_no_interval_from_another():
 def test_a_share_of_failed_runs_below_a_quarter_leaves_the_middle_its_interval():
     values = np.log(drawn(40, 5))
     values[:4] = INF
-    found = resampling.replicate([Sample.of(values)], resampling.mean_of_middle).interval([1.0])
+    found = bootstrap.replicate([Sample.of(values)], bootstrap.mean_of_middle).interval([1.0])
     assert np.isfinite(found).all()
     assert found.value == pytest.approx(iqm(values))
     values[:9] = INF  # in many of the bootstrap samples more than a quarter
-    assert resampling.replicate([Sample.of(values)], resampling.mean_of_middle).interval([1.0]).high == INF
+    assert bootstrap.replicate([Sample.of(values)], bootstrap.mean_of_middle).interval([1.0]).high == INF
 
 
 def test_a_sample_counts_missing_figures_as_failed():

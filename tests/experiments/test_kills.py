@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from kerfgym.experiments.kills import campaign as kills
-from kerfgym.experiments.kills.commands import COMMANDS, NAME, Command
+from kerfgym.experiments.studies.kills import killing as kills
+from kerfgym.experiments.studies.kills.commands import COMMANDS, NAME, Command
 from kerfgym.experiments.tune.sampling import SAMPLERS
 
 PROGRAM = """
@@ -30,7 +30,7 @@ else:
 STEPPED = """
 import runpy, sys
 from kerfgym.experiments import cli
-from kerfgym.experiments.kills import steps
+from kerfgym.experiments.studies.kills import steps
 cli.main = lambda: runpy.run_path({program!r}, run_name="__main__")
 steps.main()
 """

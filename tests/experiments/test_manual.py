@@ -14,10 +14,12 @@ import pytest
 
 import kerfgym
 from kerfgym import baselines
-from kerfgym.envs import job_metrics
 from kerfgym.envs.engine.quantity import InvalidInput
-from kerfgym.experiments import cli, results, table
+from kerfgym.envs.figures import job_metrics
+from kerfgym.experiments import cli
 from kerfgym.experiments.manual import command_line, python_api, references
+from kerfgym.experiments.report import terminal
+from kerfgym.experiments.results.followers import followers as results
 
 ROOT = Path(kerfgym.__file__).parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -123,13 +125,13 @@ def test_all_that_the_manual_s_examples_import_is_public():
 
 def test_a_name_that_is_gone_is_an_error():
     with pytest.raises(InvalidInput, match=r"kerfgym\.envs\.metrics has no 'evalute'; did you mean 'evaluate'"):
-        python_api.entry("kerfgym.envs.metrics", "evalute", str)
+        python_api.entry("kerfgym.envs.figures.metrics", "evalute", str)
 
 
 def test_a_function_is_told_as_it_is_called():
-    text = python_api.entry("kerfgym.experiments.rollout", "roll", str)
+    text = python_api.entry("kerfgym.experiments.measure.rollout", "roll", str)
     assert text.startswith(
-        "**`roll(scenario, stack, seeds, threads=1, change=None)`** in `kerfgym.experiments.rollout`"
+        "**`roll(scenario, stack, seeds, threads=1, change=None)`** in `kerfgym.experiments.measure.rollout`"
     )
     text = python_api.entry("kerfgym.envs.paths.read", "read", str)
     assert "`read(path, *, layers=None" in text
@@ -142,10 +144,10 @@ def test_a_function_is_told_as_it_is_called():
 def test_every_column_of_the_printed_tables_is_explained():
     text = page("reading-a-report.md")
     followers, jobs = section(text, "## Columns of followers"), section(text, "## Columns of jobs")
-    for title in (*table.FOLLOWING, "decision, µs", "its P99, µs", "budget", "class"):
+    for title in (*terminal.FOLLOWING, "decision, µs", "its P99, µs", "budget", "class"):
         assert f"`{title}`" in followers, title
-    for name in table.FORMS:
-        title = f"{table.TITLES.get(name, name)}, {job_metrics.METRICS[name].unit}".removesuffix(", 1")
+    for name in terminal.FORMS:
+        title = f"{terminal.TITLES.get(name, name)}, {job_metrics.METRICS[name].unit}".removesuffix(", 1")
         assert f"`{title}`" in jobs, title
 
 
@@ -162,15 +164,15 @@ def test_every_section_of_the_page_is_explained():
 
 def test_the_recipe_for_a_metric_puts_it_into_summary_and_table(monkeypatch, made_up):
     text = page("add-a-metric.md")
-    (shown,) = re.findall(r"`SHOWN` of `experiments/results.py`: `(.*?)`", text)
+    (shown,) = re.findall(r"`SHOWN` of `experiments/results/followers.py`: `(.*?)`", text)
     (line,) = re.findall(r'(?m)^    ("within, %".*),$', text)
     found = made_up.following()
     found.runs["within_20um"] = 93.21
-    assert "within, %" not in table.sheets(found)[0].titles
+    assert "within, %" not in terminal.sheets(found)[0].titles
     monkeypatch.setattr(results, "SHOWN", results.SHOWN | eval(f"{{{shown}}}"))
-    monkeypatch.setattr(table, "FOLLOWING", table.FOLLOWING | eval(f"{{{line}}}", vars(table)))
+    monkeypatch.setattr(terminal, "FOLLOWING", terminal.FOLLOWING | eval(f"{{{line}}}", vars(terminal)))
     assert found.summary()["within"].round(2).tolist() == [93.21] * 3
-    sheet = table.sheets(found)[0]
+    sheet = terminal.sheets(found)[0]
     at = sheet.titles.index("within, %")
     assert [row[at] for rows in sheet.sections for row in rows] == ["93.2"] * 3
 
@@ -229,7 +231,7 @@ def test_the_recipe_for_a_disturbance_works_word_by_word(tmp_path):
     last = re.search(r"(?m)^    plasma: Annotated.*\n", (copy / head).read_text(encoding="utf-8"))[0]
     edit(head, last, blocks[2])
     edit(head, '        "plasma": value("plasma"),\n', blocks[3])
-    edit("envs/ideal.py", '"bursts", "plasma"', ', "hum"')
+    edit("envs/plant/ideal.py", '"bursts", "plasma"', ', "hum"')
     settings = os.environ | {"PYTHONPATH": str(tmp_path), "KERFGYM_CACHE_DIR": str(tmp_path / "cache")}
     # Whatever tells Python where the checkout is must not find it before the copy.
     alone = "import sys; sys.meta_path[:] = [f for f in sys.meta_path if f.__module__.startswith('_frozen')]\n"

@@ -5,14 +5,14 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from kerfgym.envs.control.stack import get, python_stack, resolve
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.plant.controller import PERIOD
 from kerfgym.envs.scenarios import Scenario
-from kerfgym.envs.stack import get, python_stack, resolve
-from kerfgym.experiments import margins as module
-from kerfgym.experiments.margins import CANDIDATES, DELAYS, GAINS, Bench, in_words, margins
-from kerfgym.experiments.plants import of
-from kerfgym.experiments.stability import sensitivity
+from kerfgym.experiments.measure import margins as module
+from kerfgym.experiments.measure.margins import CANDIDATES, DELAYS, GAINS, Bench, in_words, margins
+from kerfgym.experiments.measure.plants import of
+from kerfgym.experiments.measure.stability import sensitivity
 
 T = PERIOD
 CENTRE = 0.125e-3

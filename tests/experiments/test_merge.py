@@ -8,12 +8,13 @@ import pandas as pd
 import pytest
 
 from kerfgym.envs.engine.quantity import InvalidInput
-from kerfgym.experiments import archive, runs
-from kerfgym.experiments.archive import load
-from kerfgym.experiments.jobs import JobResults
-from kerfgym.experiments.merge import labels, merge
-from kerfgym.experiments.remake import remake
-from kerfgym.experiments.results import Results
+from kerfgym.experiments.report.remake import remake
+from kerfgym.experiments.results.followers import archive
+from kerfgym.experiments.results.followers.archive import load
+from kerfgym.experiments.results.followers.followers import Results
+from kerfgym.experiments.results.followers.jobs import JobResults
+from kerfgym.experiments.results.followers.merge import labels, merge
+from kerfgym.experiments.store import runs
 
 RECORD = {"command": "kerfgym report", "kerfgym": "0.1.0"}
 

@@ -10,12 +10,18 @@ import pytest
 import tyro
 from PIL import Image
 
-from kerfgym.envs import scenarios, workshop
+from kerfgym.envs import scenarios
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.paths.parts import part
 from kerfgym.envs.paths.route import Cutting, routed
-from kerfgym.experiments import archive, benchmark, cli, fairness, grids, plans, route_picture
-from kerfgym.experiments.report.pictures import png
+from kerfgym.envs.tasks import workshop
+from kerfgym.experiments import cli
+from kerfgym.experiments.benchmark.benchmarking import benchmarking
+from kerfgym.experiments.measure import grids
+from kerfgym.experiments.plots.png import png
+from kerfgym.experiments.render import plan_picture, plans
+from kerfgym.experiments.results.followers import archive
+from kerfgym.experiments.statistics import ranks
 
 DXF = ["0", "SECTION", "2", "ENTITIES"]
 
@@ -45,11 +51,11 @@ def test_render_writes_the_plan_of_a_part(tmp_path, capsys):
     cli.main(["render", "--plan", "slot-plate", str(out), "--joints", "2", "--lead-in", "2"])
     seen = colours(Image.open(out))
     for code in (
-        route_picture.PART,
-        route_picture.OUTLINE,
-        route_picture.HOLE,
-        route_picture.LEAD,
-        route_picture.JOINT,
+        plan_picture.PART,
+        plan_picture.OUTLINE,
+        plan_picture.HOLE,
+        plan_picture.LEAD,
+        plan_picture.JOINT,
     ):
         assert min(max(abs(a - b) for a, b in zip(rgb(code), c, strict=True)) for c in seen) <= 6, code
     assert capsys.readouterr().out.strip() == str(out)
@@ -89,7 +95,7 @@ def test_picture_and_messages_have_the_numbers_and_places_of_the_file(tmp_path):
     (gone,) = [line for line in told if line.endswith("vanishes: it is left out at a kerf of 0.3 mm")]
     assert "which begins at x = 1000010.10, y = 60.00 mm" in gone
     assert any("contour 2 crosses or touches itself at x = 1000050.00, y = 100.00 mm" in line for line in told)
-    page = route_picture.figure(route)
+    page = plan_picture.figure(route)
     (axes,) = page.axes
     numbers = {text.get_text(): text.get_position() for text in axes.texts}
     assert (
@@ -106,7 +112,7 @@ def test_picture_and_messages_have_the_numbers_and_places_of_the_file(tmp_path):
 
 
 def test_both_lobes_of_a_bow_tie_are_scrap_in_the_picture(tmp_path):
-    page = route_picture.figure(workshop.route_of(far_away(tmp_path)))
+    page = plan_picture.figure(workshop.route_of(far_away(tmp_path)))
     width, height = (int(q) for q in page.get_size_inches() * page.dpi)
     seen = np.asarray(Image.open(io.BytesIO(png(page))).convert("RGB")).reshape(height, width, 3)
     (axes,) = page.axes
@@ -117,11 +123,11 @@ def test_both_lobes_of_a_bow_tie_are_scrap_in_the_picture(tmp_path):
 
     assert at(30, 55) == at(72, 60) == (255, 255, 255)
     for place in ((50, 70), (50, 30)):
-        assert at(*place) == pytest.approx(rgb(route_picture.PART), abs=6)
+        assert at(*place) == pytest.approx(rgb(plan_picture.PART), abs=6)
 
 
 def test_folders_of_drawings_are_read_without_an_option(tmp_path):
-    from kerfgym.experiments.leads.__main__ import main
+    from kerfgym.experiments.studies.leads.__main__ import main
 
     parsed = {}
 
@@ -154,7 +160,7 @@ def test_what_cannot_be_planned_is_an_error(words, message, tmp_path, monkeypatc
 @pytest.mark.parametrize("small", [False, True])
 def test_a_millimetre_is_as_long_in_x_as_in_y(small):
     for made in (part("square", side=5.0), part("slot-plate", width=400.0, height=20.0)):
-        page = route_picture.figure(routed(made, Cutting()), small=small)
+        page = plan_picture.figure(routed(made, Cutting()), small=small)
         (axes,) = page.axes
         (x, y), (x1, y1) = axes.transData.transform([(0.0, 0.0), (1.0, 1.0)])
         assert x1 - x == pytest.approx(y1 - y)
@@ -185,7 +191,7 @@ def test_plans_are_kept_with_a_run_and_shown_before_its_results(tmp_path):
         scenarios.load("contour-circle").varied(job={"size": 6.0}),
         scenarios.load("contour-square").varied(job={"size": 6.0}),
     ]
-    benchmark.run(["wu"], chosen, tmp_path / "run", (1000,), suite="contour", workers=1, quiet=True)
+    benchmarking.run(["wu"], chosen, tmp_path / "run", (1000,), suite="contour", workers=1, quiet=True)
     kept = archive.load(tmp_path / "run").grids["contour"].plans
     assert kept["scenarios"].tolist() == ["contour-circle", "contour-square"]
     assert kept["cuts"].tolist() == [1, 1]
@@ -207,7 +213,7 @@ def test_scenarios_with_the_same_part_share_a_plan():
 def test_a_square_of_5_mm_is_scored(tmp_path):
     (case,) = grids.along(square_dxf(tmp_path / "small.dxf", 5.0), [scenarios.load("drawing")], "drawing")
     assert case.duration == pytest.approx(0.2, abs=0.002)
-    results = benchmark.run(
+    results = benchmarking.run(
         ["pid"], [case], tmp_path / "run", (1000, 1001), suite="drawing", workers=1, quiet=True, with_ms=False
     )
     assert not results.failures.any()
@@ -228,7 +234,7 @@ def test_where_all_runs_failed_nobody_has_a_rank_and_the_reason_is_told():
             "failed": True, "collision": [0.0, 1.0, 0.0, 0.0], "rms_true": np.nan,
         })  # fmt: skip
 
-    frame = fairness.standings(All())
+    frame = ranks.standings(All())
     assert frame["rank"].isna().all()
     assert frame["reasons"]["b"][-1] == "all of its 2 runs failed: nothing was scored, or a number was not finite"
     assert "the nozzle touched the sheet (1)" in frame["reasons"]["a"][-1]

@@ -5,12 +5,12 @@ import itertools
 import numpy as np
 import pytest
 
+from kerfgym.envs.control.stack import get
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.plant import heads
 from kerfgym.envs.plant.fleet import Fleet
 from kerfgym.envs.scenarios import Scenario, load, prepare, suite
-from kerfgym.envs.stack import get
-from kerfgym.experiments.plants import FULL, MOST, STANDARD, design, machines, of
+from kerfgym.experiments.measure.plants import FULL, MOST, STANDARD, design, machines, of
 
 
 def written(machine, scenario):

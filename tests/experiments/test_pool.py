@@ -12,9 +12,9 @@ from distributed import LocalCluster
 
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.scenarios import load
-from kerfgym.experiments import pool, runs
-from kerfgym.experiments.benchmark import run
+from kerfgym.experiments.benchmark.benchmarking.benchmarking import run
 from kerfgym.experiments.cli import main
+from kerfgym.experiments.store import pool, runs
 
 OWN = """
 class Mine:
@@ -172,11 +172,11 @@ def test_a_kill_after_the_last_task_loses_nothing(here, monkeypatch):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("kerfgym.experiments.digest.write", dies)
+        patch.setattr("kerfgym.experiments.report.summary.write", dies)
         with pytest.raises(KeyboardInterrupt):
             grid(here / "late", workers=1)
     with monkeypatch.context() as patch:
-        patch.setattr("kerfgym.experiments.benchmark.compute", dies)  # nothing is left to compute
+        patch.setattr("kerfgym.experiments.benchmark.benchmarking.compute", dies)  # nothing is left to compute
         late = grid(here / "late", workers=1, resume=True)
     assert late == grid(here / "whole", workers=1)
 

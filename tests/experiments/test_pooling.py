@@ -9,12 +9,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kerfgym.envs import job_metrics, metrics
+from kerfgym.envs.figures import job_metrics, metrics
 from kerfgym.envs.scenarios import load
-from kerfgym.experiments import digest
-from kerfgym.experiments.benchmark import run
-from kerfgym.experiments.pooling import ZERO, kind, over_scenarios, over_seeds
-from kerfgym.experiments.table import sheets
+from kerfgym.experiments.benchmark.benchmarking.benchmarking import run
+from kerfgym.experiments.report import summary as digest
+from kerfgym.experiments.report.terminal import sheets
+from kerfgym.experiments.statistics.pooling import ZERO, kind, over_scenarios, over_seeds
 from kerfgym.experiments.tune import goals
 
 FOLLOWERS = ["xi2023-tuned", "pid", "preview-5ms"]

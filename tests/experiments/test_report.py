@@ -13,19 +13,19 @@ import pytest
 from plotly.offline import get_plotlyjs
 
 from kerfgym.envs import scenarios
+from kerfgym.experiments.plots.palette import COLOURS, looks
 from kerfgym.experiments.report import answer, limits, numbers, page, scope, standing, table
+from kerfgym.experiments.report.curves import curves
+from kerfgym.experiments.report.curves import figure as trained
 from kerfgym.experiments.report.fronts import efficient
 from kerfgym.experiments.report.heat import figure as heat
 from kerfgym.experiments.report.kerfs import coloured, pieces
 from kerfgym.experiments.report.pack import Channel, pack, thinned
-from kerfgym.experiments.report.palette import COLOURS, looks
 from kerfgym.experiments.report.scores import figure as scores
 from kerfgym.experiments.report.spectra import spectrum
 from kerfgym.experiments.report.suite import Suite
-from kerfgym.experiments.report.training import curves
-from kerfgym.experiments.report.training import figure as trained
+from kerfgym.experiments.report.terminal import sheets
 from kerfgym.experiments.report.tuning import studies
-from kerfgym.experiments.table import sheets
 
 
 class Reader(html.parser.HTMLParser):

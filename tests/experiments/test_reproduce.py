@@ -9,7 +9,8 @@ from scipy.stats import binom
 
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.experiments.cli import main
-from kerfgym.experiments.reproduce import claims, page
+from kerfgym.experiments.reproduce import claims, claims_page
+from kerfgym.experiments.reproduce.carry_out import reproduce
 from kerfgym.experiments.reproduce.claims import (
     CALIBRATED,
     FAILS,
@@ -30,7 +31,6 @@ from kerfgym.experiments.reproduce.claims import (
     judged,
     weighed,
 )
-from kerfgym.experiments.reproduce.run import reproduce
 
 
 @pytest.fixture
@@ -195,7 +195,7 @@ def test_a_run_writes_page_markdown_figures_and_record(shelf, tmp_path):
     record = json.loads((tmp_path / "r" / "run.json").read_text(encoding="utf-8"))
     assert record["studies"] == ["wu/own"]
     assert record["failed"] == []
-    assert page.counts([part])[REPRODUCED] == 1
+    assert claims_page.counts([part])[REPRODUCED] == 1
 
 
 def test_a_study_that_fails_is_said_so_and_the_others_are_there(shelf, tmp_path, capsys):
@@ -211,7 +211,7 @@ def test_a_study_that_fails_is_said_so_and_the_others_are_there(shelf, tmp_path,
     assert [bool(part["error"]) for part in parts] == [True, False]
     assert "no such thing" in (tmp_path / "r" / "reproduce.html").read_text(encoding="utf-8")
     assert "no such thing" in (tmp_path / "r" / "parts" / "wu-fails.error.txt").read_text(encoding="utf-8")
-    page.show(parts)
+    claims_page.show(parts)
     assert "failed: ValueError:" in capsys.readouterr().out
 
 

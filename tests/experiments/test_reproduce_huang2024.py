@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
-from kerfgym.envs import material as materials
 from kerfgym.envs.plant import spot
-from kerfgym.experiments import calibrate
-from kerfgym.experiments.reproduce import huang2024
+from kerfgym.envs.scenarios import material as materials
+from kerfgym.experiments.reproduce import fit_cut, huang2024
 from kerfgym.experiments.reproduce.claims import Trial
 
 TRIAL = Trial(seeds=6)
@@ -86,7 +85,7 @@ def test_the_largest_feed_is_the_one_that_the_margin_allows():
     steel = materials.material("c45-10")
     feed = huang2024.fastest(steel.params, steel.power, spot.Command())
     below, above = (
-        calibrate.streamed(steel.params, steel.power, {"feed": s * feed, "dither": spot.Command()}).margin
+        fit_cut.streamed(steel.params, steel.power, {"feed": s * feed, "dither": spot.Command()}).margin
         for s in (0.999, 1.001)
     )
     assert above < 1.0 < below

@@ -6,7 +6,7 @@ import tomllib
 import numpy as np
 import pytest
 
-from kerfgym.experiments import identify_table1 as table1
+from kerfgym.experiments.reproduce import fit_table1 as table1
 from kerfgym.experiments.reproduce.claims import DOCUMENTS, Estimate, Row, Trial, studies
 from kerfgym.experiments.reproduce.xi2023_filters import centred, kind, machine_filters, noisy, six_steps
 from kerfgym.experiments.reproduce.xi2023_sensor import c5_of, inductance, megahertz

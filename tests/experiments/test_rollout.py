@@ -3,14 +3,15 @@
 import numpy as np
 import pytest
 
-from kerfgym.envs import metrics, scenarios
+from kerfgym.envs import scenarios
+from kerfgym.envs.control.stack import get, python_stack, resolve
 from kerfgym.envs.engine.quantity import InvalidInput
+from kerfgym.envs.figures import metrics
 from kerfgym.envs.plant import heads, machine, supervisor
 from kerfgym.envs.plant.controller import PERIOD
 from kerfgym.envs.plant.fleet import Fleet
 from kerfgym.envs.scenarios import load, suite
-from kerfgym.envs.stack import get, python_stack, resolve
-from kerfgym.experiments.rollout import chunks, command_of, roll
+from kerfgym.experiments.measure.rollout import chunks, command_of, roll
 
 ALL = load("wavy").varied(
     name="all at once", guard=True, start_above=0.5,

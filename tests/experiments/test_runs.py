@@ -10,8 +10,8 @@ import pytest
 
 import kerfgym
 from kerfgym.envs.engine.quantity import InvalidInput
-from kerfgym.experiments import runs, typed
-from kerfgym.experiments.runs import (
+from kerfgym.experiments.store import runs, typed
+from kerfgym.experiments.store.runs import (
     PACKAGES,
     at_work,
     atomic,
@@ -328,7 +328,7 @@ def test_outside_a_checkout_there_is_no_git_state(monkeypatch):
     def missing(*arguments, **more):
         raise FileNotFoundError("git")
 
-    monkeypatch.setattr("kerfgym.experiments.runs.subprocess.run", missing)
+    monkeypatch.setattr("kerfgym.experiments.store.runs.subprocess.run", missing)
     assert git_state() == {}
 
 

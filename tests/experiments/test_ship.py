@@ -6,10 +6,14 @@ import numpy as np
 import pytest
 
 from kerfgym.agents import settings
-from kerfgym.envs import job_metrics, scenarios, stack, workshop
+from kerfgym.envs import scenarios
+from kerfgym.envs.control import stack
+from kerfgym.envs.figures import job_metrics
 from kerfgym.envs.plant import spot
-from kerfgym.experiments import jobs, ship
-from kerfgym.experiments.budgets import spent
+from kerfgym.envs.tasks import workshop
+from kerfgym.experiments.results.followers import jobs
+from kerfgym.experiments.statistics.budgets import spent
+from kerfgym.experiments.studies import ship
 
 
 @pytest.mark.parametrize("name", list(ship.SHIPPED))

@@ -8,22 +8,25 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kerfgym.envs import scenarios, stack
+from kerfgym.envs import scenarios
+from kerfgym.envs.control import stack
 from kerfgym.envs.engine.deck import Deck
 from kerfgym.envs.plant import machine
 from kerfgym.envs.plant.fleet import Fleet
-from kerfgym.experiments import cli, rollout
-from kerfgym.experiments.speed import parts, proof, run, startup, tasks, training
-from kerfgym.experiments.speed.picture import picture
+from kerfgym.experiments import cli
+from kerfgym.experiments.measure import rollout
+from kerfgym.experiments.report.terminal import print_speed
+from kerfgym.experiments.speed import kernel_parts, ppo, proof, startup, timed
+from kerfgym.experiments.speed import timing as run
+from kerfgym.experiments.speed.cost_curve import picture
 from kerfgym.experiments.speed.proof import NothingDone
-from kerfgym.experiments.table import print_speed
 
 TASKS = {
-    "kernel": (lambda: tasks.kernel(700), 700), "kernel, two threads": (lambda: tasks.kernel(700, 2), 700),
-    "roll-out": (lambda: tasks.closed_loop("pid", 500), 500), "open loop": (lambda: tasks.closed_loop("idle"), 1024),
-    "registers": (lambda: tasks.from_registers(40), 40), "vector": (lambda: tasks.vector(400), 400),
-    "batch": (lambda: tasks.with_policy(400), 400), "sb3": (lambda: tasks.sb3(400), 400),
-    "env": (tasks.single, 1), "job": (tasks.job_step, 1), "jobs": (lambda: tasks.job_vector(300), 300),
+    "kernel": (lambda: timed.kernel(700), 700), "kernel, two threads": (lambda: timed.kernel(700, 2), 700),
+    "roll-out": (lambda: timed.closed_loop("pid", 500), 500), "open loop": (lambda: timed.closed_loop("idle"), 1024),
+    "registers": (lambda: timed.from_registers(40), 40), "vector": (lambda: timed.vector(400), 400),
+    "batch": (lambda: timed.with_policy(400), 400), "sb3": (lambda: timed.sb3(400), 400),
+    "env": (timed.single, 1), "job": (timed.job_step, 1), "jobs": (lambda: timed.job_vector(300), 300),
 }  # fmt: skip
 
 
@@ -41,7 +44,7 @@ def test_a_task_tells_how_many_machine_steps_it_made(kind):
 
 
 def test_references_prove_their_steps_too():
-    (pendulum, *_), numpy = list(tasks.references()), tasks.oracle(8)
+    (pendulum, *_), numpy = list(timed.references()), timed.oracle(8)
     assert pendulum.cost() > 0
     assert numpy is not None
     assert numpy.cost() > 0
@@ -51,8 +54,8 @@ def test_references_prove_their_steps_too():
 
 
 def test_no_machine_of_a_timed_roll_out_has_crashed():
-    for controller in tasks.CONTROLLERS:
-        fleet = tasks._fleet(256, controller)
+    for controller in timed.CONTROLLERS:
+        fleet = timed._fleet(256, controller)
         fleet.advance(400)
         assert not fleet.column("tally.collided").any(), controller
 
@@ -84,7 +87,7 @@ def test_a_clock_that_goes_on_alone_is_no_measurement(kind):
 
 
 def test_one_machine_that_stands_still_is_found():
-    fleet = tasks._fleet(40, "pid")
+    fleet = timed._fleet(40, "pid")
 
     def run():
         kept = fleet._view[1, :, 3].copy()
@@ -92,7 +95,7 @@ def test_one_machine_that_stands_still_is_found():
         fleet._view[1, :, 3] = kept
         return 400
 
-    made = tasks.Task("kernel", "35 stands still", 40, 1, run, lambda: proof.of_fleet(fleet))
+    made = timed.Task("kernel", "35 stands still", 40, 1, run, lambda: proof.of_fleet(fleet))
     with pytest.raises(NothingDone, match="machine 35 counted 0"):
         made.cost()
     before = proof.of_fleet(fleet)
@@ -108,26 +111,26 @@ def test_one_machine_that_stands_still_is_found():
 
 
 def test_machines_whose_episodes_end_meanwhile_are_no_error_and_their_steps_count():
-    made = tasks.vector(300)  # 200 steps a run, of episodes of 3000
+    made = timed.vector(300)  # 200 steps a run, of episodes of 3000
     for _ in range(16):
         assert made.cost() > 0
 
 
 def test_a_stage_that_does_nothing_is_no_measurement(monkeypatch):
-    monkeypatch.setitem(parts.STAGES, "look-up", lambda deck: None)
+    monkeypatch.setitem(kernel_parts.STAGES, "look-up", lambda deck: None)
     with pytest.raises(NothingDone, match="stage 'look-up' is no measurement: it left machine 0 as it was"):
-        parts.stage_costs(40)
+        kernel_parts.stage_costs(40)
 
 
 def test_training_without_machines_is_no_measurement(monkeypatch):
-    monkeypatch.setattr(training, "MACHINES", 4)
-    monkeypatch.setattr(training, "SETTINGS", {"n_steps": 8, "batch_size": 32, "n_epochs": 1})
-    share, rate = training.share()
+    monkeypatch.setattr(ppo, "MACHINES", 4)
+    monkeypatch.setattr(ppo, "SETTINGS", {"n_steps": 8, "batch_size": 32, "n_epochs": 1})
+    share, rate = ppo.share()
     assert 0.0 < share < 1.0
     assert rate > 0.0
     monkeypatch.setattr(Fleet, "stepper", lambda fleet, steps=1: lambda: None)
     with pytest.raises(NothingDone, match="'training PPO' is no measurement: 24 periods were timed"):
-        training.share()
+        ppo.share()
 
 
 def test_programs_that_fail_or_compile_nothing_are_no_measurement(tmp_path):
@@ -145,7 +148,7 @@ def freed(fleet, steps=1):
 @pytest.mark.parametrize("broken", [freed, lambda fleet, steps=1: lambda: None])
 def test_the_command_fails_loudly_when_a_task_has_not_moved_its_machines(broken, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(run, "_all_tasks", lambda: [tasks.closed_loop("pid", 64), tasks.kernel(64)])
+    monkeypatch.setattr(run, "_all_tasks", lambda: [timed.closed_loop("pid", 64), timed.kernel(64)])
     monkeypatch.setattr(Fleet, "stepper", broken)
     with pytest.raises(SystemExit) as stopped:
         cli.main(["speed", "--rounds", "1", "--name", "broken", "--no-train"])
@@ -160,23 +163,23 @@ def test_the_command_fails_loudly_when_a_task_has_not_moved_its_machines(broken,
 def test_the_machine_from_registers_lives_the_same_life_as_in_lanes():
     fleets = [rollout.fleet_for(scenarios.load("wavy"), stack.resolve("pid"), np.arange(40)) for _ in range(2)]
     fleets[0].advance(200)
-    fleets[1].run_kernel(parts.registers, 200)
+    fleets[1].run_kernel(kernel_parts.registers, 200)
     for name in ("signals", "motion", "drive", "tally", "supervisor"):
         assert fleets[0].get(name, 37) == fleets[1].get(name, 37)
 
 
 def test_every_stage_of_the_period_is_timed_and_takes_time():
-    costs = parts.stage_costs(64)
-    assert set(parts.FUNCTIONS) | {"law"} == set(costs)
+    costs = kernel_parts.stage_costs(64)
+    assert set(kernel_parts.FUNCTIONS) | {"law"} == set(costs)
     assert min(costs.values()) > 0
     staged = {name for name, thing in vars(machine).items() if name.endswith("_all") and callable(thing)}
     rare = {"live_all", "rank_all", "record_all", "replay_all", "shake_all"}  # not in every period
-    assert staged - set(parts.FUNCTIONS.values()) == rare
+    assert staged - set(kernel_parts.FUNCTIONS.values()) == rare
 
 
 def test_the_lane_loops_are_packed_instructions():
-    found = parts.instructions()
-    assert set(found) == set(parts.FUNCTIONS)
+    found = kernel_parts.instructions()
+    assert set(found) == set(kernel_parts.FUNCTIONS)
     for name, (packed, _, bits) in found.items():
         if name != "look-up":  # it gathers
             assert packed > 0, name
@@ -189,9 +192,9 @@ def made_up() -> tuple[pd.DataFrame, dict[str, list[float]]]:
     """Costs of 100 ns for everything but the references."""
     todo = [
         ("single", "Pendulum-v1 unwrapped", 1, 1, 900.0), ("single", "env.step", 1, 1, 200.0),
-        *(("kernel", "kernel, step by step", n, 1, 100.0) for n in tasks.SIZES),
+        *(("kernel", "kernel, step by step", n, 1, 100.0) for n in timed.SIZES),
         ("kernel", "kernel, step by step", 4096, 2, 125.0),
-        *(("roll-out", f"roll-out, {c}", 1024, 1, 100.0) for c in tasks.CONTROLLERS),
+        *(("roll-out", f"roll-out, {c}", 1024, 1, 100.0) for c in timed.CONTROLLERS),
         ("vector", "kernel with action and observation", 256, 1, 120.0),
         ("vector", "stable-baselines3 VecEnv.step", 256, 1, 180.0), ("vector", "VectorEnv.step", 256, 1, 200.0),
         ("registers", "from registers, pid", 1024, 1, 350.0),
@@ -235,7 +238,7 @@ def test_the_picture_has_a_curve_for_each_way_of_stepping_and_a_level_for_each_r
 
 def tables() -> dict:
     costs, start = made_up()
-    stages = pd.DataFrame({"stage": list(parts.STAGES), "ns": 10.0, "share": 0.1})
+    stages = pd.DataFrame({"stage": list(kernel_parts.STAGES), "ns": 10.0, "share": 0.1})
     stages = stages.assign(packed=5.0, scalar=4.0, bits=512.0)
     stages.loc[stages.stage == "law", ["packed", "scalar", "bits"]] = np.nan
     began = [{"program": n, "cpu_seconds": 0.3, "low": 0.2, "high": 0.4} for n in start]

@@ -3,13 +3,21 @@
 import numpy as np
 import pytest
 
+from kerfgym.envs.control.stack import get, resolve
 from kerfgym.envs.plant.controller import PERIOD
 from kerfgym.envs.scenarios import Scenario, rules
-from kerfgym.envs.stack import get, resolve
-from kerfgym.experiments import stability
-from kerfgym.experiments.plants import STANDARD, of
-from kerfgym.experiments.search import CAP, NAMES, SUITE
-from kerfgym.experiments.stability import AMPLITUDE, FREQUENCIES, LINES, Injection, Noise, broadband, sensitivity
+from kerfgym.experiments.measure import stability
+from kerfgym.experiments.measure.plants import STANDARD, of
+from kerfgym.experiments.measure.stability import (
+    AMPLITUDE,
+    FREQUENCIES,
+    LINES,
+    Injection,
+    Noise,
+    broadband,
+    sensitivity,
+)
+from kerfgym.experiments.tune.protocol import CAP, NAMES, SUITE
 
 PLAIN = {"friction": 0.0, "bristle": 0.0, "stiction": 1.0, "stribeck": 2.0, "latency": 0.0}
 """An axis without friction, with fixed dead times."""

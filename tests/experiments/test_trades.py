@@ -4,10 +4,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from kerfgym.envs import evidence, job_metrics
-from kerfgym.experiments import fairness, table
-from kerfgym.experiments.comparison import relative
-from kerfgym.experiments.jobs import JobResults
+from kerfgym.envs.figures import evidence, job_metrics
+from kerfgym.experiments.report import terminal
+from kerfgym.experiments.results.followers.jobs import JobResults
+from kerfgym.experiments.statistics import ranks
+from kerfgym.experiments.statistics.comparison import relative
 
 FACTORS = {"cutting_time": 0.8, "contour_rms": 1.3, "dross": 1.0, "roughness": 0.5, "energy": 0.9}
 
@@ -48,7 +49,7 @@ def test_each_figure_is_over_the_references_with_an_interval_from_the_same_seeds
 
 def trades(found):
     """The row of ``mine`` in the table against the reference, by title."""
-    sheet = table.sheets(found)[1]
+    sheet = terminal.sheets(found)[1]
     (row,) = sheet.sections[0]
     return dict(zip(sheet.titles, row, strict=True))
 
@@ -65,7 +66,7 @@ def extrapolating(metric):
 
 def test_extrapolated_figures_of_the_cut_are_shown_and_marked_but_not_ranked():
     found = extrapolating("roughness")
-    first = table.sheets(found)[0]
+    first = terminal.sheets(found)[0]
     rows = {row[0]: dict(zip(first.titles, row, strict=True)) for section in first.sections for row in section}
     assert (rows["mine"]["rank"], rows["plain"]["rank"]) == ("–", "1")
     assert rows["mine"]["Rz, µm"] != "–"
@@ -79,13 +80,13 @@ def test_extrapolated_figures_of_the_cut_are_shown_and_marked_but_not_ranked():
 
 
 def test_what_is_no_figure_of_the_cut_is_ranked_all_the_same():
-    assert not any("extrapolated" in why for each in fairness.reasons(extrapolating("contour_rms")).values()
+    assert not any("extrapolated" in why for each in ranks.reasons(extrapolating("contour_rms")).values()
                    for why in each)  # fmt: skip
-    assert any("extrapolated" in why for why in fairness.reasons(extrapolating("dross"))["mine"])
+    assert any("extrapolated" in why for why in ranks.reasons(extrapolating("dross"))["mine"])
 
 
 def test_better_and_worse_are_what_the_intervals_say():
-    first, second = table.sheets(results())
+    first, second = terminal.sheets(results())
     assert second.title.startswith("over plain")
     cells = trades(results())
     assert cells["better in"] == "cutting time, Rz, energy"
@@ -105,4 +106,4 @@ def test_a_mean_that_is_better_hides_no_scenario_that_is_worse():
 
 
 def test_without_the_reference_there_is_nothing_to_set_it_against():
-    assert len(table.sheets(results(reference="somebody"))) == 1
+    assert len(terminal.sheets(results(reference="somebody"))) == 1

@@ -22,13 +22,15 @@ import pandas as pd
 import pytest
 from PIL import Image
 
-from kerfgym.envs import metrics, scenarios
-from kerfgym.envs import stack as stacks
+from kerfgym.envs import scenarios
+from kerfgym.envs.control import stack as stacks
 from kerfgym.envs.engine.quantity import InvalidInput
-from kerfgym.experiments import budgets, rollout
+from kerfgym.envs.figures import metrics
 from kerfgym.experiments.cli import main
-from kerfgym.experiments.ledger import Ledger, ranges
-from kerfgym.experiments.tune import Limit, Limits, Task, crew, goals, pictures, sampling, storage, tune
+from kerfgym.experiments.measure import rollout
+from kerfgym.experiments.statistics import budgets
+from kerfgym.experiments.store.ledger import Ledger, ranges
+from kerfgym.experiments.tune import Limit, Limits, Task, crew, goals, history, sampling, storage, tune
 from kerfgym.experiments.tune.command import steps_left
 from kerfgym.experiments.tune.evaluate import Evaluator
 from kerfgym.experiments.tune.space import READS, Space, space, start_of
@@ -258,7 +260,7 @@ def whole(tmp_path_factory):
     folder = tmp_path_factory.mktemp("whole") / "runs"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("kerfgym.experiments.tune.outcome.TEST_SEEDS", 2)
-        patch.setattr("kerfgym.experiments.tune.pictures.write", lambda *_: [])
+        patch.setattr("kerfgym.experiments.tune.history.write", lambda *_: [])
         result = tune(TASK, folder, threads=1)
     return told(done(result.task.open())), result.found.parameters
 
@@ -266,7 +268,7 @@ def whole(tmp_path_factory):
 @pytest.fixture
 def plain(few, monkeypatch):
     """Without pictures, which have a test of their own."""
-    monkeypatch.setattr("kerfgym.experiments.tune.pictures.write", lambda *_: [])
+    monkeypatch.setattr("kerfgym.experiments.tune.history.write", lambda *_: [])
 
 
 @pytest.fixture
@@ -332,7 +334,7 @@ def test_the_command_writes_a_controller_that_the_others_take(here, few, capsys,
             assert picture.size[0] > 600
     assert "exists; use --overwrite" in refused(capsys, *QUICK, "--name", "first")
     assert "is finished" in refused(capsys, *QUICK, "--name", "first", "--resume")
-    monkeypatch.setattr("kerfgym.experiments.tune.pictures.write", lambda *_: [])
+    monkeypatch.setattr("kerfgym.experiments.tune.history.write", lambda *_: [])
     main(["tune", *QUICK, "--name", "first", "--overwrite"])
     again = tomllib.loads((folder / "tuned.toml").read_text(encoding="utf-8"))
     assert again["parameters"] == body["parameters"]
@@ -412,7 +414,7 @@ def test_what_breaks_limits_by_far_does_not_press_the_front_flat():
     trials["feasible"] = trials["rms_true"] < 10.0
     task = Task("pid", ("law",), metrics=("rms_true", "jitter"), sampler="nsga2")
     front = [types.SimpleNamespace(values=(v, j)) for v, j in zip(rms[:3], trials["jitter"], strict=False)]
-    (axes,) = pictures.pareto(trials, task, front).axes
+    (axes,) = history.pareto(trials, task, front).axes
     low, high = axes.get_xlim()
     assert low < 7.4
     assert 9.1 < high < 20.0

@@ -28,7 +28,8 @@ import tyro
 
 from kerfgym.envs.engine import kernels
 from kerfgym.envs.engine.quantity import InvalidInput
-from kerfgym.experiments import markdown, pages
+from kerfgym.experiments.store import markdown
+from kerfgym.experiments.studies import pages
 from kerfgym.tests.mutations import child, reach
 from kerfgym.tests.mutations.mutants import Mutant, mutants, sample
 

@@ -13,8 +13,8 @@ import pytest
 
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.paths.gcode import read_gcode
-from kerfgym.experiments.corpus import canonical, rs274
-from kerfgym.experiments.corpus.compare import apart
+from kerfgym.experiments.studies.corpus import canonical, rs274
+from kerfgym.experiments.studies.corpus.compare import apart
 
 OURS = sorted((Path(__file__).parent / "rs274").glob("*.ngc"))
 MICROMETRE = 1e-3

@@ -9,9 +9,9 @@ from kerfgym.envs.paths.curve import Curve
 from kerfgym.envs.paths.drawing import drawing
 from kerfgym.envs.paths.profile import corners_of
 from kerfgym.envs.paths.route import Cut, Cutting, routed
-from kerfgym.experiments.leads import campaign
-from kerfgym.experiments.leads.draws import KINDS
-from kerfgym.experiments.leads.verdict import WRONG, Material, wrong
+from kerfgym.experiments.studies.leads import sheets_of_parts
+from kerfgym.experiments.studies.leads.random_parts import KINDS
+from kerfgym.experiments.studies.leads.trespass import WRONG, Material, wrong
 
 HOLE = [(40, 60), (60, 60), (50, 30), (40, 60)]  # its first corner is acute: a right angle there leads into the part
 
@@ -48,7 +48,7 @@ def judged():
     """Lead-ins of sheets of all kinds."""
     import pandas as pd
 
-    return pd.concat(list(campaign.random(500, seed=14)), ignore_index=True)
+    return pd.concat(list(sheets_of_parts.random(500, seed=14)), ignore_index=True)
 
 
 def test_no_lead_in_of_500_contours_at_random_starts_in_a_part_or_on_an_edge_or_takes_from_a_neighbour(judged):
@@ -60,7 +60,7 @@ def test_no_lead_in_of_500_contours_at_random_starts_in_a_part_or_on_an_edge_or_
 def test_only_holes_narrower_than_the_kerf_are_pierced_on_the_contour(judged):
     from shapely import maximum_inscribed_circle
 
-    from kerfgym.experiments.leads.draws import sheets
+    from kerfgym.experiments.studies.leads.random_parts import sheets
 
     tight = 0
     for each in sheets(14, 500):
@@ -77,7 +77,7 @@ def test_only_holes_narrower_than_the_kerf_are_pierced_on_the_contour(judged):
 
 
 def test_the_verdict_finds_what_version_0_1_did():
-    from kerfgym.experiments.leads.draws import sheets
+    from kerfgym.experiments.studies.leads.random_parts import sheets
 
     found = []
     for each in sheets(14, 300):

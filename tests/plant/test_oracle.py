@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from kerfgym.envs import scenarios
+from kerfgym.envs.control.stack import Stack, resolve
 from kerfgym.envs.plant import heads, supervisor
 from kerfgym.envs.plant.fleet import Fleet
 from kerfgym.envs.scenarios import load, suite
-from kerfgym.envs.stack import Stack, resolve
 from kerfgym.tests.oracle.z_machine import CLOCK, ZMachine
 
 PERIODS = 500

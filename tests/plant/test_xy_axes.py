@@ -9,10 +9,10 @@ from scipy import signal
 
 from kerfgym.baselines import recipe, wu
 from kerfgym.envs import scenarios
+from kerfgym.envs.control.stack import get
 from kerfgym.envs.plant import heads, xy_axes
 from kerfgym.envs.plant.controller import make_law
 from kerfgym.envs.plant.fleet import Fleet
-from kerfgym.envs.stack import get
 
 IDEAL = {"dac": 0.0, "encoder": 0.0, "acceleration": 1e9, "speed": 1e9}
 """No quantisation, no limits."""

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from kerfgym.envs import scenarios, workshop
+from kerfgym.envs import scenarios
+from kerfgym.envs.control.stack import team
 from kerfgym.envs.plant import cut as cut_model
 from kerfgym.envs.plant import gantry, heads, published, spot, xy_axes
 from kerfgym.envs.plant.controller import Process
 from kerfgym.envs.plant.fleet import Fleet
-from kerfgym.envs.stack import team
+from kerfgym.envs.tasks import workshop
 from kerfgym.tests.oracle.xy_machine import SUMS, XYMachine
 
 PERIODS = 1900

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from kerfgym.envs import scenarios
-from kerfgym.envs import stack as stacks
-from kerfgym.experiments import rollout
+from kerfgym.envs.control import stack as stacks
+from kerfgym.experiments.measure import rollout
 from kerfgym.experiments.reproduce import cn102528288a, cn102528288a_height, fixed_gains
 from kerfgym.experiments.reproduce.claims import Trial
 

@@ -1,0 +1,445 @@
+"""What a policy does to a job and what it gets back: stages before and after each decision of 8 ms."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..engine.deck import places
+from ..engine.lanes import U0, U1, UW, U, clip, doubles, flags, load, logarithm, part, singles, store, words
+from ..plant import cut, gantry, machine, published, xy_axes
+from ..plant.controller import PERIOD, Privileged, Process
+from ..plant.gantry import CUT, LEAD_IN, Hand, Journey, Progress, Recipe, Sums, Trail, between
+
+TASKS = ("contour", "cutting")
+CONTROLS = ("residual", "direct")
+OBSERVATIONS = ("features", "raw")
+
+CORRECTION = 0.5
+"""mm of the reference that an action of ±1 means: all that the machine lets a hand add (``gantry.Journey``)."""
+
+OVERRIDE = 0.5
+"""Of the planned feed that an action of ±1 adds in residual control."""
+
+RESIDUAL = Process(override=OVERRIDE, power=0.2, frequency=2000.0, x=0.15, y=0.15, z=1.0, focus=1.0, standoff=0.3)
+"""What an action of ±1 adds to the base's command."""
+
+TOLERANCE = 0.01
+"""mm; contour errors are seen and charged in multiples of it."""
+
+AHEAD = (50.0, 100.0, 200.0)
+"""ms of the plan at which the path ahead is shown."""
+
+TURNS = tuple(range(-96, 80, 16))
+"""ms from the reference at which the path's acceleration is shown: axes that follow with a delay need what lies behind
+the reference, axes that follow closely what lies ahead of it."""
+
+LIMIT = 10.0
+"""Bound of every feature."""
+
+_PATH = (
+    "contour_error", "lag", "speed", "planned", *(f"planned_{k:.0f}" for k in AHEAD),
+    *(f"bend_{k:.0f}" for k in AHEAD), *(f"ahead_{k:.0f}" for k in AHEAD), "override", "tangent_x", "tangent_y",
+    "cutting", "beam", "progress",
+)  # fmt: skip
+FEATURES = {
+    "contour": (
+        *_PATH,
+        "correction_left",
+        "correction_along",
+        "contour_rate",
+        "bend_reference",
+        "ahead_reference",
+        *(f"turn_{k:+d}" for k in TURNS),
+        *(f"push_{k:+d}" for k in TURNS),
+    ),
+    "cutting": (
+        *_PATH,
+        "height_error",
+        "set_height",
+        *(f"command_{name}" for name in Process._fields),
+        "axial",
+        "diagonal",
+    ),
+}
+"""Names of the features, in order; ``raw`` observations have the same in mm, mm/s, mm/s², W and Hz."""
+
+INFO = {
+    "contour": (
+        "time", "x", "y", "phase", "progress", "contour_error", "lag", "speed", "override", "true_gap", "gap_error",
+        "measured_height", "cost", "length", "step_contour_rms", "done", "reward_contour", "reward_time",
+        "reward_feed", "reward_collision", "weighted_contour", "weighted_time", "weighted_feed", "weighted_collision",
+    ),
+    "cutting": (
+        "time", "x", "y", "phase", "progress", "contour_error", "lag", "speed", "override", "true_gap", "gap_error",
+        "measured_height", "cost", "length", "step_contour_rms", "done", "margin", "dross", "roughness", "kerf",
+        "taper", "power", "frequency", "step_dross", "step_roughness", "step_through", "reward_quality",
+        "reward_through", "reward_time", "reward_collision", "reward_outside", "weighted_quality", "weighted_through",
+        "weighted_time", "weighted_collision", "weighted_outside", "extrapolated",
+        *(f"beyond_{name}" for name in published.Excess._fields),
+    ),
+}  # fmt: skip
+"""What ``info`` holds, in order: mm, mm/s, s, W, Hz; ``step_…`` are means over the cut of the last 8 ms."""
+
+OBJECTIVES = {
+    "contour": ("step_contour_rms", "time"),
+    "cutting": ("step_dross", "step_roughness", "step_through", "time"),
+}
+"""Entries of ``info`` that make the vector of objectives, all but ``step_through`` the smaller the better."""
+
+
+class ContourReward(NamedTuple):
+    """Weights of the reward's terms in ContourFollowing; 0 switches one off."""
+
+    contour: float = 0.3  # per 10 µm of the step's RMS contour error, while cutting
+    time: float = 1.0  # per step that is lost against the plan
+    feed: float = 50.0  # per square of the feed's relative deviation from the plan, for which the process is set
+    collision: float = 100.0  # once
+
+
+class CuttingReward(NamedTuple):
+    """Weights of the reward's terms in Cutting; 0 switches one off."""
+
+    quality: float = 1.0  # per mm cut times the mean of dross and roughness over the material's scales, less 1
+    through: float = 5.0  # per mm that is not cut through
+    time: float = 0.05  # per step that is lost against the plan
+    collision: float = 100.0  # once
+    outside: float = 0.0  # per mm cut with settings outside those that the material's figures were calibrated on
+
+
+class Heading(NamedTuple):
+    """A direction, of length 1."""
+
+    x: float = 1.0
+    y: float = 0.0
+
+
+class Io(NamedTuple):
+    """The stages' deck: the batch's arrays, and what they hold."""
+
+    actions: int  # float32, (machines, width)
+    observations: int  # float32, (machines, size)
+    rewards: int  # float64, (machines,)
+    returns: int  # float64, (machines,)
+    infos: int  # float64, (len(INFO), machines)
+    weights: int  # float64, (terms,)
+    task: int
+    direct: int
+    raw: int
+    size: int
+    width: int
+    machines: int
+    left: int  # float64, (machines,), steps until the time is over
+    terminated: int  # bool, (machines,)
+    truncated: int  # bool, (machines,)
+    gantry: int  # the gantries' deck
+
+
+IO = places(Io)
+_IO, _ANY = U(len(Io._fields)), U(2**40)
+_TRAIL = U(len(Trail._fields)) * UW
+_COLLIDED = machine.TALLY + U(machine.Tally._fields.index("collided")) * UW
+_STEP = 8e-3
+_BACK = 2
+"""ms that the trail reaches back."""
+_TURNS = U(len(TURNS))
+_EXTRAPOLATED, _EXCESSES = U(INFO["cutting"].index("extrapolated")), U(len(published.Excess._fields))
+
+
+@part
+def _ago(block, at, ms):
+    """Offset of the trail's entry of ``ms`` (0 to :data:`_BACK`) ago."""
+    entry = U(np.int64(block[at + machine.CLOCK])) - U(ms)
+    return gantry.TRAIL + (entry & gantry.TRAIL_LAST) * _TRAIL
+
+
+@part
+def _symlog(x):
+    """sign·ln(1 + |x|)."""
+    y = logarithm(1.0 + abs(x))
+    return y if x >= 0.0 else -y
+
+
+# ------------------------------------------------------------------------------------------------ the reference
+
+
+@part
+def _coming(g, b):
+    """ms of nominal time at which the reference will be at the coming interpolation, when a correction takes effect."""
+    s, p = load(Progress, g, b + gantry.PROGRESS), load(xy_axes.Params, g, b + gantry.P_XY)
+    return s.tau + s.override * p.interpolation
+
+
+@part
+def _heading(jobs, j, tau):
+    """Direction of the path at the sample nearest to ``tau``: in a corner that of one leg, not a mean of both."""
+    k = np.rint(clip(tau, 0.0, j.samples - 1.0))
+    return Heading(between(jobs, j, k, U(4)), between(jobs, j, k, U(5)))
+
+
+# --------------------------------------------------------------------------------------------------- the action
+
+
+@part
+def between_ends(low, high, u):
+    """From ``low`` at u = −1 to ``high`` at 1."""
+    return low + 0.5 * (u + 1.0) * (high - low)
+
+
+def act(block_address, at, n, io_address, first):
+    """Stage before a step: the action becomes what the hand adds to path and process."""
+    io = words(io_address, _IO)
+    deck = words(io[IO.gantry], gantry.DECK)
+    g, jobs = doubles(deck[gantry.D.block], _ANY), doubles(deck[gantry.D.jobs], _ANY)
+    base, actions, width = gantry.column_of(at), singles(io[IO.actions], _ANY), io[IO.width]
+    for lane in range(n):
+        a, i = base + lane, (first + lane) * width
+        if io[IO.task] == U0:
+            left = CORRECTION * clip(np.float64(actions[i + U1]), -1.0, 1.0)
+            along = CORRECTION * clip(np.float64(actions[i + U(2)]), -1.0, 1.0)
+            t = _heading(jobs, load(Journey, g, a + gantry.P_JOURNEY), _coming(g, a))
+            change = OVERRIDE * clip(np.float64(actions[i]), -1.0, 1.0)
+            store(g, a + gantry.HAND, Hand(
+                dx=along * t.x - left * t.y, dy=along * t.y + left * t.x, keep=1.0,
+                process=Process(change, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+            ))  # fmt: skip
+        else:
+            u0, u1 = clip(np.float64(actions[i]), -1.0, 1.0), clip(np.float64(actions[i + U(1)]), -1.0, 1.0)
+            u2, u3 = clip(np.float64(actions[i + U(2)]), -1.0, 1.0), clip(np.float64(actions[i + U(3)]), -1.0, 1.0)
+            u4, u5 = clip(np.float64(actions[i + U(4)]), -1.0, 1.0), clip(np.float64(actions[i + U(5)]), -1.0, 1.0)
+            u6, u7 = clip(np.float64(actions[i + U(6)]), -1.0, 1.0), clip(np.float64(actions[i + U(7)]), -1.0, 1.0)
+            if io[IO.direct] == U1:
+                r, p = load(Recipe, g, a + gantry.P_RECIPE), load(gantry.spot.Params, g, a + gantry.P_OPTICS)
+                q, j = load(published.Range, g, a + gantry.P_PUBLISHED), load(Journey, g, a + gantry.P_JOURNEY)
+                # From nothing to the most that the optics and the recipe allow; 0 is the middle.
+                h = Process(
+                    0.5 * (u0 + 1.0) * r.most_override, 0.5 * (u1 + 1.0) * r.most_power,
+                    0.5 * (u2 + 1.0) * p.highest, 0.5 * (u3 + 1.0) * p.galvo_range, 0.5 * (u4 + 1.0) * p.galvo_range,
+                    0.5 * (u5 + 1.0) * p.piezo_range, u6 * p.piezo_range, u7 * r.most_standoff,
+                )  # fmt: skip
+                if q.bounded:
+                    # The same within the settings that were published of the material.
+                    hertz = between_ends(q.frequency_low, min(q.frequency_high, p.highest), u2)
+                    h = Process(
+                        between_ends(q.feed_low / j.feed, min(q.feed_high / j.feed, r.most_override), u0),
+                        between_ends(q.power_low, q.power_high, u1), hertz,
+                        between_ends(0.0, min(q.amplitude, p.galvo_range), u3),
+                        between_ends(0.0, min(q.amplitude, p.galvo_range), u4),
+                        between_ends(0.0, min(published.deepest(q, hertz), p.piezo_range), u5),
+                        u6 * q.focus, u7 * q.standoff,
+                    )  # fmt: skip
+            else:
+                h = Process(
+                    RESIDUAL.override * u0, RESIDUAL.power * u1, RESIDUAL.frequency * u2, RESIDUAL.x * u3,
+                    RESIDUAL.y * u4, RESIDUAL.z * u5, RESIDUAL.focus * u6, RESIDUAL.standoff * u7,
+                )  # fmt: skip
+            store(g, a + gantry.HAND, Hand(0.0, 0.0, 0.0 if io[IO.direct] == U1 else 1.0, h))
+
+
+# ---------------------------------------------------------------------------------------------- the observation
+
+
+@part
+def _put(out, o, x, raw, scaled):
+    """One entry of an observation: as it is, or scaled and bounded."""
+    out[o] = np.float32(x) if raw else np.float32(clip(scaled, -LIMIT, LIMIT))
+
+
+@part
+def _see_reference(g, b, jobs, j, s, t, before, out, o, raw):
+    """What a correction of the reference depends on, in the reference's own frame: the corrections in force, and how
+    the path bends and speeds up around it."""
+    p, tau = load(xy_axes.Params, g, b + gantry.P_XY), _coming(g, b)
+    h = _heading(jobs, j, tau)
+    left, along = s.dy * h.x - s.dx * h.y, s.dx * h.x + s.dy * h.y
+    _put(out, o, left, raw, left / CORRECTION)
+    _put(out, o + U1, along, raw, along / CORRECTION)
+    rate = (t.error - before.error) / (_BACK * PERIOD)
+    _put(out, o + U(2), rate, raw, _symlog(rate * _STEP / TOLERANCE))
+    bend, ahead = t.tx * h.y - t.ty * h.x, t.tx * h.x + t.ty * h.y
+    _put(out, o + U(3), bend, raw, bend)
+    _put(out, o + U(4), ahead, raw, ahead)
+    # Second differences of the path over time, as it will be travelled with the present override.
+    ms = (TURNS[1] - TURNS[0]) * s.override
+    at, over = tau + TURNS[0] * s.override, 1.0 / (1e-6 * (TURNS[1] - TURNS[0]) * (TURNS[1] - TURNS[0]))
+    x0, y0 = between(jobs, j, at - ms, U0), between(jobs, j, at - ms, U1)
+    x1, y1 = between(jobs, j, at, U0), between(jobs, j, at, U1)
+    scale = 4.0 / p.acceleration
+    for k in range(_TURNS):
+        at += ms
+        x2, y2 = between(jobs, j, at, U0), between(jobs, j, at, U1)
+        ax, ay = (x2 - 2.0 * x1 + x0) * over, (y2 - 2.0 * y1 + y0) * over
+        turn, push = ay * h.x - ax * h.y, ax * h.x + ay * h.y
+        _put(out, o + U(5) + k, turn, raw, scale * turn)
+        _put(out, o + U(5) + _TURNS + k, push, raw, scale * push)
+        x0, y0, x1, y1 = x1, y1, x2, y2
+
+
+@part
+def _see(block, a, g, b, jobs, out, o, raw, task, trail, earlier):
+    """The observation of the machine at ``a`` and ``b`` into ``out`` from ``o`` on."""
+    j, s = load(Journey, g, b + gantry.P_JOURNEY), load(Progress, g, b + gantry.PROGRESS)
+    applied = load(Process, g, b + gantry.APPLIED)
+    t, before, feed = load(Trail, g, b + trail), load(Trail, g, b + earlier), max(j.feed, 1e-3)
+    planned = between(jobs, j, t.tau, U(3))
+    _put(out, o, t.error, raw, _symlog(t.error / TOLERANCE))
+    _put(out, o + U(1), t.lag, raw, _symlog(t.lag / (10.0 * TOLERANCE)))
+    _put(out, o + U(2), t.speed, raw, t.speed / feed)
+    _put(out, o + U(3), planned, raw, planned / feed)
+    for k in range(U(3)):
+        ms = AHEAD[0] if k == U0 else (AHEAD[1] if k == U1 else AHEAD[2])
+        later = between(jobs, j, t.tau + ms, U(3))
+        tx, ty = between(jobs, j, t.tau + ms, U(4)), between(jobs, j, t.tau + ms, U(5))
+        bend, ahead = t.tx * ty - t.ty * tx, t.tx * tx + t.ty * ty
+        _put(out, o + U(4) + k, later, raw, later / feed)
+        _put(out, o + U(7) + k, bend, raw, bend)
+        _put(out, o + U(10) + k, ahead, raw, ahead)
+    _put(out, o + U(13), t.override, raw, t.override)
+    _put(out, o + U(14), t.tx, raw, t.tx)
+    _put(out, o + U(15), t.ty, raw, t.ty)
+    cutting = 1.0 if t.phase == LEAD_IN or t.phase == CUT else 0.0
+    _put(out, o + U(16), cutting, raw, cutting)
+    _put(out, o + U(17), t.beam, raw, t.beam)
+    progress = s.near / (j.samples - 1.0)
+    _put(out, o + U(18), progress, raw, progress)
+    if task == U0:
+        _see_reference(g, b, jobs, j, s, t, before, out, o + U(19), raw)
+    else:
+        x = load(Privileged, block, a + machine.SIGNALS)
+        height, p = x.height - x.set_height, load(gantry.spot.Params, g, b + gantry.P_OPTICS)
+        _put(out, o + U(19), height, raw, _symlog(height / TOLERANCE))
+        _put(out, o + U(20), x.set_height, raw, x.set_height)
+        _put(out, o + U(21), applied.override, raw, applied.override)
+        _put(out, o + U(22), applied.power, raw, applied.power)
+        _put(out, o + U(23), applied.frequency, raw, applied.frequency / p.highest)
+        _put(out, o + U(24), applied.x, raw, applied.x / p.galvo_range)
+        _put(out, o + U(25), applied.y, raw, applied.y / p.galvo_range)
+        _put(out, o + U(26), applied.z, raw, applied.z / p.piezo_range)
+        _put(out, o + U(27), applied.focus, raw, applied.focus / p.piezo_range)
+        _put(out, o + U(28), applied.standoff, raw, applied.standoff)
+        # Cosines of two and four times the path's angle: what two axes do to a spot is the same forth and back.
+        axial = t.tx * t.tx - t.ty * t.ty
+        diagonal = 2.0 * axial * axial - 1.0
+        _put(out, o + U(29), axial, raw, axial)
+        _put(out, o + U(30), diagonal, raw, diagonal)
+
+
+# ---------------------------------------------------------------------------------------- the reward and the info
+
+
+@part
+def _common(block, a, g, b, trail, infos, o, m):
+    """The entries of INFO that both tasks have, from ``infos[o]`` on, ``m`` apart."""
+    t, x, s = load(Trail, g, b + trail), load(Privileged, block, a + machine.SIGNALS), load(Sums, g, b + gantry.SUMS)
+    r, was = load(Recipe, g, b + gantry.P_RECIPE), load(Sums, g, b + gantry.BEFORE)
+    j, p = load(Journey, g, b + gantry.P_JOURNEY), load(Progress, g, b + gantry.PROGRESS)
+    length = s.length - was.length
+    infos[o] = s.time
+    infos[o + m] = t.x
+    infos[o + U(2) * m] = t.y
+    infos[o + U(3) * m] = t.phase
+    infos[o + U(4) * m] = p.near / (j.samples - 1.0)
+    infos[o + U(5) * m] = t.error
+    infos[o + U(6) * m] = t.lag
+    infos[o + U(7) * m] = t.speed
+    infos[o + U(8) * m] = t.override
+    infos[o + U(9) * m] = x.gap
+    infos[o + U(10) * m] = x.gap - r.standoff
+    infos[o + U(11) * m] = x.height
+    infos[o + U(12) * m] = block[a + _COLLIDED]
+    infos[o + U(13) * m] = s.length
+    infos[o + U(14) * m] = np.sqrt(max(s.contour2 - was.contour2, 0.0) / length) if length > 0.0 else 0.0
+    infos[o + U(15) * m] = t.over
+
+
+@part
+def _lost(g, b):
+    """Share of a step that is lost against the plan, negative if some is gained. Charged where it is lost: a charge per
+    step would reach a discounting learner at the job's end alone."""
+    s, j = load(Progress, g, b + gantry.PROGRESS), load(Journey, g, b + gantry.P_JOURNEY)
+    waits = s.waited > 0.0 and s.waited < j.patience
+    return 1.0 if s.tau >= j.samples - 1.0 or waits else 1.0 - s.override
+
+
+@part
+def _weigh(infos, o, m, weights, first, terms):
+    """Weighs the reward's ``terms``, of which the first is entry ``first``, behind them; returns their sum."""
+    total = 0.0
+    for k in range(terms):
+        weighted = -weights[k] * infos[o + (first + k) * m]
+        infos[o + (first + terms + k) * m] = weighted
+        total += weighted
+    return total
+
+
+@part
+def _contour_reward(g, b, infos, o, m, weights):
+    """The terms of ContourFollowing; returns their weighted sum."""
+    lost = _lost(g, b)
+    change = load(Progress, g, b + gantry.PROGRESS).override - 1.0
+    infos[o + U(16) * m] = infos[o + U(14) * m] / TOLERANCE
+    infos[o + U(17) * m] = lost
+    infos[o + U(18) * m] = change * change
+    infos[o + U(19) * m] = infos[o + U(12) * m]
+    return _weigh(infos, o, m, weights, U(16), U(4))
+
+
+@part
+def _cutting_reward(g, b, infos, o, m, weights):
+    """The cut and the terms of Cutting; returns their weighted sum."""
+    f, p = load(cut.Figures, g, b + gantry.FIGURES), load(cut.Params, g, b + gantry.P_CUT)
+    s, was = load(Sums, g, b + gantry.SUMS), load(Sums, g, b + gantry.BEFORE)
+    r, applied = load(Recipe, g, b + gantry.P_RECIPE), load(Process, g, b + gantry.APPLIED)
+    length = s.length - was.length
+    over = 1.0 / length if length > 0.0 else 0.0
+    dross, rough = (s.dross - was.dross) * over, (s.roughness - was.roughness) * over
+    through = (s.through - was.through) * over if length > 0.0 else 1.0
+    infos[o + U(16) * m] = f.margin
+    infos[o + U(17) * m] = f.dross
+    infos[o + U(18) * m] = f.roughness
+    infos[o + U(19) * m] = f.kerf_top
+    infos[o + U(20) * m] = f.taper
+    infos[o + U(21) * m] = applied.power * r.power
+    infos[o + U(22) * m] = applied.frequency
+    infos[o + U(23) * m] = dross
+    infos[o + U(24) * m] = rough
+    infos[o + U(25) * m] = through
+    # Less what a cut that just goes through costs: a charge on every mm would pay for putting off the cut.
+    infos[o + U(26) * m] = length * (0.5 * (dross / p.dross + rough / p.rough) - 1.0)
+    infos[o + U(27) * m] = length * (1.0 - through)
+    infos[o + U(28) * m] = _lost(g, b)
+    infos[o + U(29) * m] = infos[o + U(12) * m]
+    infos[o + U(30) * m] = s.outside - was.outside
+    excess = load(published.Excess, g, b + gantry.EXCESS)
+    infos[o + _EXTRAPOLATED * m] = 1.0 if published.outside(excess) else 0.0
+    for k in range(_EXCESSES):
+        infos[o + (_EXTRAPOLATED + U1 + k) * m] = g[b + gantry.EXCESS + k * UW]
+    return _weigh(infos, o, m, weights, U(26), U(5))
+
+
+def observe(block_address, at, n, io_address, first):
+    """Stage after a step: observation, reward and info of each machine, and whether its episode is over."""
+    block, io = doubles(block_address, _ANY), words(io_address, _IO)
+    deck = words(io[IO.gantry], gantry.DECK)
+    g, jobs, base = doubles(deck[gantry.D.block], _ANY), doubles(deck[gantry.D.jobs], _ANY), gantry.column_of(at)
+    out, infos, weights = singles(io[IO.observations], _ANY), doubles(io[IO.infos], _ANY), doubles(io[IO.weights], _ANY)
+    m, eighth = io[IO.machines], first * U(8)
+    rewards, returns = doubles(io[IO.rewards] + eighth, n), doubles(io[IO.returns] + eighth, n)
+    left = doubles(io[IO.left] + eighth, n)
+    terminated, truncated = flags(io[IO.terminated] + first, n), flags(io[IO.truncated] + first, n)
+    trail, earlier = _ago(block, at, 0), _ago(block, at, _BACK)
+    one, none = np.uint8(1), np.uint8(0)
+    for lane in range(n):
+        a, b, o = at + lane, base + lane, first + lane
+        _see(block, a, g, b, jobs, out, o * io[IO.size], io[IO.raw] == U1, io[IO.task], trail, earlier)
+        _common(block, a, g, b, trail, infos, o, m)
+        if io[IO.task] == U0:
+            reward = _contour_reward(g, b, infos, o, m, weights)
+        else:
+            reward = _cutting_reward(g, b, infos, o, m, weights)
+        store(g, b + gantry.BEFORE, load(Sums, g, b + gantry.SUMS))
+        rewards[lane] = reward
+        returns[lane] += reward
+        left[lane] -= 1.0
+        over = infos[o + U(12) * m] > 0.5 or infos[o + U(15) * m] > 0.5
+        terminated[lane] = one if over else none
+        truncated[lane] = one if left[lane] <= 0.0 and not over else none

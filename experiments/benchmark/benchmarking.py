@@ -1,0 +1,237 @@
+"""Benchmark: controllers × scenarios × seeds in compiled roll-outs over the cores, then tables, plots and a report."""
+
+import hashlib
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from ...envs import scenarios
+from ...envs.control import stack as stacks
+from ...envs.engine import kernels
+from ...envs.engine.quantity import InvalidInput
+from ...envs.safety import files
+from ...envs.scenarios import Scenario
+from ...envs.tasks import workshop
+from ..bounds import recorded
+from ..measure import cost, plants, rollout
+from ..measure.grids import Grid, resolved
+from ..render import plans
+from ..report import summary
+from ..results import archive, jobs
+from ..results.followers import Results
+from ..results.tasks import Case, cases, compute
+from ..store import pool, runs
+from ..store.ledger import Ledger
+from ..store.progress import Bars
+from . import detuned
+
+_ALONE = threading.Lock()
+"""A task of its process: workers of a dask cluster may have several threads, and the pool of heads is shared."""
+
+
+def run(
+    controllers: list[str],
+    chosen: list[Scenario],
+    folder: Path,
+    seeds: range | tuple[int, ...],
+    *,
+    core: tuple[str, ...] = (),
+    suite: str = "following",
+    **options: Any,
+) -> Results | jobs.JobResults:
+    """Runs one grid, see :func:`run_grids`; returns its results."""
+    grid = Grid(suite, tuple(controllers), tuple(chosen), seeds, core)
+    return run_grids([grid], folder, **options)[suite]
+
+
+def run_grids(
+    grids: list[Grid],
+    folder: Path,
+    *,
+    with_ms: bool = True,
+    with_cost: bool = False,
+    with_blame: bool = False,
+    with_detuned: bool = False,
+    workers: int = 2,
+    backend: str = "loky",
+    scheduler: str | None = None,
+    command: list[str] | None = None,
+    overwrite: bool = False,
+    resume: bool = False,
+    quiet: bool = False,
+) -> dict[str, Results | jobs.JobResults]:
+    """Runs the grids, writes the folder, returns the results by suite.
+
+    Args:
+        grids: of different suites.
+        folder: of the run.
+        with_ms: measure |S| and margins of height followers.
+        with_cost: time their decisions.
+        with_blame: ask what each stage of the machine costs reference and best (:mod:`blame`).
+        with_detuned: ask how well the parameters of the best presets must be known (:mod:`detuned`).
+        workers: processes.
+        backend: of the processes, see :mod:`pool`.
+        scheduler: address of a dask cluster.
+        command: recorded in place of the process' own.
+        overwrite, resume: as for :func:`runs.open_folder`.
+        quiet: no progress bars.
+
+    Raises:
+        InvalidInput: unknown controller, scenario or backend, the folder exists, or a controller's file was edited
+            meanwhile.
+    """
+    from ..blame import in_report
+    from ..report.page import write_report
+
+    pool.check(backend, workers, scheduler)
+    known = {grid.suite: grid.known() for grid in grids}  # errors before anything is written
+    started, parts = time.time(), folder / archive.PARTS
+    todo = {
+        grid.suite: {
+            case.key(known[grid.suite][case.controller]): case
+            for case in cases(grid.controllers, grid.scenarios, grid.seeds, with_ms and not grid.with_jobs)
+        }
+        for grid in grids
+    }
+    record = runs.record(command) | {"kernel": kernels.STAMP}
+
+    def missing() -> list[tuple[str, Case, stacks.Stack | stacks.Team]]:
+        left = {
+            key: (key, case, known[suite][case.controller])
+            for suite, tasks in todo.items()
+            for key, case in tasks.items()
+            if not (parts / f"{key}.json").is_file()
+        }
+        return sorted(left.values(), key=lambda task: _quickness(*task[1:]))
+
+    with runs.at_work(folder, overwrite, resume, spent=[archive.PARTS]), Bars(quiet) as bars:
+        stacks_of = {(case.controller, case.with_job): stack for _, case, stack in missing()}
+        for stack in bars.each("compiling", stacks_of.values(), len(stacks_of)):
+            _warm(stack)
+        tasks = [case for _, case, _ in missing()]
+        done = pool.spread(_work, tasks, workers, backend, scheduler)
+        for key, tables in bars.each("simulating", done, len(tasks)):
+            for name, frame in tables.items():
+                runs.write_table(parts, f"{key}.{name}", frame, csv=False)
+            runs.write_json(parts / f"{key}.json", list(tables))
+        if left := missing():
+            edited = ", ".join(sorted({f"'{case.controller}'" for _, case, _ in left}))
+            raise InvalidInput(f"{edited} was edited during the run; the same command computes what that has changed")
+
+        record["wall_seconds"] = round(time.time() - started, 1)
+        found = {
+            grid.suite: _results(grid, known[grid.suite], _gathered(list(todo[grid.suite]), parts), record)
+            for grid in grids
+        }
+        if with_cost:
+            _time_decisions(found, known, bars)
+        for grid in grids:
+            results = found[grid.suite]
+            if with_blame and isinstance(results, Results):
+                with bars.counted("blame") as told:
+                    results.blame, results.headroom = in_report(results, grid.scenarios, parts, workers, told)
+            if with_detuned and isinstance(results, Results) and grid.suite == detuned.SUITE:
+                with bars.counted("one parameter 20 % off") as told:
+                    results.detuned = detuned.in_report(results, workers, told)
+        texts = {grid.suite: {s.name: s.to_toml() for s in grid.scenarios} for grid in grids}
+        with bars.busy("writing tables and report"):
+            written = archive.save_tables(folder, found, record, texts)
+            summary.write(folder, found, record)
+            write_report(folder, found, record)
+            runs.write_json(folder / "run.json", written)
+    return found
+
+
+def _quickness(case: Case, stack: stacks.Stack | stacks.Team) -> int:
+    """Where a task comes: what takes longest goes first, so that the cores finish together."""
+    follower = stack.z if isinstance(stack, stacks.Team) else stack
+    return 0 if follower.python else 1 if case.scenario is None else 2 if case.with_job else 3
+
+
+def _gathered(keys: list[str], parts: Path) -> dict[str, pd.DataFrame]:
+    """The tasks' tables, joined by name."""
+    tables: dict[str, list[pd.DataFrame]] = {}
+    for key in keys:
+        for name in files.json_(parts / f"{key}.json"):
+            part = files.checked(files.within(parts, f"{key}.{name}.parquet", "table"), files.NUMBERS)
+            tables.setdefault(name, []).append(pd.read_parquet(part))
+    return {name: pd.concat(frames, ignore_index=True) for name, frames in tables.items()}
+
+
+def _results(
+    grid: Grid, known: dict[str, stacks.Stack | stacks.Team], joined: dict[str, pd.DataFrame], record: dict[str, Any]
+) -> Results | jobs.JobResults:
+    names = [s.name for s in grid.scenarios]
+    frame = joined["runs"].sort_values("seed", kind="stable")
+    for column, order in (("scenario", names), ("controller", grid.controllers)):
+        frame = frame.sort_values(column, key=lambda c, order=order: c.map(order.index), kind="stable")
+    frame = frame.reset_index(drop=True)
+    ledger = joined["ledger"].groupby("controller", sort=False).sum()
+    meta = record | {
+        "seeds": f"{min(grid.seeds)}-{max(grid.seeds)}", "seed_count": len(grid.seeds), "scenarios": names,
+        "controllers": list(grid.controllers), "core": list(grid.core),
+        "plates": sorted({s.head.plate for s in grid.scenarios}),
+        "corners": [s.name for s in grid.scenarios if s.corners],
+        "bounds": {s.name: each.bound for s in grid.scenarios if (each := recorded(s))},
+        "linear": {s.name: each.linear for s in grid.scenarios if (each := recorded(s)) and each.linear is not None},
+        "ledger": {
+            name: Ledger(int(row["steps"]), float(row["cpu_seconds"])).entry() for name, row in ledger.iterrows()
+        },
+        "tuning": {name: stack.provenance for name, stack in known.items() if stack.provenance},
+        "programs": {name: _digest(stack.program) for name, stack in known.items()},
+        "parameters": {name: {k: p.value for k, p in stack.parameters().items()} for name, stack in known.items()},
+    }  # fmt: skip
+    if len(joined.get("margins", ())):
+        meta["machines"] = {machine.label: names for machine, names in plants.machines(grid.scenarios).items()}
+    core, summaries = tuple(c for c in grid.core if c in names), {s.name: s.summary for s in grid.scenarios}
+    traces = joined.get("traces", pd.DataFrame())
+    if grid.with_jobs:
+        rules, materials = scenarios.rules(grid.suite), [workshop.material_of(s) for s in grid.scenarios]
+        return jobs.JobResults(
+            frame, traces, meta, rules.get("score", "contour_rms"), rules.get("reference", "wu-tuned"), core,
+            tuple(dict.fromkeys(m.label for m in materials)),
+            tuple(dict.fromkeys((m.name, m.thickness) for m in materials)), summaries, plans.table(grid.scenarios),
+        )  # fmt: skip
+    empty = pd.DataFrame({"controller": [], "frequency": [], "magnitude": []})
+    return Results(
+        frame, traces, joined.get("sensitivity", empty), meta, core,
+        tuple(s.name for s in grid.scenarios if s.exempt), summaries, joined.get("margins", pd.DataFrame()),
+    )  # fmt: skip
+
+
+def _digest(program: list[str]) -> str:
+    """What tells a controller's program from any other."""
+    return hashlib.sha256("\n".join(program).encode()).hexdigest()[:16]
+
+
+def _time_decisions(
+    found: dict[str, Results | jobs.JobResults], known: dict[str, dict[str, stacks.Stack | stacks.Team]], bars: Bars
+) -> None:
+    """Times the followers' decisions one after another, when the cores are idle."""
+    wanted = {name: stack for each in known.values() for name, stack in each.items() if isinstance(stack, stacks.Stack)}
+    timed = {
+        name: {key: float(f"{value:.4g}") for key, value in cost.measure(stack)._asdict().items()}
+        for name, stack in bars.each("timing decisions", wanted.items(), len(wanted))
+    }
+    for suite, results in found.items():
+        if isinstance(results, Results):
+            results.meta["decisions"] = {name: timed[name] for name in known[suite]}
+
+
+def _warm(stack: stacks.Stack | stacks.Team) -> None:
+    """Compiles what is not in the cache yet, here and once, before the workers need it."""
+    if isinstance(stack, stacks.Team):
+        job = Scenario(name="warm", job=scenarios.Job(part="circle", size=5.0))
+        workshop.fleet_for(job, stack, [0]).advance(1)
+    else:
+        rollout.roll(Scenario(name="warm", duration=0.05, settle=0.0), stack, [0])
+
+
+def _work(case: Case) -> tuple[str, dict[str, pd.DataFrame]]:
+    """A task's tables, under the name that its stack gives it here and now: what was edited meanwhile has another."""
+    with _ALONE:
+        stack = resolved(case.controller, case.with_job)
+        return case.key(stack), compute(case, stack)

@@ -1,0 +1,151 @@
+"""Films of one episode."""
+
+import errno
+import itertools
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from ...envs import scenarios
+from ...envs.control import stack as stacks
+from ...envs.engine.quantity import InvalidInput, did_you_mean
+from ...envs.pictures.film import Film
+from ...envs.pictures.kerf_film import KerfFilm
+from ...envs.pictures.kerf_picture import QUANTITIES
+from ...envs.scenarios import Reading, Scenario
+from ...envs.tasks import workshop
+from ..measure import rollout
+from ..measure.grids import cut
+from ..results.jobs import LONGEST
+from ..store.progress import Bars
+from ..store.runs import atomic
+
+FRAMES_PER_SECOND = 25
+
+SAMPLE = 4
+"""ms between the points of a kerf's picture."""
+
+
+def film(
+    out: Path,
+    controller: str,
+    scenario: str,
+    seed: int,
+    seconds: float | None = None,
+    slow: float | None = None,
+    path: Path | None = None,
+    colour: str = "standoff",
+    reading: Reading | None = None,
+    cut_as: Mapping[str, float] | None = None,
+) -> None:
+    """Writes an episode as MP4 or GIF, or its last frame as PNG; of a job the part with its kerf.
+
+    Raises:
+        InvalidInput: unknown suffix, controller, scenario or seed, or a time that is not above 0.
+    """
+    if out.suffix not in (".mp4", ".gif", ".png"):
+        raise InvalidInput(f"cannot write '{out}'; allowed: .mp4, .gif, .png")
+    if seed < 0:
+        raise InvalidInput(f"--seed {seed} is out of range; 0 and up")
+    if (slow is not None and slow <= 0) or (seconds is not None and seconds <= 0):
+        raise InvalidInput("--slow and --seconds must be above 0")
+    case = scenarios.load(scenario)
+    if path is not None:
+        case = case.along(path, reading)
+    if cut_as:
+        case = cut(case, cut_as)
+    if case.job:
+        _film_job(out, case, stacks.team(controller), seed, seconds, slow or 0.2, colour)
+        return
+    slow = slow or 10.0
+    stack = stacks.resolve(controller)
+    every = max(1, round(1000 / slow / FRAMES_PER_SECOND))
+    steps = case.steps if seconds is None else min(max(1, round(seconds * 1000)), case.steps)
+    _write(out, _frames(case, stack, seed, steps, every, out.suffix == ".png"), max(1, steps // every))
+
+
+def _frames(case: Scenario, stack: stacks.Stack, seed: int, steps: int, every: int, last: bool) -> Iterator[np.ndarray]:
+    """A picture of every so many steps, at least one; the ``last`` only if that is wanted."""
+    fleet = rollout.fleet_for(case, stack, [seed])
+    reel = Film(case, stack.name, seed)
+    for step in rollout.periods(fleet, stack, steps):
+        reel.take(fleet)
+        if not last and step % every == every - 1:
+            yield reel.frame()
+    if last or steps < every:
+        yield reel.frame()
+
+
+def _film_job(
+    out: Path, case: Scenario, team: stacks.Team, seed: int, seconds: float | None, slow: float, colour: str
+) -> None:
+    """The kerf as it grows; a picture of the whole job takes no longer than the job."""
+    if colour not in QUANTITIES:
+        raise InvalidInput(f"unknown colour '{colour}'; {did_you_mean(colour, QUANTITIES)}")
+    every = max(1, round(1000 / slow / FRAMES_PER_SECOND))
+    length = len(workshop.programme(case, team).x)
+    most = round(LONGEST * length) if seconds is None else max(1, round(seconds * 1000))
+    frames = _frames_of_job(case, team, seed, most, every, out.suffix == ".png", colour)
+    _write(out, frames, max(1, min(most, length) // every))
+
+
+def _frames_of_job(
+    case: Scenario, team: stacks.Team, seed: int, most: int, every: int, last: bool, colour: str
+) -> Iterator[np.ndarray]:
+    fleet, job = workshop.fleet_for(case, team, [seed]), workshop.programme(case, team)
+    reel = KerfFilm(job, f"{case.name} · {team.name} · seed {seed}", colour)
+    shown = 0
+    for step in rollout.periods(fleet, team.z, most):
+        if step % SAMPLE == 0:
+            reel.take(fleet)
+        if not last and step % every == every - 1:
+            yield reel.frame()
+            shown += 1
+        assert fleet.gantries
+        if fleet.gantries.column("progress.near")[0] >= len(job.x) - 1.5:
+            break
+    if not shown:
+        yield reel.frame()
+
+
+def _write(out: Path, frames: Iterator[np.ndarray], expected: int) -> None:
+    """Writes pictures as they come: all those of three seconds would take a gigabyte of memory."""
+    with atomic(out) as part, Bars() as bars:
+        shown = bars.each("drawing", frames, 1 if out.suffix == ".png" else expected)
+        first = next(shown)
+        if out.suffix == ".mp4":
+            import imageio_ffmpeg
+
+            film_ = imageio_ffmpeg.write_frames(
+                str(part), first.shape[1::-1], fps=FRAMES_PER_SECOND, codec="libx264", macro_block_size=2,
+                output_params=["-f", "mp4"],
+            )  # fmt: skip
+            film_.send(None)
+            count = 0
+            for frame in itertools.chain([first], shown):
+                film_.send(np.ascontiguousarray(frame))
+                count += 1
+            film_.close()
+            _whole(part, count)
+        elif out.suffix == ".gif":
+            others = map(Image.fromarray, shown)
+            Image.fromarray(first).save(
+                part, format="GIF", save_all=True, append_images=others, duration=1000 // FRAMES_PER_SECOND, loop=0
+            )  # fmt: skip
+        else:
+            Image.fromarray(first).save(part, format="PNG")
+            next(shown, None)
+
+
+def _whole(film_: Path, frames: int) -> None:
+    """Raises :class:`OSError` unless a film has all its frames: ffmpeg says nothing of a full disk."""
+    import imageio_ffmpeg
+
+    try:
+        found = imageio_ffmpeg.count_frames_and_secs(str(film_))[0]
+    except RuntimeError:  # it has not even a head
+        found = 0
+    if found != frames:
+        raise OSError(errno.ENOSPC, f"{found} of {frames} frames were written")

@@ -1,0 +1,33 @@
+"""``summary.md``: a run in a page of Markdown, for an issue or a message."""
+
+from pathlib import Path
+from typing import Any
+
+from ..results.followers import Results
+from ..results.jobs import JobResults
+from ..store import runs
+from .terminal import sheets
+
+NAME = "summary.md"
+
+
+def write(folder: Path, grids: dict[str, Results | JobResults], meta: dict[str, Any]) -> None:
+    """Writes it into the run folder."""
+    with runs.atomic(folder / NAME) as part:
+        part.write_text(markdown(grids, meta), encoding="utf-8")
+
+
+def markdown(grids: dict[str, Results | JobResults], meta: dict[str, Any]) -> str:
+    """Command, version, what a reader must know, and the table of every grid."""
+    git, machine = meta.get("git") or {}, meta.get("machine") or {}
+    version = f"kerfgym {meta.get('kerfgym')}" + (f", commit {git['commit'][:12]}" if git.get("commit") else "")
+    facts = [
+        version + (" with changes" if git.get("changed") else ""), machine.get("processor", "processor unknown"),
+        *([f"{meta['wall_seconds']:.0f} s"] if "wall_seconds" in meta else []),
+    ]  # fmt: skip
+    lines = ["## kerfgym benchmark", "", "```", str(meta.get("command", "")), "```", "", "; ".join(facts), ""]
+    lines += [f"- {note}" for note in meta.get("notes", [])] + [""] * bool(meta.get("notes"))
+    for name, results in grids.items():
+        lines += [f"**{name}** · seeds {results.meta.get('seeds')}", ""]
+        lines += [sheet.markdown() for sheet in sheets(results)]
+    return "\n".join(lines).rstrip() + "\n"

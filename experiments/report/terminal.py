@@ -1,0 +1,520 @@
+"""A benchmark's tables in words: what the terminal prints and what ``summary.md`` holds."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import pandas as pd
+from rich.console import Console
+from rich.table import Table
+
+from ...envs.figures import evidence
+from ...envs.figures.job_metrics import METRICS
+from ...envs.plant.controller import INFORMATION, PERIOD
+from ...envs.plant.machine import SUBSTEPS
+from ...envs.scenarios.material import material
+from ..bounds.stored import LABEL, LINEAR
+from ..measure.margins import DELAYS, GAINS
+from ..measure.margins import in_words as margin
+from ..results.followers import REFERENCE, STABILITY, Results
+from ..results.jobs import JobResults
+from ..statistics.budgets import MARKS, in_words
+from ..statistics.comparison import by_scenario, methods, relative
+from ..statistics.ranks import order
+
+BESIDE = 8
+"""Scenarios that have a column beside the score; more of them get a table of their own."""
+
+
+_WIDEST = 1000
+
+
+@dataclass
+class Sheet:
+    """A table in words.
+
+    Attributes:
+        title: above it.
+        titles: of the columns, the row's name first.
+        sections: groups of rows, apart because they are not ranked together.
+        notes: sentences that explain it.
+        shown: titles of columns that show a column of ``summary.csv``, and its name there.
+    """
+
+    title: str
+    titles: list[str]
+    sections: list[list[list[str]]] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    shown: dict[str, str] = field(default_factory=dict)
+
+    def show(self) -> None:
+        """Prints it: in parts that fit a terminal, as wide as it is into a file or a pipe."""
+        console = Console()
+        if not console.is_terminal:
+            console = Console(width=max(console.width, _WIDEST))
+        for columns in self.parts(console.width):
+            console.print(self._table(columns))
+        for note in self.notes:
+            console.print(note, highlight=False, markup=False)
+
+    def parts(self, width: int) -> list[list[int]]:
+        """Columns side by side that are not wider than ``width``, the first in every part."""
+        measure = Console(width=_WIDEST)
+        sizes = [measure.measure(self._table([0, i] if i else [0])).maximum for i in range(len(self.titles))]
+        parts: list[list[int]] = [[0]]
+        room = width - sizes[0]
+        for i, size in enumerate(sizes[1:], start=1):
+            own = size - sizes[0]
+            if own > room and len(parts[-1]) > 1:
+                parts.append([0])
+                room = width - sizes[0]
+            parts[-1].append(i)
+            room -= own
+        return parts
+
+    def _table(self, columns: list[int]) -> Table:
+        table = Table(title=self.title if 1 in columns or len(columns) == 1 else None)
+        for i in columns:
+            table.add_column(self.titles[i], justify="right" if i else "left", no_wrap=True)
+        for section in self.sections:
+            for row in section:
+                table.add_row(*(row[i] for i in columns))
+            table.add_section()
+        return table
+
+    def markdown(self) -> str:
+        """The same in Markdown."""
+
+        def line(cells: list[str]) -> str:
+            return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+        ruler = line(["---", *["---:"] * (len(self.titles) - 1)])
+        rows = [line(row) for section in self.sections for row in section]
+        notes = "\n".join(self.notes)
+        return "\n".join([f"### {self.title}", "", line(self.titles), ruler, *rows, "", notes]).rstrip() + "\n"
+
+
+def sheets(results: Results | JobResults) -> list[Sheet]:
+    """The tables of a grid: one row a controller, best score first, and what explains it."""
+    return (_jobs(results) if isinstance(results, JobResults) else _following(results)) + _methods(results)
+
+
+def budget_note(summary: Any) -> str:
+    """Which ratios are at equal budgets, in a sentence."""
+    marked = [f"{mark}: {MARKS[mark]}" for mark in MARKS if (summary["budget"] == mark).any()]
+    return f"Ratios not at equal budgets: {'; '.join(marked)}." if marked else "All ratios are at equal budgets."
+
+
+def _number(value: float, form: str = "{:.2f}") -> str:
+    return "–" if value is None or math.isnan(value) else form.format(value)
+
+
+def _between(value: float, low: float, high: float, form: str = "{:.2f}") -> str:
+    """A figure with its interval, such as ``2.42 (2.27 … 2.54)``; alone where there is none or it is exact."""
+    ends = "" if math.isnan(low) or low == high else f" ({form.format(low)} … {form.format(high)})"
+    return _number(value, form) + ends
+
+
+def _figure(row: Any, name: str, form: str = "{:.2f}") -> str:
+    return _between(row[name], row[f"{name}_low"], row[f"{name}_high"], form)
+
+
+def _rank(row: Any) -> str:
+    """``1``, ``1=`` if it is shared, a dash without one."""
+    return "–" if math.isnan(row["rank"]) else f"{row['rank']:.0f}{'=' * bool(row['tied'])}"
+
+
+def _wins(row: Any) -> str:
+    """How often it beats the reference; a dash for the reference itself."""
+    return _number(row["wins"] if row["wins_low"] < row["wins_high"] else math.nan, "{:.0%}")
+
+
+def _ranking(summary: Any, reference: str) -> list[str]:
+    """What ranks, intervals and failures mean, and who is only shown."""
+    lines = [
+        "rank: 1 + how many of the class are better, all such statements together at 95 %; = shared; who fails on "
+        "significantly more seeds stands below;",
+        f"(… …): 95 % intervals over seeds. wins: share of runs that are better than {reference}'s on the same seed; a "
+        "failed run is never better;",
+        "failed: runs that touched the sheet where they should not, hold a number that is not finite, have nothing to "
+        "score or are not finished. All other figures are of the runs that did not fail, ratios of those in which "
+        "neither did.",
+    ]
+    lines += [f"not ranked: {name}: {row['reasons']}." for name, row in summary.iterrows() if row["reasons"]]
+    return lines + [f"{name}: {row['note']}." for name, row in summary.iterrows() if row["note"]]
+
+
+def _cell(table: Any, row: Any, column: str) -> float:
+    return float(table.at[row, column])
+
+
+def _classes(summary: Any, cells: Callable[[Any, Any], list[str]]) -> list[list[list[str]]]:
+    """Rows of each information class, in the order of :func:`fairness.order`."""
+    names = order(summary)
+    groups = [[name for name in names if summary.at[name, "information"] == each] for each in INFORMATION]
+    return [[cells(name, summary.loc[name]) for name in group] for group in groups if group]
+
+
+FOLLOWING: dict[str, tuple[str, Callable[[Any], str]]] = {
+    "rank": ("rank", lambda row: _rank(row)),
+    "failed": ("failed", lambda row: f"{row['failed']}/{row['runs']}"),
+    "score, µm": ("score", lambda row: _figure(row, "score")),
+    f"× {REFERENCE}": ("ratio", lambda row: _figure(row, "ratio")),
+    "wins": ("wins", lambda row: _wins(row)),
+    "reported, µm": ("reported", lambda row: _number(row["reported"])),
+    "P99, µm": ("p99", lambda row: _number(row["p99"], "{:.1f}")),
+    "max, µm": ("max", lambda row: _number(row["max"], "{:.0f}")),
+    "Ms sine": ("ms", lambda row: _number(row["ms"])),
+    "Ms noise": ("ms_noise", lambda row: _figure(row, "ms_noise")),
+    "gain": ("gain_margin", lambda row: margin(row["gain_margin"], GAINS[-1])),
+    "delay, ms": ("delay_margin", lambda row: margin(row["delay_margin"], DELAYS[-1])),
+    "jitter": ("jitter", lambda row: _number(row["jitter"])),
+    "dross, mm": ("dross", lambda row: _number(row["dross"], "{:.4f}")),
+    "Rz, µm": ("roughness", lambda row: _number(row["roughness"])),
+    "collisions": ("collisions", lambda row: f"{row['collisions']}/{row['runs']}"),
+}
+"""Columns of followers that show a column of the summary: their titles, its name, and how it is written."""
+
+
+def _following(results: Results) -> list[Sheet]:
+    summary, pooled, costs = results.summary(), results.pooled(), results.decisions()
+    scored = results.scored
+    core = scored if len(scored) <= BESIDE else []
+    sheet = Sheet(
+        f"RMS of the true gap error, µm · {_seeds(results)}",
+        ["controller", *FOLLOWING, *core, "decision, µs", "its P99, µs", "budget", "class"],
+        shown={title: column for title, (column, _) in FOLLOWING.items()},
+    )
+    lost = results.failures.groupby([results.runs["controller"], results.runs["scenario"]], sort=False).sum()
+    count = results.runs.groupby(["controller", "scenario"], sort=False).size()
+
+    def of_scenario(name: Any, scenario: str) -> str:
+        """A figure, and behind it how many runs failed, if any did."""
+        failed = int(lost.get((name, scenario), 0))
+        text = _number(_cell(pooled, name, scenario), "{:.1f}")
+        return f"{text} ({failed}/{count[name, scenario]} failed)" if failed else text
+
+    sheet.sections = _classes(summary, lambda name, row: [
+        str(name), *(form(row) for _, form in FOLLOWING.values()), *(of_scenario(name, s) for s in core),
+        _number(_cell(costs, name, "median_us")), _number(_cell(costs, name, "p99_us")), in_words(row),
+        row["information"],
+    ])  # fmt: skip
+    known = results.bounds if core else {}
+    if known:
+        limits = []
+        for label, score, at in ((LABEL, results.bound, known), (LINEAR, results.linear_bound, results.linear)):
+            cells = {"score, µm": score, **at}
+            row = [_number(cells[title]) if title in cells else "–" for title in sheet.titles]
+            limits += [[label, *row[1:]]] * bool(at)
+        sheet.sections.append(limits)
+    exempt = f" ({', '.join(results.exempt)} left out)" if results.exempt else ""
+    explained = [
+        *_ranking(summary, REFERENCE),
+        f"score: RMS over seeds, geometric mean over {', '.join(core) or f'these {len(scored)}'};",
+        "reported: the same of what the machine itself measures; P99: of |true error|; max: the largest of all;",
+        f"jitter: RMS change of the command, mm/s per ms; collisions of all scenarios{exempt};",
+        f"dross and Rz: extrapolated and not ranked, over the core. {material('thin-sheet').label.capitalize()}.",
+        "Ms: largest |S|, by a sine at a time and by noise, of which a controller that learns cannot learn the sine;",
+        "gain, delay: factor on the loop's gain and additional dead time up to which it settles;",
+        *_machines(results),
+        f"decision: CPU time, median and 99th percentile, in a period of {1e6 * PERIOD:.0f} µs;",
+        f"budget: trials and simulated steps of tuning. {budget_note(summary)}",
+    ]
+    if known:
+        explained += _limits(results)
+    more = _by_machine(results)
+    if core:
+        sheet.notes = explained
+        return [sheet, *more]
+    names = [row[0] for section in sheet.sections for row in section]
+    rows = [[s, *(of_scenario(name, s) for name in names)] for s in scored]
+    if results.bounds:
+        rows = [[*row, _number(results.bounds.get(row[0], math.nan))] for row in rows]
+        explained += _limits(results)
+    last = [LABEL] * bool(results.bounds)
+    if results.bounds and results.linear:
+        rows = [[*row, _number(results.linear.get(row[0], math.nan))] for row in rows]
+        last.append(LINEAR)
+    return [sheet, Sheet("by scenario, µm", ["scenario", *names, *last], [rows], explained), *more]
+
+
+def _limits(results: Results) -> list[str]:
+    """What the bounds say."""
+    said = [f"{LABEL}: what no such controller can go below; 0: all can be learned, docs/bounds.md."]
+    if results.linear:
+        said.append(f"{LINEAR}: what no fixed linear controller tuned to the scenario can go below.")
+    return said
+
+
+def _machines(results: Results) -> list[str]:
+    """On which machines Ms and margins were measured, and why some were not."""
+    measured = results.stability
+    if not len(measured):
+        return []
+    labels = list(dict.fromkeys(measured["machine"]))
+    which = (
+        f"of the machine that was run ({labels[0]})" if len(labels) == 1 else f"of any of the {len(labels)} machines"
+    )
+    reasons = measured[measured["reason"] != ""].groupby(["machine", "reason"], sort=False)["controller"]
+    return [
+        f"Ms, gain, delay: on the worst corner plant {which};",
+        *(f"not measured: {', '.join(names)} on {at}: {why}." for (at, why), names in reasons),
+    ]
+
+
+def _by_machine(results: Results) -> list[Sheet]:
+    """Ms and margins machine by machine, where there are several."""
+    measured = results.stability
+    if not len(measured) or measured["machine"].nunique() < 2:
+        return []
+    columns = [title for title, (column, _) in FOLLOWING.items() if column in STABILITY]
+    sections = [
+        [
+            [machine, str(row["controller"]), *(FOLLOWING[title][1](row) for title in columns)]
+            for _, row in rows.iterrows()
+        ]
+        for machine, rows in measured.groupby("machine", sort=False)
+    ]
+    notes = [f"{machine}: {', '.join(names)}." for machine, names in results.machines.items()]
+    return [Sheet("Ms and margins by machine", ["machine", "controller", *columns], sections, notes)]
+
+
+def _formed(name: str, form: str) -> Callable[[Any], str]:
+    return lambda row: _number(row[name], form)
+
+
+def _jobs(results: JobResults) -> list[Sheet]:
+    summary, metric = results.summary(), METRICS[results.metric]
+    titles: dict[str, tuple[str, Callable[[Any], str]]] = {
+        "rank": ("rank", _rank),
+        "failed": ("failed", lambda row: f"{row['failed']}/{row['runs']}"),
+        f"{TITLES.get(metric.name, metric.name)}, {metric.unit}": (metric.name, lambda row: _figure(row, "score")),
+        f"× {results.reference}": ("ratio", lambda row: _figure(row, "ratio")),
+        "wins": ("wins", _wins),
+    }
+    for name, form in FORMS.items():
+        if name != metric.name:
+            title = f"{TITLES.get(name, name)}, {METRICS[name].unit}".removesuffix(", 1")
+            titles[title] = (name, _formed(name, form))
+        if name == "roughness":
+            titles["ISO 9013"] = ("iso_roughness", lambda row: str(row["iso_roughness"]))
+    titles["collisions"] = ("collisions", lambda row: f"{row['collisions']}/{row['runs']}")
+    sheet = Sheet(
+        f"jobs · {_seeds(results)}", ["controller", *titles, "budget", "evidence"],
+        shown={title: column for title, (column, _) in titles.items()},
+    )  # fmt: skip
+    sheet.sections = _classes(
+        summary,
+        lambda name, row: [str(name), *(form(row) for _, form in titles.values()), in_words(row), _evidence(row)],
+    )
+    sheet.notes = [
+        *_ranking(summary, results.reference),
+        f"figures: over seeds the RMS of an RMS, the largest of a maximum, else the mean; then over "
+        f"{', '.join(results.scored)} the geometric mean, of a maximum the largest.",
+        f"budget: trials and steps of tuning, all slots together. {budget_note(summary)}",
+        *(f"quality: {label}." for label in results.labels),
+        *_outside(results),
+    ]
+    several = results.reference in results.controllers and len(results.controllers) > 1
+    known = {*WEIGHED, "power_max", "dither_max"} <= set(results.runs)  # runs of earlier versions do not have all
+    return [sheet, _trades(results)] if several and known else [sheet]
+
+
+TITLES = {
+    "contour_rms": "contour RMS", "contour_max": "contour max", "gap_rms": "gap RMS", "gap_max": "gap max",
+    "roughness": "Rz", "taper": "u", "mean_feed": "feed",
+}  # fmt: skip
+"""Metrics of jobs that a table calls otherwise."""
+
+FORMS = {
+    "contour_rms": "{:.1f}", "contour_max": "{:.0f}", "gap_rms": "{:.1f}", "gap_max": "{:.0f}", "dross": "{:.3f}",
+    "roughness": "{:.1f}", "through": "{:.2f}", "kerf": "{:.3f}", "taper": "{:.3f}", "time": "{:.2f}",
+    "mean_feed": "{:.1f}", "energy": "{:.2f}",
+}  # fmt: skip
+"""Metrics of jobs that the table shows, and with how many decimals."""
+
+
+def _evidence(row: Any) -> str:
+    """Whether the cut's figures stand on what was calibrated."""
+    if not row["extrapolated"] > 0:
+        return "–" if math.isnan(row["extrapolated"]) else "inside"
+    return "extrapolated" if row["extrapolated"] >= 0.995 else f"extrapolated, {row['extrapolated']:.0%} of the cut"
+
+
+def _outside(results: JobResults) -> list[str]:
+    """Where and by how much settings lie outside of what the cut's figures were calibrated on."""
+    if "extrapolated" not in results.runs:  # runs of earlier versions do not know
+        return []
+    lines = ["evidence: whether dross, Rz, through, kerf and u lie within the settings that they were calibrated on."]
+    found: dict[tuple[str, str], list[str]] = {}
+    for (scenario, name), runs in results.runs.groupby(["scenario", "controller"], sort=False):
+        if text := evidence.pooled(runs):
+            found.setdefault((text, str(name)), []).append(str(scenario))
+    who: dict[tuple[str, tuple[str, ...]], list[str]] = {}
+    for (text, name), names in found.items():
+        who.setdefault((text, tuple(names)), []).append(name)
+    for (text, places), controllers in who.items():
+        all_of_them = len(controllers) > 1 and len(controllers) == len(results.controllers)
+        where = "" if len(places) == len(results.scenarios) else f" ({', '.join(places)})"
+        lines.append(f"extrapolated: {'all' if all_of_them else ', '.join(controllers)}: {text}{where}.")
+    return lines
+
+
+WEIGHED = {
+    "cutting_time": "cutting time", "contour_rms": "contour rms", "dross": "dross", "roughness": "Rz",
+    "energy": "energy",
+}  # fmt: skip
+"""Figures of a job that are traded for each other; of each, less is better."""
+
+
+def _trades(results: JobResults) -> Sheet:
+    """What each controller gains and gives against the reference."""
+    table, summary = relative(results, WEIGHED), results.summary()
+    apart = {m: by_scenario(replace(results, metric=m)) for m in WEIGHED}
+    sheet = Sheet(
+        f"over {results.reference} · {_seeds(results)}",
+        ["controller", *WEIGHED.values(), "better in", "worse in", "power, W", "dither, mm", "evidence"],
+    )
+    most = pd.DataFrame({metric: results.over(metric) for metric in ("power_max", "dither_max")})
+    rows = []
+    for name, row in table.iterrows():
+        cells = [_figure(row, m, "{:.3f}") for m in WEIGHED]
+        better = [title for m, title in WEIGHED.items() if row[f"{m}_high"] < 1.0]
+        worse = []
+        for m, title in WEIGHED.items():
+            there = apart[m].query("controller == @name and ratio_high < 1")["scenario"]
+            if row[f"{m}_low"] > 1.0:
+                worse.append(title)
+            elif len(there):
+                worse.append(f"{title} ({', '.join(there)})")
+        limits = [
+            f"{most.loc[name, 'power_max']:.0f}", f"{most.loc[name, 'dither_max']:.3f}", _evidence(summary.loc[name]),
+        ]  # fmt: skip
+        rows.append([str(name), *cells, ", ".join(better) or "–", ", ".join(worse) or "–", *limits])
+    base = most.loc[results.reference]
+    sheet.sections = [rows]
+    sheet.notes = [
+        "pooled as above, of the runs in which neither failed, with 95 % intervals from the same seeds; better and "
+        "worse: the interval leaves 1 out; worse in brackets: only in these scenarios.",
+        f"power and dither: largest of the beam and of the galvo in a cut; {results.reference}: "
+        f"{base['power_max']:.0f} W, {base['dither_max']:.3f} mm.",
+    ]
+    return sheet
+
+
+def _methods(results: Results | JobResults) -> list[Sheet]:
+    """Of methods that were trained or tuned several times, all their members together."""
+    found = methods(results)
+    if not len(found):
+        return []
+    what = TITLES.get(results.metric, results.metric) if isinstance(results, JobResults) else "score"
+    titles = ["method", "members", what, f"× {results.reference}", "best", "worst"]
+    rows = [
+        [
+            row["method"], str(len(row["members"])), _figure(row, "score"), _figure(row, "ratio"),
+            _number(row["best"]), _number(row["worst"]),
+        ]
+        for _, row in found.iterrows()
+    ]  # fmt: skip
+    note = "members: trainings that differ in their seed alone; intervals are over trainings and over seeds."
+    return [Sheet("methods that were trained or tuned several times", titles, [rows], [note])]
+
+
+def _seeds(results: Results | JobResults) -> str:
+    count = results.runs["seed"].nunique()
+    return f"{count} seeds per scenario" if count > 1 else "one seed per scenario, so nothing says how sure this is"
+
+
+def print_blame(shares: Any, headroom: Any) -> None:
+    """Prints what each controller's error is made of, and how references with other information do."""
+    table = Table(title=f"shares of the mean-square true error, {shares['unit'].iloc[0]}, 95 % intervals over seeds")
+    for title in ("scenario", "controller", "stage", "share", "interval", "of all", "idealised alone", "interval"):
+        table.add_column(title, justify="left" if title in ("scenario", "controller", "stage") else "right")
+    several = shares["error"].nunique() > 1
+    for (scenario, controller, error), part in shares.groupby(["scenario", "controller", "error"], sort=False):
+        table.add_section()
+        whole = part["share"].sum(skipna=False)
+        for i, row in enumerate(part.itertuples()):
+            where = f"{scenario}, {error}" if several else scenario
+            table.add_row(
+                *((where, controller) if i == 0 else ("", "")), row.stage, _number(row.share),
+                _ends(row.low, row.high), _number(100.0 * row.share / whole, "{:.1f} %"), _number(row.alone),
+                _ends(row.alone_low, row.alone_high),
+            )  # fmt: skip
+        table.add_row("", "", "all", _number(whole))
+    console = Console(width=max(Console().width, Console(width=1000).measure(table).maximum))
+    console.print(table)
+    table = Table(title="beside references with other information: RMS of the true error, and the factor between")
+    for title in ("scenario", "controller", "RMS, µm", "reference", "its RMS, µm", "factor", "interval"):
+        table.add_column(title, justify="left" if title in ("scenario", "controller", "reference") else "right")
+    for row in headroom.itertuples():
+        table.add_row(
+            row.scenario, row.controller, _number(row.rms), row.informed, _number(row.informed_rms), _number(row.ratio),
+            _ends(row.low, row.high),
+        )  # fmt: skip
+    console.print(table)
+    console.print(
+        "share: Shapley value of idealising the stage; all of a controller add up to its mean-square error;\n"
+        "law: what the fully idealised machine has left, law, supervisor and sampling, at these gains;\n"
+        "below 0, interval and all: the controller is tuned around this fault, and does worse without it;\n"
+        "references know the sheet ahead or the true gap; they are no bounds (below 1: closer than they are). Bounds:\n"
+        "docs/bounds.md."
+    )
+    if shares["share"].isna().any():
+        console.print("–: a run failed, so there are no shares; which one stands in coalitions.parquet.")
+    elif shares["low"].isna().all():
+        console.print("–: intervals are over seeds, and need two of them.")
+
+
+def _ends(low: float, high: float) -> str:
+    return "–" if math.isnan(low) else f"{low:.2f} … {high:.2f}"
+
+
+def print_speed(tables: dict[str, Any]) -> None:
+    """Prints the tables of a speed run, the promises last."""
+    console = Console(width=max(Console().width, 120))
+    rounds = int(tables["speed"].rounds.iloc[0])
+    table = Table(title=f"CPU time of a machine-step (1 ms of cutting), median of {rounds} interleaved rounds")
+    for title in ("", "machines", "threads", "ns", "range", "million/s", "× Pendulum-v1"):
+        table.add_column(title, justify="right" if title else "left", no_wrap=True)
+    group = None
+    for row in tables["speed"].itertuples():
+        if group not in (None, row.group):
+            table.add_section()
+        group = row.group
+        span = f"{row.ns_low:,.0f}–{row.ns_high:,.0f}"
+        table.add_row(
+            row.name, str(row.machines), str(row.threads), f"{row.ns_per_step:,.0f}", span,
+            f"{1e3 / row.ns_per_step:.3f}", f"{row.times_pendulum:.2f}",
+        )  # fmt: skip
+    console.print(table)
+
+    table = Table(title="the kernel by part, per machine and period")
+    for title in ("", "ns", "share", "ns per substep", "packed", "scalar", "widest register"):
+        table.add_column(title, justify="right" if title else "left")
+    for row in tables["stages"].itertuples():
+        substep = f"{row.ns / SUBSTEPS:.2f}" if "substeps" in row.stage else ""
+        counts = (
+            ["–"] * 3 if math.isnan(row.packed) else [f"{row.packed:.0f}", f"{row.scalar:.0f}", f"{row.bits:.0f} bit"]
+        )
+        table.add_row(row.stage, f"{row.ns:.1f}", f"{row.share:.0%}", substep, *counts)
+    console.print(table)
+
+    table = Table(title="start-up in fresh processes, and memory")
+    for title in ("", "CPU-s", "range"):
+        table.add_column(title, justify="right" if title else "left")
+    for row in tables["startup"].itertuples():
+        table.add_row(row.program, f"{row.cpu_seconds:.2f}", f"{row.low:.2f}–{row.high:.2f}")
+    for row in tables["memory"].itertuples():
+        table.add_row(f"{row.what}, bytes each", f"{row.bytes:.0f}", "")
+    console.print(table)
+
+    table = Table(title="what is promised")
+    for title in ("", "measured", "promised", "held"):
+        table.add_column(title, justify="right" if title else "left")
+    signs = {">=": "≥", "<=": "≤"}
+    for row in tables["ratios"].itertuples():
+        held = "not measured" if math.isnan(row.held) else ("yes" if row.held else "no")
+        table.add_row(row.ratio, _number(row.measured), f"{signs[row.sense]} {row.promised:g}", held)
+    console.print(table)

@@ -1,0 +1,249 @@
+"""Results of a benchmark and what is concluded from them.
+
+Every figure of a controller is a metric of its runs that did not fail, pooled over seeds and scenarios as
+:mod:`pooling` says; how many runs failed stands beside it, and tells in the rank (:mod:`comparison`). The *score* of
+followers is that of the RMS of the true gap error over the suite's core, µm; the ratio is that of the reference over
+it. On the *scale*, 0 is ``xi2023-tuned`` and 1 is ``preview-5ms``, in the logarithm; who is better than the latter,
+which has other information and is no bound, has more than 1. Rankings never mix information classes.
+
+**Ms and margins** are the worst over the corner plants of every machine that the run's scenarios draw (:mod:`plants`).
+"""
+
+import functools
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ..measure.plants import STANDARD
+from ..statistics import pooling
+from ..statistics.budgets import budgets
+from ..statistics.comparison import failures
+from ..statistics.ranks import standings
+
+REFERENCE, INFORMED = "xi2023-tuned", "preview-5ms"
+
+SHOWN = {
+    "reported": "rms_reported", "p99": "p99_true", "max": "max_true", "jitter": "jitter", "dross": "dross",
+    "roughness": "roughness",
+}  # fmt: skip
+"""Columns of a follower's summary, and the metric of each."""
+
+STABILITY = ("ms", "ms_noise", "ms_noise_low", "ms_noise_high", "gain_margin", "delay_margin")
+"""Columns of :attr:`Results.stability`."""
+
+
+class Comparison:
+    """What the results of followers and of jobs have in common: tables of runs, a metric, a core, a reference."""
+
+    runs: pd.DataFrame
+    meta: dict[str, Any]
+    core: tuple[str, ...]
+    metric: str
+    reference: str
+
+    @property
+    def controllers(self) -> list[str]:
+        """In the order in which they were asked for."""
+        return list(self.runs["controller"].unique())
+
+    @property
+    def scenarios(self) -> list[str]:
+        """In the order in which they were run."""
+        return list(self.runs["scenario"].unique())
+
+    @property
+    def scored(self) -> list[str]:
+        """The scenarios that make the score: those of the core that were run, or all if none of them was."""
+        ran = self.scenarios
+        return [s for s in self.core if s in ran] or ran
+
+    @property
+    def failures(self) -> pd.Series:
+        """Whether each run failed, see :func:`comparison.failures`."""
+        return failures(self)
+
+    def pooled(self, metric: str) -> pd.DataFrame:
+        """A metric over the seeds (:mod:`pooling`), controllers × scenarios; NaN where no run is without failure."""
+        sound = self.runs if metric in pooling.RATES else self.runs[~self.failures]
+        groups = sound.groupby(["controller", "scenario"], sort=False)[metric]
+        table = groups.apply(lambda values: pooling.over_seeds(metric, values)).unstack()
+        return table.reindex(index=self.controllers, columns=self.scenarios)
+
+    def over(self, metric: str) -> pd.Series:
+        """A metric over seeds and the scenarios that make the score, by controller; NaN if the runs do not have it."""
+        if metric not in self.runs:  # of earlier versions
+            return pd.Series(np.nan, index=self.controllers)
+        table = self.pooled(metric)[self.scored]
+        return table.apply(lambda row: pooling.over_scenarios(metric, row), axis=1)
+
+    def counts(self, frame: pd.DataFrame) -> pd.DataFrame:
+        """A summary with the ``runs`` in which nobody should touch the sheet, and of them those that touched it
+        (``collisions``) or failed (``failed``)."""
+        ordinary = self.runs[~self.runs["scenario"].isin(getattr(self, "exempt", ()))]
+        controllers = ordinary["controller"]
+        counted = {
+            "collisions": ordinary["collision"].groupby(controllers, sort=False).sum(),
+            "failed": self.failures[ordinary.index].groupby(controllers, sort=False).sum(),
+            "runs": controllers.groupby(controllers, sort=False).size(),
+        }
+        return frame.assign(**{k: each.reindex(frame.index, fill_value=0).astype(int) for k, each in counted.items()})
+
+    @functools.cached_property
+    def standings(self) -> pd.DataFrame:
+        """Ranks, ties, intervals, and who is not ranked and why: :func:`fairness.standings`."""
+        return standings(self)
+
+    def placed(self, frame: pd.DataFrame) -> pd.DataFrame:
+        """A summary with ranks, intervals and reasons beside its figures, lists in words."""
+        more = self.standings.drop(columns=[c for c in frame if c in self.standings]).reindex(frame.index)
+        return frame.join(more.assign(tied=more["tied"].str.join(", "), reasons=more["reasons"].str.join("; ")))
+
+
+@dataclass
+class Results(Comparison):
+    """A benchmark's tables.
+
+    Attributes:
+        runs: one row per run: ``controller, information, scenario, seed, failed`` and every metric.
+        traces: one row per period of the shown seed of each scenario: ``controller, scenario, seed, time`` (s) and the
+            recorder's channels, with ``x, y`` (mm) where the path is a drawing.
+        sensitivity: ``controller, machine, signal`` (``sine`` or ``noise``, :mod:`stability`), ``frequency`` (Hz) and
+            ``magnitude``, the worst |S| over the machine's corner plants; ``peak_low, peak_high``, the interval of the
+            largest, of noise.
+        meta: the run's record (``run.json``).
+        core: names of the scenarios that make the score.
+        exempt: names of the scenarios in which collisions are expected.
+        margins: ``controller, machine, gain`` (factor) and ``delay_ms``, worst over the machine's corner plants
+            (:mod:`margins`), and ``reason``, why there is no figure.
+        blame: shares of stages in the error of some controllers, see :func:`blame.tables.shares`.
+        headroom: those beside references with other information, see :func:`blame.tables.headroom`.
+        detuned: how much worse presets get with one parameter 20 % off, see :func:`detuned.in_report`.
+    """
+
+    runs: pd.DataFrame
+    traces: pd.DataFrame
+    sensitivity: pd.DataFrame
+    meta: dict[str, Any]
+    core: tuple[str, ...] = ()
+    exempt: tuple[str, ...] = ()
+    summaries: dict[str, str] = field(default_factory=dict)
+    margins: pd.DataFrame = field(default_factory=pd.DataFrame)
+    blame: pd.DataFrame = field(default_factory=pd.DataFrame)
+    headroom: pd.DataFrame = field(default_factory=pd.DataFrame)
+    detuned: pd.DataFrame = field(default_factory=pd.DataFrame)
+
+    metric, reference = "rms_true", REFERENCE
+
+    def pooled(self, metric: str = "rms_true") -> pd.DataFrame:
+        """A metric over the seeds, see :meth:`Comparison.pooled`; that of the score unless another is named."""
+        return super().pooled(metric)
+
+    @property
+    def bounds(self) -> dict[str, float]:
+        """What no controller with only the sensor can go below (:mod:`bounds`), µm, by scenario, where it is known."""
+        return {name: bound for name, bound in (self.meta.get("bounds") or {}).items() if name in self.scenarios}
+
+    @property
+    def linear(self) -> dict[str, float]:
+        """What no fixed linear controller tuned to a scenario can go below at the set height, likewise."""
+        return {name: bound for name, bound in (self.meta.get("linear") or {}).items() if name in self.scenarios}
+
+    @property
+    def bound(self) -> float:
+        """The score of a controller at its bound in every scored scenario, µm; NaN if one of them has none above 0."""
+        return self._score_at(self.bounds)
+
+    @property
+    def linear_bound(self) -> float:
+        """The same of :attr:`linear`."""
+        return self._score_at(self.linear)
+
+    def _score_at(self, values: dict[str, float]) -> float:
+        scored = np.array([values.get(name, np.nan) for name in self.scored])
+        return float(np.exp(np.log(scored).mean())) if (scored > 0).all() else np.nan
+
+    @property
+    def curves(self) -> pd.DataFrame:
+        """:attr:`sensitivity` with machine and signal, which runs of earlier versions did not name."""
+        return _of_machines(self.sensitivity)
+
+    @property
+    def stability(self) -> pd.DataFrame:
+        """One row per controller and machine: ``ms`` with sines, ``ms_noise`` with ``…_low`` and ``…_high``,
+        ``gain_margin``, ``delay_margin`` (ms), and ``reason``, why one is missing; empty if nothing was measured."""
+        by = ["controller", "machine"]
+        curves, room = self.curves, _of_machines(self.margins)
+        parts = []
+        if len(curves):
+            signal = (curves["signal"] if "signal" in curves else pd.Series("sine", index=curves.index)).rename(
+                "signal"
+            )
+            peaks = curves.groupby([*by, signal], sort=False)["magnitude"].max().unstack()
+            parts.append(peaks.rename(columns={"sine": "ms", "noise": "ms_noise"}))
+            if "peak_low" in curves:
+                ends = curves[curves["signal"] == "noise"].groupby(by, sort=False)[["peak_low", "peak_high"]].first()
+                parts.append(ends.rename(columns={"peak_low": "ms_noise_low", "peak_high": "ms_noise_high"}))
+        if len(room):
+            names = {"gain": "gain_margin", "delay_ms": "delay_margin"}
+            parts.append(room.set_index(by).rename(columns=names).rename_axis(columns=None))
+        if not parts:
+            return pd.DataFrame()
+        frame = pd.concat(parts, axis=1, sort=False).reindex(columns=[*STABILITY, "reason"])
+        rows = pd.concat([each[by] for each in (room, curves) if len(each)]).drop_duplicates()
+        frame = frame.reindex(pd.MultiIndex.from_frame(rows))
+        reason = frame["reason"].astype(object)
+        return frame.assign(reason=reason.where(reason.notna(), "")).reset_index()
+
+    def summary(self) -> pd.DataFrame:
+        """One row per controller: score (µm) and ratio with intervals, scale, stability, budget, collision and failure
+        counts, other metrics over the core, standing (:func:`fairness.standings`)."""
+        standing = self.standings
+        frame = pd.DataFrame({"score": standing["score"].replace(np.inf, np.nan), "ratio": standing["ratio"]})
+        frame["scale"] = np.log(frame["ratio"]) / np.log(frame["ratio"].get(INFORMED, np.nan))
+        for column, metric in SHOWN.items():
+            frame[column] = self.over(metric)
+        frame = frame.join(_worst(self.stability).reindex(frame.index))
+        frame = frame.join(budgets(self.meta.get("tuning") or {}, frame.index, REFERENCE))
+        frame["information"] = standing["information"]
+        frame = self.counts(frame)
+        everywhere = self.runs.groupby("controller", sort=False)["collision"].sum()
+        frame["exempt_collisions"] = (everywhere - frame["collisions"]).astype(int)
+        return self.placed(frame)
+
+    def decisions(self) -> pd.DataFrame:
+        """Cost of a decision, one row per controller: ``median_us``, ``p99_us`` and ``ratio`` of the latter to the
+        control period; NaN if it was not timed. Timings differ from run to run, so the summary is without them."""
+        measured = self.meta.get("decisions") or {}
+        columns = ["median_us", "p99_us", "ratio"]
+        return pd.DataFrame.from_dict(measured, orient="index", columns=columns).reindex(self.controllers)
+
+    @property
+    def machines(self) -> dict[str, list[str]]:
+        """The machines of the run by their label, and the scenarios that have each; empty if that was not recorded."""
+        return self.meta.get("machines") or {}
+
+    def collision_rates(self) -> pd.DataFrame:
+        """Share of runs with a collision, controllers × scenarios."""
+        rates = self.runs.groupby(["controller", "scenario"], sort=False)["collision"].mean().unstack()
+        return rates.reindex(index=self.controllers, columns=self.scenarios)
+
+
+def _of_machines(table: pd.DataFrame) -> pd.DataFrame:
+    """A table of stability, of which runs of earlier versions had but the standard machine, and sines."""
+    for column, usual in (("machine", STANDARD.label), ("signal", "sine")) if len(table) else ():
+        table = table.assign(**{column: table[column].fillna(usual) if column in table else usual})
+    return table
+
+
+def _worst(stability: pd.DataFrame) -> pd.DataFrame:
+    """The worst of the machines by controller; one machine without a figure leaves none for all."""
+    rows: dict[str, dict[str, float]] = {}
+    for name, here in stability.groupby("controller", sort=False) if len(stability) else ():
+        row = {column: float(here[column].max(skipna=False)) for column in ("ms", "ms_noise")}
+        row |= {column: float(here[column].min(skipna=False)) for column in ("gain_margin", "delay_margin")}
+        highest = here[here["ms_noise"] == row["ms_noise"]].head(1)
+        row |= {end: float(highest[end].max()) for end in ("ms_noise_low", "ms_noise_high")}
+        rows[str(name)] = row
+    return pd.DataFrame.from_dict(rows, orient="index", columns=list(STABILITY), dtype=float)

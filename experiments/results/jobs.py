@@ -1,0 +1,151 @@
+"""Jobs under teams of controllers: one task of a benchmark, and what is concluded from many."""
+
+import itertools
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ...envs.control.stack import Team
+from ...envs.figures import evidence, job_metrics
+from ...envs.figures.quality import iso_range, iso_taper
+from ...envs.plant import gantry, machine
+from ...envs.plant.controller import PERIOD
+from ...envs.plant.fleet import Fleet
+from ...envs.scenarios import Scenario
+from ...envs.tasks import workshop
+from ..measure import rollout
+from ..statistics.budgets import budgets
+from .followers import Comparison
+
+LONGEST = 3.0
+"""Times the nominal time, after which a job that is not done has failed."""
+
+_STRIDE = 500
+SHOWN = ("x", "y", "speed", "error", "phase", "gap_error", "margin", "roughness", "dross", "kerf_top")
+"""Channels of the axes and the cut that a trace keeps; of the head it has the reported error, command and speed."""
+
+
+def roll(
+    scenario: Scenario, team: Team, seeds: Any, record: bool = False, threads: int = 1,
+    change: Callable[[Fleet], None] | None = None,
+) -> tuple[Fleet, Any, np.ndarray | None]:  # fmt: skip
+    """The job of a scenario under a team, one machine per seed, until all are done or have taken too long.
+
+    Args:
+        scenario: with a job.
+        team: that does it.
+        seeds: of the scenario.
+        record: keep every period.
+        threads: worker threads; they change no figure.
+        change: made to the machines before they begin.
+
+    Returns:
+        ``(fleet, job, channels)``: channels are float32 (periods, ``gantry.CHANNELS`` and behind them
+        ``machine.CHANNELS``, seeds) if recorded.
+    """
+    fleet, job = workshop.fleet_for(scenario, team, seeds, threads, change), workshop.programme(scenario, team)
+    assert fleet.gantries
+    most = round(LONGEST * len(job.x)) + _STRIDE
+    kept = [fleet.gantries.start_recording(most, fleet.tick), fleet.start_recording(most)] if record else []
+    python = rollout.periods(fleet, team.z, most) if team.z.python else None
+    done = 0
+    while done < most:
+        steps = min(_STRIDE, most - done)
+        if python:
+            for _ in itertools.islice(python, steps):
+                pass
+        else:
+            fleet.advance(steps)
+        done += steps
+        over = fleet.gantries.column("progress.near") >= len(job.x) - 1.5
+        if (over | (fleet.column("tally.collided") > 0.5)).all():
+            break
+    fleet.gantries.stop_recording()
+    fleet.stop_recording()
+    return fleet, job, np.concatenate([part[:done] for part in kept], axis=1) if record else None
+
+
+def compute(
+    name: str, scenario: Scenario, team: Team, seeds: tuple[int, ...], shown: Iterable[int] = ()
+) -> dict[str, pd.DataFrame]:
+    """Tables ``runs`` and ``traces`` (of the seeds ``shown``) of one task, with its cost in ``ledger``."""
+    start = time.process_time()
+    fleet, job, _ = roll(scenario, team, seeds)
+    jobs = job_metrics.Jobs.of(fleet, job)
+    frame = pd.DataFrame({**job_metrics.evaluate(jobs), **job_metrics.evidence(jobs)})
+    steel = workshop.material_of(scenario)
+    frame.insert(0, "controller", name)
+    frame.insert(1, "information", team.information)
+    frame.insert(2, "scenario", scenario.name)
+    frame.insert(3, "seed", seeds)
+    frame.insert(4, "failed", job_metrics.failed(jobs) & ~scenario.exempt | job_metrics.broken(jobs))
+    ranges = [iso_range(1e-3 * r, steel.thickness) if np.isfinite(r) else "–" for r in frame["roughness"]]
+    frame["iso_roughness"] = ranges
+    frame["iso_taper"] = [iso_taper(u, steel.thickness) if np.isfinite(u) else "–" for u in frame["taper"]]
+    steps = int(fleet.tick) * len(seeds)
+    tables = {"runs": frame}
+    if frames := [traced(name, scenario, team, seed) for seed in shown]:
+        tables["traces"] = pd.concat(frames, ignore_index=True)
+        steps += len(tables["traces"])
+    cost = {"controller": name, "steps": steps, "cpu_seconds": time.process_time() - start}
+    return {**tables, "ledger": pd.DataFrame([cost])}
+
+
+def traced(name: str, scenario: Scenario, team: Team, seed: int) -> pd.DataFrame:
+    """Every period of one run."""
+    _, _, channels = roll(scenario, team, [seed], record=True)
+    assert channels is not None
+    index = [gantry.CHANNELS.index(channel) for channel in SHOWN]
+    frame = pd.DataFrame(channels[:, index, 0], columns=list(SHOWN))
+    head = dict(zip(machine.CHANNELS, channels[:, len(gantry.CHANNELS) :, 0].T, strict=True))
+    frame["reported_error"] = frame["gap_error"] + (head["height"] - head["gap"])
+    frame["command"], frame["velocity"] = head["command"], head["velocity"]
+    frame.insert(0, "controller", name)
+    frame.insert(1, "scenario", scenario.name)
+    frame.insert(2, "seed", seed)
+    frame.insert(3, "time", (np.arange(len(frame)) + 1) * PERIOD)
+    return frame
+
+
+@dataclass
+class JobResults(Comparison):
+    """Tables of a benchmark of jobs; ``runs`` has one row per run with every metric of :mod:`envs.figures.job_metrics`.
+
+    The score is the suite's ``metric`` over seeds and the core's scenarios, in the metric's unit (:mod:`pooling`).
+    """
+
+    runs: pd.DataFrame
+    traces: pd.DataFrame
+    meta: dict[str, Any]
+    metric: str
+    reference: str
+    core: tuple[str, ...] = ()
+    labels: tuple[str, ...] = ()
+    materials: tuple[tuple[str, float], ...] = ()  # with their thickness, mm
+    summaries: dict[str, str] = field(default_factory=dict)
+    plans: pd.DataFrame = field(default_factory=pd.DataFrame)  # how the parts are cut, see plans.table
+
+    def summary(self) -> pd.DataFrame:
+        """One row per controller: score (the suite's metric, so the same as the column of its name) and ratio of the
+        reference over it with intervals, every metric over the core, collision and failure counts, budget, standing
+        (:func:`fairness.standings`)."""
+        standing = self.standings
+        frame = pd.DataFrame({"score": standing["score"].replace(np.inf, np.nan), "ratio": standing["ratio"]})
+        frame["information"] = standing["information"]
+        for name in job_metrics.METRICS:
+            frame[name] = self.over(name)
+        frame = self.counts(frame)
+        core = self.runs[self.runs["scenario"].isin(self.scored) & ~self.failures].groupby("controller", sort=False)
+        known = "extrapolated" in self.runs  # runs of earlier versions do not know
+        frame["extrapolated"] = core["extrapolated"].mean() if known else np.nan
+        frame["beyond"] = [
+            evidence.pooled(core.get_group(name)) if known and name in core.groups else "" for name in frame.index
+        ]
+        for column in ("iso_roughness", "iso_taper"):
+            found = core[column].agg(lambda values: "/".join(sorted(set(values.dropna()))) or "–")
+            frame[column] = found.reindex(frame.index, fill_value="–")
+        return self.placed(frame.join(budgets(self.meta.get("tuning") or {}, frame.index, self.reference)))

@@ -1,0 +1,191 @@
+"""``kerfgym speed``: everything timed in one process, in interleaved rounds, and compared as ratios.
+
+Times are CPU time, because machines are shared and noisy; what is reported is the median of the rounds and their range.
+"""
+
+import statistics
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ...envs.tasks.batch import Batch
+from ..store import runs
+from . import kernel_parts, ppo, startup, timed
+from .timed import MACHINES, SIZES, Task
+
+LARGEST = SIZES[-1]
+POLICIES = 256  # machines of the vector environments that training uses
+
+FLOORS: tuple[tuple[str, str, float], ...] = (
+    ("env.step × Pendulum-v1 unwrapped", ">=", 4.0),
+    ("env.step × HalfCheetah-v5 unwrapped", ">=", 15.0),
+    ("roll-out of 1024, one thread × Pendulum-v1", ">=", 90.0),
+    ("kernel of 4096 × plain NumPy model", ">=", 8.0),
+    ("lanes × the same machine from registers", ">=", 4.0),
+    ("two threads ÷ one, per CPU-second", ">=", 0.9),
+    ("two threads ÷ one, per CPU-second, cores loaded", ">=", 0.9),
+    ("slowest law ÷ open loop, roll-out of 1024", ">=", 0.6),
+    ("stable-baselines3 VecEnv ÷ kernel, 256, time", "<=", 1.6),
+    ("stable-baselines3 VecEnv ÷ kernel with action and observation, 256, time", "<=", 1.6),
+    ("environment's share of PPO's time, 256, batches of 512", "<=", 0.05),
+    ("import kerfgym ÷ import gymnasium", "<=", 1.3),
+    ("kerfgym list, CPU-s", "<=", 1.5),
+    ("first step warm, CPU-s", "<=", 0.4),
+    ("machine compiled, CPU-s", "<=", 8.0),
+    ("Cutting-v0 × real time", ">=", 150.0),
+    ("Cutting-v0 × real time, 256 on one core", ">=", 600.0),
+    ("KB per machine, block", "<=", 4.5),
+)
+"""What the project promises of its speed."""
+
+
+def _all_tasks() -> list[Task]:
+    """What is compared stands side by side, because a shared machine is slower for seconds at a time."""
+    numpy = timed.oracle(LARGEST)
+    found = [*timed.references(), timed.single()]
+    found += [timed.closed_loop(controller) for controller in timed.CONTROLLERS]
+    found += [timed.from_registers(), timed.closed_loop("pid", 1), timed.closed_loop("pid", threads=2)]
+    found += [timed.kernel(size) for size in SIZES] + ([numpy] if numpy else [])
+    found += [timed.kernel(size, threads=2) for size in (LARGEST, MACHINES)]
+    found += [timed.vector(size) for size in (LARGEST, MACHINES, POLICIES)]
+    found += [timed.sb3(POLICIES), timed.with_policy(POLICIES)]
+    return [*found, timed.job_step(), timed.job_vector(POLICIES)]
+
+
+def measure(todo: list[Task], rounds: int, progress: Callable[[str], None]) -> pd.DataFrame:
+    """A row for each task: nanoseconds of CPU time per machine-step, median and range over the rounds.
+
+    Raises:
+        NothingDone: a task's machines have not lived through what was timed.
+    """
+    for task in todo:
+        progress(f"warming up: {task.name}")
+        task.cost()
+    costs: list[list[float]] = [[] for _ in todo]
+    for round_ in range(rounds):
+        for task, found in zip(todo, costs, strict=True):
+            progress(f"round {round_ + 1} of {rounds}: {task.name}, N = {task.machines}")
+            found.append(1e9 * task.cost())
+    return pd.DataFrame({
+        "group": [t.group for t in todo], "name": [t.name for t in todo], "machines": [t.machines for t in todo],
+        "threads": [t.threads for t in todo], "ns_per_step": [statistics.median(c) for c in costs],
+        "ns_low": [min(c) for c in costs], "ns_high": [max(c) for c in costs], "rounds": rounds, "each": costs,
+    })  # fmt: skip
+
+
+def threads_when_loaded(rounds: int, progress: Callable[[str], None]) -> float:
+    """Throughput per CPU-second of two threads against one, while other processes load the cores."""
+    one, two = timed.closed_loop("pid", LARGEST), timed.closed_loop("pid", LARGEST, 2)
+    ratios = []
+    with timed.busy(2):
+        for round_ in range(rounds):
+            progress(f"cores loaded, round {round_ + 1} of {rounds}")
+            ratios.append(one.cost() / two.cost())
+    return statistics.median(ratios)
+
+
+def stages(rounds: int, progress: Callable[[str], None]) -> pd.DataFrame:
+    """A row for each stage of the period: nanoseconds per machine and period, and what it was compiled to."""
+    progress("stages of the kernel")
+    costs = [kernel_parts.stage_costs() for _ in range(rounds + 1)][1:]
+    frame = pd.DataFrame(
+        [{"stage": n, "ns": 1e9 * statistics.median(c[n] for c in costs)} for n in kernel_parts.STAGES]
+    )
+    frame["share"] = frame["ns"] / frame["ns"].sum()
+    progress("instructions of the kernel")
+    return frame.merge(pd.DataFrame(kernel_parts.table()), on="stage", how="left")
+
+
+def memory() -> pd.DataFrame:
+    """Bytes per machine: in the block that the kernel steps, and in the arrays of a vector environment."""
+    batch = Batch(LARGEST)
+    block = (batch.fleet.nbytes) / LARGEST
+    arrays = sum(a.nbytes for a in vars(batch).values() if isinstance(a, np.ndarray)) / LARGEST
+    return pd.DataFrame({"what": ["machine", "arrays of a batch"], "bytes": [block, arrays]})
+
+
+def ratios(costs: pd.DataFrame, start: dict[str, list[float]], extra: dict[str, float]) -> pd.DataFrame:
+    """The promises of :data:`FLOORS` and what was measured; NaN where it could not be."""
+
+    def cost(name: str, machines: int = 1, threads: int = 1) -> np.ndarray:
+        """Of each round; a ratio is the median of the rounds' ratios."""
+        row = costs[(costs.name == name) & (costs.machines == machines) & (costs.threads == threads)]
+        return np.array(row.each.iloc[0]) if len(row) else np.array([np.nan])
+
+    pendulum, step = cost("Pendulum-v1 unwrapped"), cost("env.step")
+    large, vec = cost("kernel, step by step", LARGEST), cost("stable-baselines3 VecEnv.step", POLICIES)
+    warm = {name: startup.median(values) for name, values in start.items()}
+    rolled = {c: cost(f"roll-out, {c}", MACHINES) for c in timed.CONTROLLERS}
+    quotients = {
+        "env.step × Pendulum-v1 unwrapped": pendulum / step,
+        "env.step × HalfCheetah-v5 unwrapped": cost("HalfCheetah-v5 unwrapped") / step,
+        "roll-out of 1024, one thread × Pendulum-v1": pendulum / rolled["pid"],
+        "kernel of 4096 × plain NumPy model": cost("plain NumPy model, batched", LARGEST) / large,
+        "lanes × the same machine from registers": cost("from registers, pid", MACHINES) / rolled["pid"],
+        "two threads ÷ one, per CPU-second": large / cost("kernel, step by step", LARGEST, 2),
+        "slowest law ÷ open loop, roll-out of 1024": min(
+            (rolled["idle"] / c for name, c in rolled.items() if name != "idle"), key=np.median
+        ),
+        "Cutting-v0 × real time": 1e6 / cost("Cutting-v0 step"),
+        "Cutting-v0 × real time, 256 on one core": 1e6 / cost("Cutting-v0 VectorEnv.step", POLICIES),
+        "stable-baselines3 VecEnv ÷ kernel, 256, time": vec / cost("kernel, step by step", POLICIES),
+        "stable-baselines3 VecEnv ÷ kernel with action and observation, 256, time": vec
+        / cost("kernel with action and observation", POLICIES),
+    }  # fmt: skip
+    values = {name: float(np.median(each)) for name, each in quotients.items()} | {
+        "import kerfgym ÷ import gymnasium": warm["import kerfgym"] / warm["import gymnasium"],
+        "kerfgym list, CPU-s": warm["kerfgym list"],
+        "first step warm, CPU-s": warm["first step, warm"],
+        "machine compiled, CPU-s": warm["machine compiled, empty cache"],
+    } | extra  # fmt: skip
+    rows = []
+    for name, sense, floor in FLOORS:
+        value = values.get(name, float("nan"))
+        held = np.nan if np.isnan(value) else float(value >= floor if sense == ">=" else value <= floor)
+        rows.append({"ratio": name, "measured": value, "sense": sense, "promised": floor, "held": held})
+    return pd.DataFrame(rows)
+
+
+def speed(
+    folder: Path, rounds: int, train: bool, torch_threads: int, progress: Callable[[str], None]
+) -> dict[str, Any]:
+    """Measures everything and writes the run folder; returns its tables."""
+    started = time.time()
+    costs = measure(_all_tasks(), rounds, progress)
+    base = float(costs[costs.name == "Pendulum-v1 unwrapped"].ns_per_step.iloc[0])
+    costs["times_pendulum"] = base / costs.ns_per_step
+    kept = memory()
+    extra = {
+        "two threads ÷ one, per CPU-second, cores loaded": threads_when_loaded(rounds, progress),
+        "KB per machine, block": float(kept.bytes.iloc[0]) / 1024,
+    }
+    if train:
+        progress("training PPO")
+        extra["environment's share of PPO's time, 256, batches of 512"], extra["PPO's environment steps per second"] = (
+            ppo.share(torch_threads)
+        )
+    start = startup.measure(rounds, progress)
+    tables = {
+        "speed": costs, "stages": stages(rounds, progress), "memory": kept,
+        "startup": pd.DataFrame([
+            {"program": name, "cpu_seconds": startup.median(v), "low": min(v), "high": max(v)}
+            for name, v in start.items()
+        ]),
+        "ratios": ratios(costs, start, extra),
+    }  # fmt: skip
+    for name, frame in tables.items():
+        runs.write_table(folder, name, frame.drop(columns="each", errors="ignore"))
+    runs.write_json(
+        folder / "rounds.json", {f"{r.name}, N = {r.machines}, {r.threads}": r.each for r in costs.itertuples()}
+    )
+    from .cost_curve import picture
+
+    with runs.atomic(folder / "cost.png") as part:
+        picture(costs).savefig(part, format="png", dpi=150)
+    meta = runs.record() | {"rounds": rounds, "wall_seconds": round(time.time() - started, 1), "extra": extra}
+    runs.write_json(folder / "run.json", meta)
+    return tables

@@ -1,0 +1,34 @@
+"""A fault campaign with everything that is kept of it: tables in its folder, and on the manual's page."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import pandas as pd
+
+from ....envs import scenarios
+from ...store import runs
+from ...store.progress import progress
+from .. import pages
+from .campaign import SCENARIOS, campaign
+from .losses import MODULE, harmed, sheets
+
+PAGE = "faults"
+
+
+def made(
+    controllers: Sequence[str], faults: int, seed: int, folder: Path, words: list[str], jobs: int = 1,
+    mark: str | None = None,
+) -> pd.DataFrame:  # fmt: skip
+    """Puts faults into controllers, keeps and shows the tables, and writes them between ``mark``, if one is named."""
+    cost = pages.Cost(jobs)
+    with progress("faults") as told:
+        frame = campaign(controllers, faults, seed, jobs, told)
+    record = runs.record(words) | {
+        **cost.record(), "seed": seed, "controllers": list(controllers), "scenarios": list(SCENARIOS),
+        "faults": len(frame), "seeds": f"test, from {scenarios.SPLITS['test'].start} on",
+        "lost": int(frame["lost"].sum()), "lost_by": frame["cause"].value_counts().drop("", errors="ignore").to_dict(),
+        "harmed": len(harmed(frame)),
+    }  # fmt: skip
+    runs.write_table(folder, "faults", frame)
+    pages.publish(folder, record, sheets(frame, seed), MODULE, mark, f"{PAGE}.md")
+    return frame

@@ -1,0 +1,126 @@
+"""The commands of the campaign: small, and with figures that can be compared."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from ....envs.safety import files
+from ....envs.scenarios import load
+from ...tune.sampling import SAMPLERS
+
+NAME = "run"
+"""Of the run folder."""
+
+Figures = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command, what must be there before it, and the figures that it leaves.
+
+    Attributes:
+        words: after ``kerfgym``, without ``--name``.
+        figures: of a finished run folder; what differs from run to run by nature, such as seconds, is left out.
+        before: commands whose runs it needs.
+        spent: what must not be there in the end.
+    """
+
+    words: tuple[str, ...]
+    figures: Callable[[Path], Figures]
+    before: tuple[tuple[str, ...], ...] = ()
+    spent: tuple[str, ...] = (".begun",)
+
+
+def prepare(folder: Path) -> None:
+    """Writes the short scenarios that the commands take."""
+    for name in ("wavy", "step", "impulses"):
+        (folder / f"{name}.toml").write_text(load(name).varied(duration=0.4).to_toml(), encoding="utf-8")
+
+
+def _tables(folder: Path, *names: str) -> Figures:
+    return {name: (folder / name).read_bytes() for name in names}
+
+
+def _frame(file: Path) -> str:
+    """A table without its seconds."""
+    frame = pd.read_csv(file)
+    return frame.drop(columns=[c for c in frame if "seconds" in c]).to_csv(index=False)
+
+
+def _without_seconds(data: Any) -> Any:
+    if isinstance(data, dict):
+        return {k: _without_seconds(v) for k, v in data.items() if "seconds" not in k and k not in ("git", "command")}
+    return [_without_seconds(each) for each in data] if isinstance(data, list) else data
+
+
+def _benchmark(folder: Path) -> Figures:
+    return _tables(folder, "runs.csv", "runs.parquet", "summary.csv", "traces.parquet")
+
+
+def _report(folder: Path) -> Figures:
+    return _tables(folder, "runs.csv", "runs.parquet", "summary.csv")
+
+
+def _tune(folder: Path) -> Figures:
+    body = files.toml(folder / "tuned.toml")
+    return {"trials.csv": _frame(folder / "trials.csv"), "tuned.toml": _without_seconds(body)}
+
+
+def _tune_training(folder: Path) -> Figures:
+    body = files.toml(folder / "ppo.toml")
+    return {"trials.csv": _frame(folder / "trials.csv"), "ppo.toml": _without_seconds(body)}
+
+
+def _train(folder: Path) -> Figures:
+    return {
+        "evaluations.csv": _frame(folder / "evaluations.csv"), **_tables(folder / "policy", "weights.safetensors"),
+    }  # fmt: skip
+
+
+def _reproduce(folder: Path) -> Figures:
+    parts = {file.name: _without_seconds(files.json_(file)) for file in sorted((folder / "parts").glob("*.json"))}
+    return {**parts, **_tables(folder, "reproduce.md")}
+
+
+_BENCHMARK = (
+    "benchmark", "-c", "pid", "-c", "xi2023-improved", "-s", "wavy.toml", "-s", "step.toml", "-s", "impulses.toml",
+    "--seeds", "6", "--no-cost", "--no-blame", "--no-detuned",
+)  # fmt: skip
+
+_TRAINING = (
+    "--set", "environment.num_envs=8", "--set", "algorithm.n_steps=64", "--set", "algorithm.batch_size=128",
+    "--set", "environment.max_steps=200", "--set", 'environment.scenario="wavy.toml"',
+    "--set", 'evaluation.scenario="wavy.toml"', "--set", "evaluation.episodes=4",
+)  # fmt: skip
+
+COMMANDS: dict[str, Command] = {
+    "benchmark": Command(_BENCHMARK, _benchmark, spent=(".begun", "parts")),
+    **{
+        f"tune {sampler}": Command(
+            (
+                "tune", "filter.window=3..8", "law.kv", "--suite", "drawing", "--seeds", "1", "--threads", "1",
+                "--budget", "4000000", "--trials", "60", "--sampler", sampler,
+            ),
+            _tune,
+        )
+        for sampler in SAMPLERS
+    },
+    "tune ppo": Command(
+        ("tune", "ppo", "--trials", "4", "--steps", "1024", "--threads", "1", *_TRAINING), _tune_training
+    ),
+    "train": Command(
+        ("train", "ppo", "--steps", "8192", "--no-ms", "--set", "checkpoint.every=1024", "--set",
+         "evaluation.every=2048", *_TRAINING),
+        _train,
+    ),
+    "reproduce": Command(("reproduce", "wu", "--seeds", "6", "--jobs", "2"), _reproduce),
+    "report": Command(
+        ("report", "a", "b"), _report,
+        before=((*_BENCHMARK, "--no-ms", "--name", "a"),
+                (*(word.replace("pid", "xi2023-tuned") for word in _BENCHMARK), "--no-ms", "--name", "b")),
+    ),
+}  # fmt: skip
+"""By the name that the campaign takes."""

@@ -1,0 +1,84 @@
+"""``python -m kerfgym.experiments.studies.leads``; see the package's text."""
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+import pandas as pd
+import tyro
+
+from ....envs.engine.quantity import InvalidInput
+from ...store import runs
+from ...store.progress import progress
+from .. import pages
+from .sheets_of_parts import files, random, sheet_of
+
+MODULE = "kerfgym.experiments.studies.leads"
+
+
+def main(
+    folders: Annotated[tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="FOLDER …")] = (),
+    contours: int = 6000, seed: int = 0, name: str = "leads", docs: bool = False,
+) -> None:  # fmt: skip
+    """Plan lead-ins into contours made at random, and those of drawings, and look for any that is not in the scrap.
+
+    Args:
+        folders: with drawings (DXF, SVG), which are read too.
+        contours: made at random, at least so many.
+        seed: of the sheets.
+        name: of the folder in runs/.
+        docs: write the table into docs/jobs.md, too.
+    """
+    if contours < 1:
+        raise InvalidInput(f"--contours {contours} is out of range; at least 1")
+    for folder in folders:
+        if not folder.is_dir():
+            raise InvalidInput(f"no folder '{folder}'")
+    place = runs.open_folder(runs.named(name), overwrite=True)
+    started, cost = time.process_time(), pages.Cost(1)
+    frames: list[pd.DataFrame] = []
+    with progress("contours") as told:
+        done = 0
+        for frame in random(contours, seed):
+            frames.append(frame.assign(source=f"seed {seed}, sheet {len(frames)}"))
+            done += len(frame)
+            told(min(done, contours), contours, frame["kind"].iloc[0])
+    refused = drawn = 0
+    for file, found in files(folders):
+        if isinstance(found, str):
+            refused += 1
+        elif len(found):
+            drawn += 1
+            frames.append(found.assign(source=str(file)))
+    everything = pd.concat(frames, ignore_index=True)
+    words = [
+        "python",
+        "-m",
+        MODULE,
+        *(folder.name for folder in folders),
+        "--contours",
+        str(contours),
+        "--seed",
+        str(seed),
+    ]
+    record = runs.record(words) | {
+        **cost.record(), "cpu_seconds": round(time.process_time() - started, 1),
+        "seed": seed, "contours": len(everything), "wrong": int((everything["wrong"] != "").sum()),
+        "on_the_contour": int((everything["how"] == "on the contour").sum()),
+    }  # fmt: skip
+    sheet = sheet_of(everything, refused, drawn)
+    runs.write_table(place, "leads", everything)
+    runs.write_json(place / "run.json", record)
+    sheet.show()
+    for row in everything[everything["wrong"] != ""].head(20).itertuples():
+        print(f"{row.source}, contour {row.contour + 1}: {row.wrong}")
+    if docs:
+        pages.put("leads", f"{pages.origin(record, MODULE)}\n\n{sheet.markdown()}", pages.manual("jobs.md"))
+    print(f"\n{place}")
+
+
+if __name__ == "__main__":
+    try:
+        tyro.cli(main)
+    except InvalidInput as error:
+        raise SystemExit(f"kerfgym: {error}") from None

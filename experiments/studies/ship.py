@@ -1,0 +1,146 @@
+"""The shipped policies: trained from the presets as they stand, into ``agents/trained/<name>/``::
+
+    make train                    # or: python -m kerfgym.experiments.studies.ship [NAME …]
+    python -m kerfgym.experiments.studies.ship --seeds 5 height-following-ppo
+
+The second also trains with other seeds and writes what each came to on *test* seeds into ``seeds.csv`` beside the
+policy: one seed says nothing about a training. Which seed is shipped stands here, not in the results. An interrupted
+training goes on where its last checkpoint stands, unless machine, laws or settings have changed since it began.
+"""
+
+import argparse
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from ...agents import settings as presets
+from ...agents import train
+from ...envs import scenarios
+from ...envs.safety import files
+from ..benchmark import benchmarking
+from ..measure import grids
+from ..report.terminal import WEIGHED
+from ..results.followers import REFERENCE
+from ..results.jobs import JobResults
+from ..statistics import comparison
+from ..store import runs
+from ..store.stamp import LAWS, LOADED, PLANNED, with_imports
+from ..train.folder import into
+
+TRAINED = Path(__file__).parents[1] / "agents" / "trained"
+
+SHIPPED: dict[str, tuple[str, str, int, dict[str, Any]]] = {
+    "height-following-ppo": ("ppo", "kerfgym/HeightFollowing-v0", 0, {}),
+    # Window, trim and gain of the paper's loop from millisecond to millisecond, against the best fixed ones.
+    "height-following-schedule-ppo": ("ppo", "kerfgym/HeightFollowing-v0", 0, {
+        "environment.control": "schedule", "environment.base": "xi2023-tuned",
+        "environment.scenario": [
+            "tilt", "tilt", "wavy", "rough", "random-k2", "random-k3", "step", "step-flutter", "impulses", "impulses",
+            "flutter", "chatter", "chatter", "corners", "tone.toml", "mixed.toml",
+        ],
+        "environment.reward.rate": 0.3,  # the default: a change of gain is no tremor
+        "environment.reward.tolerance": 5e-4, "policy.spread": 0.4, "policy.spread_by_state": False,
+        "algorithm.learning_rate": 1e-3, "algorithm.gamma": 0.98,  # what a window did shows later than a velocity
+        "steps": 1_920_000, "checkpoint.every": 480_000, "evaluation.every": 480_000, "evaluation.episodes": 112,
+    }),
+    "contour-following-ppo": ("ppo", "kerfgym/ContourFollowing-v0", 0, {}),
+    "cutting-ppo": ("ppo", "kerfgym/Cutting-v0", 0, {}),
+}  # fmt: skip
+"""Algorithm, environment and seed of each, and what differs from the preset."""
+
+LARGEST = 1_000_000
+"""Bytes of a shipped policy."""
+
+
+def trained(name: str, seed: int) -> Path:
+    """The run folder of a training, which is done if it is not there yet."""
+    algorithm, env, own, changes = SHIPPED[name]
+    run = Path("runs") / f"shipped-{name}{'' if seed == own else f'-{seed}'}"
+    _renew(run)
+    if not (run / "run.json").is_file():
+        given = presets.preset(algorithm, env, changes)
+        words = ["kerfgym", "train", algorithm, "--env", env, "--seed", str(seed)]
+        words += [word for key, value in changes.items() for word in ("--set", f"{key}={value}")]
+        with runs.at_work(run, resume=True):
+            into(run, given, seed, "cpu", 1, True, words)
+    return run
+
+
+def _renew(run: Path) -> None:
+    """Begins a training anew whose machine, law or settings are no longer those that it began with."""
+    now = with_imports([Path(train.__file__)], (*LOADED, *PLANNED, *LAWS, "agents/presets/*.toml"))
+    made_from = run / "made-from.json"
+    if not made_from.is_file() or files.json_(made_from) != now:
+        shutil.rmtree(run, ignore_errors=True)
+        run.mkdir(parents=True)
+        runs.write_json(made_from, now)
+
+
+def ship(name: str, folder: Path = TRAINED) -> Path:
+    """Trains a policy and puts artefact and record where they are shipped from."""
+    run = trained(name, SHIPPED[name][2])
+    files = [*(run / "policy").iterdir(), run / "run.json", run / "evaluations.csv"]
+    size = sum(file.stat().st_size for file in files)
+    if size > LARGEST:
+        raise RuntimeError(f"{name} takes {size} bytes; at most {LARGEST}")
+    for file in files:
+        with runs.atomic(folder / name / file.name) as part:
+            shutil.copyfile(file, part)
+    return folder / name
+
+
+def seeds_of(name: str, count: int) -> pd.DataFrame:
+    """What trainings with the seeds 0 … ``count`` − 1 came to: one row each, on the suite's test seeds.
+
+    Columns: ``seed, cpu_seconds, simulated_steps, failed, score`` (the suite's), ``ratio`` (the reference's over it)
+    with its 95 % interval and, of jobs, figures over the reference's.
+    """
+    folders = {seed: trained(name, seed) for seed in range(count)}
+    suite = _suite_of(SHIPPED[name][1])
+    policies = {str(run / "policy"): seed for seed, run in folders.items()}
+    reference = str(scenarios.rules(suite).get("reference", REFERENCE))
+    (grid,) = grids.plan([suite], [reference, *policies])
+    found = benchmarking.run_grids(
+        [grid], Path("runs") / f"shipped-{name}-seeds", with_cost=False, overwrite=True, workers=1
+    )[suite]
+    summary, surely = found.summary(), comparison.figures(found)
+    traded = comparison.relative(found, WEIGHED) if isinstance(found, JobResults) else None
+    rows = []
+    for policy, seed in policies.items():
+        ledger = files.json_(folders[seed] / "run.json")["ledger"]
+        row = {"seed": seed, "cpu_seconds": ledger["cpu_seconds"], "simulated_steps": ledger["simulated_steps"]}
+        row |= {"failed": int(summary.loc[policy, "failed"])}
+        row |= surely.loc[policy, ["score", "ratio", "ratio_low", "ratio_high"]].to_dict()
+        if traded is not None:
+            row |= {f"{metric}_over": traded.loc[policy, metric] for metric in WEIGHED}
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def _suite_of(env: str) -> str:
+    return next(suite for suite in grids.SHOWN if scenarios.rules(suite)["environment"] == env)
+
+
+def main() -> None:
+    """Ships the policies named on the command line (all of them if none is)."""
+    parser = argparse.ArgumentParser(
+        prog="python -m kerfgym.experiments.studies.ship", description=(__doc__ or "").split("\n")[0]
+    )
+    parser.add_argument("names", nargs="*", metavar="NAME", choices=[*SHIPPED, []], help=", ".join(SHIPPED))
+    parser.add_argument(
+        "--seeds", type=int, default=0, metavar="N", help="compare trainings with the seeds 0 … N−1 too"
+    )
+    asked = parser.parse_args()
+    for name in asked.names or list(SHIPPED):
+        print(ship(name))
+        if asked.seeds:
+            table = seeds_of(name, asked.seeds)
+            with runs.atomic(TRAINED / name / "seeds.csv") as part:
+                table.to_csv(part, index=False, float_format="%.5g")
+            print(table.to_string(index=False))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,87 @@
+"""``kerfgym train``: a run folder around a training, with its record and its policy."""
+
+from pathlib import Path
+
+import tomli_w
+
+from ...agents import settings as presets
+from ...agents.settings import Settings
+from ...envs.control import stack as stacks
+from ..measure import stability
+from ..store import runs
+from ..store.progress import Bars, progress
+
+SETTINGS = "settings.toml"
+
+
+def train(
+    algorithm: str, env: str | None, steps: int | None, seed: int, assignments: list[str], name: str | None,
+    device: str, threads: int, ms: bool, overwrite: bool, resume: bool, preset: Path | None = None,
+) -> Path:  # fmt: skip
+    """Trains a policy and writes its run folder; see ``cli.train``.
+
+    Raises:
+        InvalidInput: see :func:`agents.train.train` and :func:`runs.at_work`.
+    """
+    from ...agents.train import untrained
+
+    changes = presets.parsed(assignments)
+    if steps is not None:
+        changes["steps"] = steps
+    if preset is not None:
+        settings = presets.from_file(preset, algorithm, env, changes)
+    else:
+        settings = presets.preset(algorithm, env or next(iter(presets.ENVIRONMENTS)), changes)
+    untrained(settings, seed, device, threads)  # errors before anything is written
+    short = presets.ENVIRONMENTS[settings.env][0]
+    folder = runs.folder(name or f"{short}-{algorithm}-{seed}")
+    with runs.at_work(folder, overwrite, resume):
+        return into(folder, settings, seed, device, threads, ms)
+
+
+def into(
+    folder: Path,
+    settings: Settings,
+    seed: int,
+    device: str,
+    threads: int,
+    ms: bool,
+    command: list[str] | None = None,
+) -> Path:
+    """Trains into a folder that is ours, from its last checkpoint on if there is one; ``run.json`` is written last,
+    with ``command`` or the one that was typed."""
+    from ...agents.export import export
+    from ...agents.train import train as learn
+
+    if not (folder / SETTINGS).is_file():  # those of an interrupted run stay: it goes on with these or not at all
+        with runs.atomic(folder / SETTINGS) as part:
+            part.write_text(tomli_w.dumps(settings.plain()), encoding="utf-8")
+    with progress(f"{settings.name} on {settings.env}") as told:
+        trained = learn(settings, folder, seed, device, threads, True, told)
+    last, record = trained.evaluations[-1], runs.record(command)
+    short, peaks = presets.ENVIRONMENTS[settings.env][0], {}
+    with Bars() as bars:
+        with bars.busy("exporting the policy, comparing it with the model"):
+            exported = export(trained.model, folder / "policy", {
+                "command": record["command"], "git": record["git"], "score_tune": trained.score,
+                "ledger": trained.ledger,
+            })  # fmt: skip
+        if ms and short == "height-following":
+            with bars.busy("Ms of the standard machine's corner plants"):
+                stack = stacks.resolve(str(exported.folder))
+                measures = {"ms": stability.sensitivity, "ms_noise": stability.broadband}
+                peaks = {name: round(measure(stack).peak, 4) for name, measure in measures.items()}
+    if peaks:
+        print("largest |S| over the standard machine's corner plants: Ms {ms:.2f} with sines, {ms_noise:.2f} with noise"
+              .format(**peaks))  # fmt: skip
+    runs.write_json(folder / "run.json", {
+        **record, "kind": "train", "env": settings.env, "algorithm": settings.name, "seed": seed,
+        "settings": settings.flat(), "ledger": trained.ledger,
+        "best": {"score_tune": trained.score, "steps": trained.best_at}, "last": last,
+        "ms": peaks.get("ms"), "ms_noise": peaks.get("ms_noise"),
+        "policy": {"largest_difference": exported.difference, "actions": exported.compared},
+    })  # fmt: skip
+    print(f"policy: {exported.folder}, at most {exported.difference:.1e} off the model in {exported.compared} actions")
+    what = "RMS of the true gap error, µm," if short == "height-following" else "minus the mean return"
+    print(f"best {what} on tune seeds {trained.score:.3f}, after {trained.best_at} of {last['steps']} steps")
+    return folder
