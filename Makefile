@@ -16,7 +16,7 @@ train: $(READY)  ## the shipped policies anew
 	$(BIN)/python -m kerfgym.experiments.studies.ship
 
 figures: $(READY)  ## what README and manual show and is older than the code, measured anew
-	$(BIN)/python -m kerfgym.experiments.studies --stale
+	$(BIN)/python -m kerfgym.experiments.manual --stale
 
 lint: $(READY) build/types/kerfgym/envs  ## style and types
 	$(BIN)/ruff check .

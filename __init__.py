@@ -16,7 +16,7 @@ def _register() -> None:
     gymnasium.register(
         id="kerfgym/HeightFollowing-v0",
         entry_point="kerfgym.envs.height_following:HeightFollowingEnv",
-        vector_entry_point="kerfgym.envs.tasks.vector:HeightFollowingVectorEnv",
+        vector_entry_point="kerfgym.envs.height_following:HeightFollowingVectorEnv",
     )
     gymnasium.register(
         id="kerfgym/ContourFollowing-v0",

@@ -16,8 +16,9 @@ from ..envs.contour_following import ContourFollowingVectorEnv
 from ..envs.cutting import CuttingVectorEnv
 from ..envs.engine.deck import refuse_copy
 from ..envs.engine.quantity import InvalidInput, did_you_mean
-from ..envs.height_following import check_render_mode
-from ..envs.tasks.vector import HeightFollowingVectorEnv, KernelVectorEnv, make_batch, put_sequences
+from ..envs.height_following import HeightFollowingVectorEnv
+from ..envs.tasks.episodes import check_render_mode
+from ..envs.tasks.vector import KernelVectorEnv, make_batch, put_sequences
 
 ATTRIBUTES = (
     "scenario", "scenario_seed", "base", "control", "split", "render_mode", "spec", "action_space",

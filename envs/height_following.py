@@ -10,18 +10,14 @@ from .engine.quantity import InvalidInput, did_you_mean
 from .pictures.film import Film
 from .scenarios import Scenario
 from .tasks.batch import Batch
+from .tasks.episodes import check_render_mode
 from .tasks.interface import INFO
+from .tasks.vector import KernelVectorEnv
 
 LARGEST = 3.4e38
 """Largest finite action (float32)."""
 
 _ONE = np.zeros(1, np.int64)
-
-
-def check_render_mode(mode: str | None, allowed: list[str]) -> None:
-    """Raises :class:`InvalidInput` for a way of rendering that does not exist."""
-    if mode is not None and mode not in allowed:
-        raise InvalidInput(f"unknown render_mode '{mode}'; {did_you_mean(str(mode), allowed)}")
 
 
 class HeightFollowingEnv(gym.Env):
@@ -239,3 +235,39 @@ class HeightFollowingEnv(gym.Env):
     def render(self) -> np.ndarray | None:
         """The machine now: sheet, nozzle, gap, set height, and the last second of true and reported error."""
         return self._film.frame() if self._film else None
+
+
+class HeightFollowingVectorEnv(KernelVectorEnv):
+    """
+    ## Description
+
+    ``num_envs`` environments of :class:`HeightFollowingEnv` in one kernel:
+    ``gymnasium.make_vec("kerfgym/HeightFollowing-v0", num_envs=256)``. Spaces, rewards, scenarios and arguments are
+    those of the single environment, and so are the bits: environment ``i`` of ``reset(seed=s)`` lives through the
+    episodes of a single environment that was reset with ``seed=s + i``.
+
+    ## Episode End
+
+    ``autoreset_mode`` is one of Gymnasium's three.
+
+    | mode         | what happens to an environment whose episode is over                                       |
+    |--------------|--------------------------------------------------------------------------------------------|
+    | `NextStep`   | the next step ignores its action and begins its next episode (reward 0)                    |
+    | `SameStep`   | the same step begins its next episode; `final_obs` and `final_info` hold how the last ended |
+    | `Disabled`   | nothing; it must be reset with `options={"reset_mask": mask}` before the next step          |
+
+    ## Info
+
+    A float64 array of shape `(num_envs,)` for each entry of the single environment's `info`, with its mask `_name`.
+
+    ## Arguments
+
+    | argument         | default      | meaning                                                        |
+    |------------------|--------------|----------------------------------------------------------------|
+    | `num_envs`       | `1`          | environments                                                   |
+    | `num_threads`    | `1`          | threads that step them; they sleep while they wait             |
+    | `autoreset_mode` | `"NextStep"` | see above                                                      |
+    | others           |              | those of the single environment, the same for all              |
+    """
+
+    BATCH, SINGLE = Batch, HeightFollowingEnv

@@ -24,14 +24,13 @@ from kerfgym.envs.control import stack as stacks
 from kerfgym.envs.cutting import CuttingEnv
 from kerfgym.envs.engine.deck import Deck, places
 from kerfgym.envs.engine.kernels import Kernel
-from kerfgym.envs.height_following import HeightFollowingEnv
+from kerfgym.envs.height_following import HeightFollowingEnv, HeightFollowingVectorEnv
 from kerfgym.envs.plant import calibration, heads, machine, path, prompt
 from kerfgym.envs.plant.controller import stage_address
 from kerfgym.envs.plant.fleet import Fleet
 from kerfgym.envs.tasks import workshop
 from kerfgym.envs.tasks.batch import Batch
 from kerfgym.envs.tasks.job_batch import ContourBatch, CuttingBatch
-from kerfgym.envs.tasks.vector import HeightFollowingVectorEnv
 from kerfgym.experiments.measure import cost, margins, rollout
 from kerfgym.experiments.studies.faults import inject
 from kerfgym.experiments.studies.faults.inject import Fault, Faults, Without

@@ -999,7 +999,7 @@ def noise_keys(seeds: Any) -> np.ndarray:
 
 # ------------------------------------------------------------------------------------------------------- suites
 
-_SUITES = Path(__file__).parent / "suites"
+_SUITES = Path(__file__).parents[1] / "suites"
 
 
 def suites() -> list[str]:

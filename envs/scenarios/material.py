@@ -12,7 +12,7 @@ from ..engine.quantity import InvalidInput, did_you_mean
 from ..plant import cut
 from ..safety import files
 
-FOLDER = Path(__file__).parent / "materials"
+FOLDER = Path(__file__).parents[1] / "materials"
 
 
 @dataclass(frozen=True)

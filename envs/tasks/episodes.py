@@ -181,6 +181,12 @@ def chosen(scenario: Any, changes: dict[str, Any] | None) -> list[Scenario]:
     return [s.varied(**changes) for s in found] if changes else found
 
 
+def check_render_mode(mode: str | None, allowed: list[str]) -> None:
+    """Raises :class:`InvalidInput` for a way of rendering that does not exist."""
+    if mode is not None and mode not in allowed:
+        raise InvalidInput(f"unknown render_mode '{mode}'; {did_you_mean(str(mode), allowed)}")
+
+
 def check_choice(value: str, allowed: Any, what: str) -> None:
     """Raises :class:`InvalidInput` for a word that is not one of those allowed."""
     if value not in allowed:

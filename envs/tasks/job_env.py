@@ -7,9 +7,9 @@ import numpy as np
 
 from ..engine.deck import refuse_copy
 from ..engine.quantity import InvalidInput, did_you_mean
-from ..height_following import check_render_mode
 from ..pictures.kerf_film import KerfFilm
 from ..scenarios import Scenario
+from .episodes import check_render_mode
 from .job_batch import JobBatch
 from .job_interface import OBJECTIVES
 

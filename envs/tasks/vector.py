@@ -8,9 +8,7 @@ from gymnasium.vector.utils import batch_space
 
 from ..engine.deck import refuse_copy
 from ..engine.quantity import InvalidInput, did_you_mean
-from ..height_following import HeightFollowingEnv, check_render_mode
-from .batch import Batch
-from .episodes import Episodes
+from .episodes import Episodes, check_render_mode
 
 OPTIONS = ("scenario_seed", "reset_mask")
 
@@ -154,42 +152,6 @@ class KernelVectorEnv(VectorEnv):
         if not mask.any():
             raise InvalidInput("reset_mask selects no environment; at least one is needed")
         return np.flatnonzero(mask)
-
-
-class HeightFollowingVectorEnv(KernelVectorEnv):
-    """
-    ## Description
-
-    ``num_envs`` environments of :class:`height_following.HeightFollowingEnv` in one kernel:
-    ``gymnasium.make_vec("kerfgym/HeightFollowing-v0", num_envs=256)``. Spaces, rewards, scenarios and arguments are
-    those of the single environment, and so are the bits: environment ``i`` of ``reset(seed=s)`` lives through the
-    episodes of a single environment that was reset with ``seed=s + i``.
-
-    ## Episode End
-
-    ``autoreset_mode`` is one of Gymnasium's three.
-
-    | mode         | what happens to an environment whose episode is over                                       |
-    |--------------|--------------------------------------------------------------------------------------------|
-    | `NextStep`   | the next step ignores its action and begins its next episode (reward 0)                    |
-    | `SameStep`   | the same step begins its next episode; `final_obs` and `final_info` hold how the last ended |
-    | `Disabled`   | nothing; it must be reset with `options={"reset_mask": mask}` before the next step          |
-
-    ## Info
-
-    A float64 array of shape `(num_envs,)` for each entry of the single environment's `info`, with its mask `_name`.
-
-    ## Arguments
-
-    | argument         | default      | meaning                                                        |
-    |------------------|--------------|----------------------------------------------------------------|
-    | `num_envs`       | `1`          | environments                                                   |
-    | `num_threads`    | `1`          | threads that step them; they sleep while they wait             |
-    | `autoreset_mode` | `"NextStep"` | see above                                                      |
-    | others           |              | those of the single environment, the same for all              |
-    """
-
-    BATCH, SINGLE = Batch, HeightFollowingEnv
 
 
 def make_batch(kind: type[Episodes], single: Any, num_envs: int, num_threads: int, arguments: dict[str, Any]) -> Any:

@@ -28,7 +28,7 @@ LINEAR = "fixed linear, at the set height"
 
 SOURCES = (
     "experiments/bounds/*.py", "!experiments/bounds/stored.py", "!experiments/bounds/estimates.py",
-    "!experiments/bounds/__main__.py", "envs/scenarios.py", "envs/scenarios/distributions.py",
+    "!experiments/bounds/__main__.py", "envs/scenarios/__init__.py", "envs/scenarios/distributions.py",
     "envs/engine/lanes.py", "envs/engine/quantity.py",
     *(
         f"envs/plant/{name}.py"
@@ -115,7 +115,7 @@ def stale() -> list[str]:
 
 def table() -> str:
     """The page's tables in Markdown."""
-    from ..manual.docs import table as markdown
+    from ..store.markdown import table as markdown
 
     text = []
     for suite in scenarios.suites():
@@ -143,7 +143,7 @@ ESTIMATES = {
 
 def comparison() -> str:
     """Independent estimates of suite ``following-v1`` beside its bounds, in Markdown."""
-    from ..manual.docs import table as markdown
+    from ..store.markdown import table as markdown
 
     rows = []
     for name, (low, high) in ESTIMATES.items():
@@ -162,7 +162,7 @@ def _shown(value: float | None) -> str:
 
 def noise_table() -> str:
     """What disturbs a reading, RMS over the machines of the first scenario of each suite, µm."""
-    from ..manual.docs import table as markdown
+    from ..store.markdown import table as markdown
 
     for name in scenarios.core("following"):
         if bound := recorded(scenarios.load(name)):

@@ -1,9 +1,9 @@
-"""The command: ``python -m kerfgym.experiments.studies``, see :mod:`experiments.studies`::
+"""The command: ``python -m kerfgym.experiments.manual``, see :mod:`experiments.studies`::
 
-    python -m kerfgym.experiments.studies --list               # studies, what they cost, which are stale
-    python -m kerfgym.experiments.studies following blame      # these anew, and what the pages show of them
-    python -m kerfgym.experiments.studies --stale              # all that are not as old as the code
-    python -m kerfgym.experiments.studies --write              # only the pages, from stored results
+    python -m kerfgym.experiments.manual --list               # studies, what they cost, which are stale
+    python -m kerfgym.experiments.manual following blame      # these anew, and what the pages show of them
+    python -m kerfgym.experiments.manual --stale              # all that are not as old as the code
+    python -m kerfgym.experiments.manual --write              # only the pages, from stored results
 
 A study that fails does not stop the others. One that was killed goes on, or begins anew, with the same command; those
 that are done are no longer stale.
@@ -22,7 +22,7 @@ from . import docs
 def main(arguments: list[str] | None = None) -> int:
     """Does what the words say; 1 if a study or a page failed, or if ``--list`` found a stale one."""
     parser = argparse.ArgumentParser(
-        prog="python -m kerfgym.experiments.studies",
+        prog="python -m kerfgym.experiments.manual",
         description="Measure what README and manual show, and write it into them.",
     )
     parser.add_argument("names", nargs="*", metavar="NAME", help="studies to make anew; --list names them")

@@ -47,13 +47,13 @@ def made(name: str, study: str) -> Callable[[Callable[[dict[str, Any]], str]], C
         def whole() -> str:
             found = recorded.read(study)
             if found is None:
-                return f"*Not measured yet: `python -m kerfgym.experiments.studies {study}` does it.*\n"
+                return f"*Not measured yet: `python -m kerfgym.experiments.manual {study}` does it.*\n"
             try:
                 return f"{function(found)}\n{origin(found)}\n"
             except (KeyError, TypeError) as error:
                 raise InvalidInput(
                     f"results of '{study}' do not have what its table shows ({error}); make them anew: "
-                    f"python -m kerfgym.experiments.studies {study}"
+                    f"python -m kerfgym.experiments.manual {study}"
                 ) from None
 
         MADE[name] = whole

@@ -32,7 +32,7 @@ from ..store import runs
 
 COMMAND = ["python", "-m", "kerfgym.experiments.reproduce.fit_table1"]
 
-FILE = Path(__file__).parent / "reproduce" / "table1.toml"
+FILE = Path(__file__).parent / "table1.toml"
 
 FILTERS = {"moving average": "xi2023-ma", "improved": "xi2023-improved"}
 """The paper's filters and the stacks that have them."""

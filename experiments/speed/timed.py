@@ -137,7 +137,7 @@ def from_registers(size: int = MACHINES) -> Task:
 
 def vector(size: int, threads: int = 1) -> Task:
     """The Gymnasium vector environment."""
-    from ...envs.tasks.vector import HeightFollowingVectorEnv
+    from ...envs.height_following import HeightFollowingVectorEnv
 
     env = HeightFollowingVectorEnv(size, num_threads=threads, scenario="wavy")
     actions, calls = np.zeros((size, 1), np.float32), max(10, 60_000 // size)

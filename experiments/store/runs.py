@@ -104,7 +104,7 @@ def near(name: str) -> Path | None:
 
 def git_state() -> dict[str, Any]:
     """Commit of the package's checkout and whether it was changed since; empty outside a checkout."""
-    folder = Path(__file__).parents[1]
+    folder = Path(__file__).parents[2]
 
     def git(*words: str) -> str | None:
         try:

@@ -69,7 +69,7 @@ def _same_order(here: dict[str, int | None], there: dict[str, int | None]) -> bo
 
 @study(
     "agreement", f"whether the first {FIRST} of {HERE} keep order and ratios on sheets {THERE}",
-    "python -m kerfgym.experiments.studies following elsewhere agreement", 0.1,
+    "python -m kerfgym.experiments.manual following elsewhere agreement", 0.1,
     ("docs/results/[ef]*w*.json",),  # both in one pattern, because one that was never run is no file yet
 )  # fmt: skip
 def agreement(trial: Trial) -> dict[str, Any]:
@@ -85,5 +85,5 @@ def agreement(trial: Trial) -> dict[str, Any]:
 def _stored(name: str) -> dict[str, Any]:
     body = recorded.read(name)
     if body is None:
-        raise InvalidInput(f"'{name}' was never run; python -m kerfgym.experiments.studies {name}")
+        raise InvalidInput(f"'{name}' was never run; python -m kerfgym.experiments.manual {name}")
     return body

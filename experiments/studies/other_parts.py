@@ -49,7 +49,7 @@ def beyond() -> list[Scenario]:
 
 @study(
     "contour-beyond", "axes and feeds that nobody was trained on",
-    "python -m kerfgym.experiments.studies contour-beyond",
+    "python -m kerfgym.experiments.manual contour-beyond",
     2.0, (*LOADED, *PLANNED, *LAWS, *POLICIES, *suite("contour"), *trained("contour-")),
 )  # fmt: skip
 def contour_beyond(trial: Trial) -> dict[str, Any]:
@@ -63,7 +63,7 @@ def contour_beyond(trial: Trial) -> dict[str, Any]:
 
 @study(
     "cutting-parts", "parts that neither policy nor rules have seen",
-    "python -m kerfgym.experiments.studies cutting-parts",
+    "python -m kerfgym.experiments.manual cutting-parts",
     2.0, (*LOADED, *PLANNED, *LAWS, *POLICIES, *suite("cutting"), *trained("cutting-")),
 )  # fmt: skip
 def cutting_parts(trial: Trial) -> dict[str, Any]:

@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from ...envs.engine.quantity import InvalidInput
-from ..manual.docs import FOLDER
 from ..report.terminal import Sheet
 from ..store import runs
 from ..store.runs import atomic
+from ..store.stamp import ROOT
 
 
 def put(name: str, text: str, page: Path) -> None:
@@ -40,7 +40,7 @@ def put(name: str, text: str, page: Path) -> None:
 
 def manual(name: str) -> Path:
     """A page of the manual."""
-    return FOLDER / name
+    return ROOT / "docs" / name
 
 
 class Cost:

@@ -29,7 +29,7 @@ from ..store import runs
 from ..store.stamp import LAWS, LOADED, PLANNED, with_imports
 from ..train.folder import into
 
-TRAINED = Path(__file__).parents[1] / "agents" / "trained"
+TRAINED = Path(__file__).parents[2] / "agents" / "trained"
 
 SHIPPED: dict[str, tuple[str, str, int, dict[str, Any]]] = {
     "height-following-ppo": ("ppo", "kerfgym/HeightFollowing-v0", 0, {}),

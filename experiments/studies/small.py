@@ -31,7 +31,7 @@ def calibration(trial: Trial) -> dict[str, Any]:
 
 @study(
     "quality", "from which following error on dross or roughness change by 1 %",
-    "python -m kerfgym.experiments.studies quality", 0.2,
+    "python -m kerfgym.experiments.manual quality", 0.2,
     (*LOADED, "experiments/report/cut_quality.py"),
 )  # fmt: skip
 def of_quality(trial: Trial) -> dict[str, Any]:

@@ -9,8 +9,8 @@ import kerfgym  # noqa: F401
 from kerfgym.envs import scenarios
 from kerfgym.envs.control.stack import get
 from kerfgym.envs.engine.quantity import InvalidInput
+from kerfgym.envs.height_following import HeightFollowingVectorEnv
 from kerfgym.envs.tasks.interface import FEATURES, INFO
-from kerfgym.envs.tasks.vector import HeightFollowingVectorEnv
 from kerfgym.experiments.measure.rollout import roll
 
 ID = "kerfgym/HeightFollowing-v0"

@@ -252,7 +252,7 @@ def test_results_of_another_form_ask_to_be_made_anew(monkeypatch):
 
 def test_a_table_that_nobody_has_measured_says_how(monkeypatch):
     monkeypatch.setattr(recorded, "read", lambda name: None)
-    assert tables.MADE["speed"]() == "*Not measured yet: `python -m kerfgym.experiments.studies speed` does it.*\n"
+    assert tables.MADE["speed"]() == "*Not measured yet: `python -m kerfgym.experiments.manual speed` does it.*\n"
 
 
 def test_new_results_are_compared_with_those_before():

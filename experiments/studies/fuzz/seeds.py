@@ -98,7 +98,7 @@ def settings(folder: Path) -> None:
     for name in ("wavy", "shift", "step-flutter", "rough", "tip-up", "cut-bulge", "contour-gear", "corners"):
         (places["scenario"] / f"{name}.toml").write_text(scenarios.load(name).to_toml(), encoding="utf-8")
     for suite in scenarios.suites():
-        shutil.copy(Path(scenarios.__file__).parent / "suites" / f"{suite}.toml", places["suite"])
+        shutil.copy(Path(scenarios.__file__).parents[1] / "suites" / f"{suite}.toml", places["suite"])
     for name in material.names():
         shutil.copy(material.FOLDER / f"{name}.toml", places["material"])
     (places["tuned"] / "one.toml").write_text(TUNED, encoding="utf-8")

@@ -123,7 +123,7 @@ def _where() -> str:
     import sys
 
     frames = traceback.extract_tb(sys.exc_info()[2])
-    root = str(Path(__file__).parents[2])
+    root = str(Path(__file__).parents[3])
     own = [f for f in frames if f.filename.startswith(root) and "/fuzz/" not in f.filename]
     shown = [f"{Path(f.filename).name}:{f.lineno}" for f in (*own[-1:], *frames[-1:])]
     return " ← ".join(dict.fromkeys(shown))
