@@ -16,8 +16,8 @@ they differ from the plan; how, it does not say. These rules are one reading, ar
 * **Focus and standoff.** The focus moves against the height error h, −refocus·h; the standoff takes back what remains
   of it on average (``restore``, at most ±0.1 mm).
 
-On C45 the machine obeys all this within the settings that were published (:mod:`envs.figures.evidence`), which leaves feed,
-frequency and size of a circular dither; ``extrapolate = true`` in a scenario's job lifts that.
+On C45 the machine obeys all this within the settings that were published (:mod:`envs.figures.evidence`), which leaves
+feed, frequency and size of a circular dither; ``extrapolate = true`` in a scenario's job lifts that.
 
 Outside the cut the settings are the planned ones. What the unit cannot know, since no sensor tells: gas pressure, the
 power that arrives, and the cut itself.

@@ -1,9 +1,9 @@
 """Command sequences on the panel: what CN102528288A names as advanced processes.
 
-Each is a plain function of a :class:`~kerfgym.envs.control.panel.Panel`: it gives commands, moves X, and says how it ended. A
-sequence that meets an alarm stops X and ends there; the supervisor has the head by then. Jobs of the suites ``contour``
-and ``cutting`` pierce and leap in the compiled machine; here the same is done from outside, command by command, as a
-numerical control does.
+Each is a plain function of a :class:`~kerfgym.envs.control.panel.Panel`: it gives commands, moves X, and says how it
+ended. A sequence that meets an alarm stops X and ends there; the supervisor has the head by then. Jobs of the suites
+``contour`` and ``cutting`` pierce and leap in the compiled machine; here the same is done from outside, command by
+command, as a numerical control does.
 """
 
 from collections.abc import Callable

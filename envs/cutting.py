@@ -30,10 +30,10 @@ class CuttingEnv(JobEnv):
     | 6 | offset of the focus, up positive | ±1 mm | ±0.1 mm | ±5 mm |
     | 7 | standoff, added to the nominal | ±0.3 mm | ±0.05 mm | ±1 mm |
 
-    What comes out is limited to the settings that were published of the material (`envs/figures/evidence.py`; for C45 by
-    Huang2024): the third column, with equal amplitudes in x and y, the smaller of the two, and a feed of at most 8.33
-    mm/s without dither, 16.7 mm/s with ±0.3 mm of it. `extrapolate=True` leaves only what the optics, the recipe and
-    the axes allow.
+    What comes out is limited to the settings that were published of the material (`envs/figures/evidence.py`; for C45
+    by Huang2024): the third column, with equal amplitudes in x and y, the smaller of the two, and a feed of at most
+    8.33 mm/s without dither, 16.7 mm/s with ±0.3 mm of it. `extrapolate=True` leaves only what the optics, the recipe
+    and the axes allow.
 
     What was published is more than what the figures of the cut were calibrated on: no cut at another frequency than 2
     kHz or with more than ±1 mm of focus dither has a published result. Outside the calibrated settings figures are

@@ -49,7 +49,8 @@ What it misses: heat that builds up in corners and narrow webs, striations as a 
 supersonic flow of the gas, surface tension, preheating by neighbouring cuts. Roughness and dross are proxies:
 calibrated on three published cuts (C45) or assumed (the others), validated nowhere. The three cuts do not tell whether
 a dither smooths because more is absorbed or because the kerf gets wider: a power of m̄ alone meets them as well as this
-form does and says the opposite about a narrow kerf. :mod:`envs.figures.evidence` says how far a run lies from those cuts.
+form does and says the opposite about a narrow kerf. :mod:`envs.figures.evidence` says how far a run lies from those
+cuts.
 """
 
 from typing import NamedTuple

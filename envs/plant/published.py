@@ -1,8 +1,8 @@
 """Published settings: how far a process command may go, and how far it leaves what the cut's figures stand on.
 
-A machine has two ranges of settings; ``envs/figures/evidence.py`` says where their numbers come from. The *published* one is
-what a document prints: a machine that is ``bounded`` obeys process commands only within it. The *calibrated* one holds
-the settings of the cuts that the model was fitted to: of every machine it is noted by how much it leaves them.
+A machine has two ranges of settings; ``envs/figures/evidence.py`` says where their numbers come from. The *published*
+one is what a document prints: a machine that is ``bounded`` obeys process commands only within it. The *calibrated* one
+holds the settings of the cuts that the model was fitted to: of every machine it is noted by how much it leaves them.
 
 Dither counts with its smaller amplitude a: up to a feed of ``feed_static`` without it, up to ``feed_high`` with all of
 it, in a straight line between. The focus may be dithered by ``deep_low`` at the lowest and ``deep_high`` at the highest

@@ -1,10 +1,10 @@
 """What each stage of the machine costs a controller: a game whose players are idealised stages.
 
 For every subset of stages the same episodes (same seeds, same random numbers) are rolled out with just these idealised
-(:mod:`kerfgym.envs.plant.ideal`). A stage's share of the mean-square true error is its Shapley value: what idealising it
-gains, averaged over all orders in which the stages could be idealised. Shares add up to the real error less that of the
-fully idealised machine, which is what law, supervisor and sampling leave. Of a job there are two errors, and two games:
-of the gap and of the contour.
+(:mod:`kerfgym.envs.plant.ideal`). A stage's share of the mean-square true error is its Shapley value: what idealising
+it gains, averaged over all orders in which the stages could be idealised. Shares add up to the real error less that of
+the fully idealised machine, which is what law, supervisor and sampling leave. Of a job there are two errors, and two
+games: of the gap and of the contour.
 """
 
 import math

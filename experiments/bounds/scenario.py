@@ -9,8 +9,8 @@ Three figures for each scenario, all RMS of the true gap error over the benchmar
 - ``linear``: for a fixed linear predictor that is tuned to the scenario's ensemble (:mod:`linear`).
 
 What is added when machines learn to do more: an ingredient of :mod:`spectrum` or :mod:`shapes` in
-:func:`read.random_part`, :func:`estimates.drawn_part` and :func:`linear.ensemble`, and its name in :mod:`known`. Where
-feed or sheet change meanwhile, :mod:`moving` takes over.
+:func:`ingredients.random_part`, :func:`estimates.drawn_part` and :func:`linear.ensemble`, and its name in :mod:`known`.
+Where feed or sheet change meanwhile, :mod:`moving` takes over.
 """
 
 from collections.abc import Sequence

@@ -35,7 +35,7 @@ SOURCES = (
         for name in ("calibration", "controller", "fleet", "heads", "machine", "path", "sensor", "sheet", "z_axis")
     ),
 )  # fmt: skip
-"""What bounds are made from, beside the scenarios, as :mod:`figures.stamp` takes it."""
+"""What bounds are made from, beside the scenarios, as :mod:`store.stamp` takes it."""
 
 _WORDS = ("name", "summary", "version")
 """What a scenario says that is not physics."""

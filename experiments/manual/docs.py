@@ -7,8 +7,8 @@ Other pages are written by hand; a script fills in their tables, between two mar
     …
     <!-- end -->
 
-Tables come from the code or, where a run made the numbers, from stored results (:mod:`figures`); so do single numbers
-in a sentence (:mod:`figures.marks`). A test fails when a page is older than what it is made from.
+Tables come from the code or, where a run made the numbers, from stored results (:mod:`studies`); so do single numbers
+in a sentence (:mod:`studies.marks`). A test fails when a page is older than what it is made from.
 """
 
 import ast

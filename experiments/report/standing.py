@@ -1,4 +1,4 @@
-"""Who stands where in one metric: figures with intervals, ranks, ties (:func:`fairness.standings`)."""
+"""Who stands where in one metric: figures with intervals, ranks, ties (:func:`ranks.standings`)."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -26,7 +26,7 @@ SAME = 0.005
 
 @dataclass(frozen=True)
 class Standing:
-    """One metric of a suite; ``frame`` as :func:`fairness.standings` gives it."""
+    """One metric of a suite; ``frame`` as :func:`ranks.standings` gives it."""
 
     suite: Suite
     metric: str

@@ -101,7 +101,7 @@ class Suite:
 
     @cached_property
     def classes(self) -> dict[str, list[str]]:
-        """Controllers of each information class, least informed class first, in the order of :func:`fairness.order`."""
+        """Controllers of each information class, least informed class first, in the order of :func:`ranks.order`."""
         known = [*INFORMATION, *dict.fromkeys(self.summary["information"])]
         names, out = order(self.summary), {}
         for information in dict.fromkeys(known):
@@ -135,7 +135,7 @@ class Suite:
         return list(self.traces)
 
     def pooled(self, metric: str) -> pd.DataFrame:
-        """A metric over the seeds, see :meth:`results.Comparison.pooled`; scenarios in the page's order."""
+        """A metric over the seeds, see :meth:`followers.Comparison.pooled`; scenarios in the page's order."""
         return self.results.pooled(metric)[self.scenarios]
 
     @cached_property

@@ -150,7 +150,7 @@ def _cell(table: Any, row: Any, column: str) -> float:
 
 
 def _classes(summary: Any, cells: Callable[[Any, Any], list[str]]) -> list[list[list[str]]]:
-    """Rows of each information class, in the order of :func:`fairness.order`."""
+    """Rows of each information class, in the order of :func:`ranks.order`."""
     names = order(summary)
     groups = [[name for name in names if summary.at[name, "information"] == each] for each in INFORMATION]
     return [[cells(name, summary.loc[name]) for name in group] for group in groups if group]

@@ -130,7 +130,8 @@ def main() -> None:
                 row["method"]: {"dross": round(row["dross, error"], 4), "roughness": round(row["Rz, error"], 4)}
                 for _, row in found.iterrows()
             },
-            "command": "python -m kerfgym.experiments.reproduce.fit_cut", "kerfgym": meta["kerfgym"], "git": meta["git"],
+            "command": "python -m kerfgym.experiments.reproduce.fit_cut",
+            "kerfgym": meta["kerfgym"], "git": meta["git"],
         },
     }  # fmt: skip
     lines = [

@@ -92,7 +92,7 @@ class Comparison:
 
     @functools.cached_property
     def standings(self) -> pd.DataFrame:
-        """Ranks, ties, intervals, and who is not ranked and why: :func:`fairness.standings`."""
+        """Ranks, ties, intervals, and who is not ranked and why: :func:`ranks.standings`."""
         return standings(self)
 
     def placed(self, frame: pd.DataFrame) -> pd.DataFrame:
@@ -198,7 +198,7 @@ class Results(Comparison):
 
     def summary(self) -> pd.DataFrame:
         """One row per controller: score (µm) and ratio with intervals, scale, stability, budget, collision and failure
-        counts, other metrics over the core, standing (:func:`fairness.standings`)."""
+        counts, other metrics over the core, standing (:func:`ranks.standings`)."""
         standing = self.standings
         frame = pd.DataFrame({"score": standing["score"].replace(np.inf, np.nan), "ratio": standing["ratio"]})
         frame["scale"] = np.log(frame["ratio"]) / np.log(frame["ratio"].get(INFORMED, np.nan))

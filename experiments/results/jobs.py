@@ -132,7 +132,7 @@ class JobResults(Comparison):
     def summary(self) -> pd.DataFrame:
         """One row per controller: score (the suite's metric, so the same as the column of its name) and ratio of the
         reference over it with intervals, every metric over the core, collision and failure counts, budget, standing
-        (:func:`fairness.standings`)."""
+        (:func:`ranks.standings`)."""
         standing = self.standings
         frame = pd.DataFrame({"score": standing["score"].replace(np.inf, np.nan), "ratio": standing["ratio"]})
         frame["information"] = standing["information"]

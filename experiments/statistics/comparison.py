@@ -1,4 +1,4 @@
-"""What a benchmark's runs say about who is closer, by how much and how surely: :mod:`inference` on its tables.
+"""What a benchmark's runs say about who is closer, by how much and how surely: :mod:`intervals` on its tables.
 
 **A run fails** if the nozzle touches the sheet where it should not, if it holds a number that is not finite, if it has
 nothing to score, or if its job is not finished (:func:`failures`). What that means for each figure:

@@ -8,7 +8,7 @@ suite and stay fixed, unless the question is how it would be on other scenarios 
 
 Values are arrays (runs, seeds, scenarios), lower is better. A failed run is ``inf``: the worst, never dropped.
 
-**Intervals** are from a hierarchical bootstrap over these axes (:mod:`resampling`), studentised with equal tails:
+**Intervals** are from a hierarchical bootstrap over these axes (:mod:`bootstrap`), studentised with equal tails:
 percentile and BCa intervals (Efron 1987) hold less than they say at 20 runs, those of Student's t too where figures are
 skewed (``python -m kerfgym.experiments.studies.coverage``).
 """

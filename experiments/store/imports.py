@@ -11,11 +11,11 @@ from pathlib import Path
 
 ASIDE = (
     "__init__.py",  # the version, which is stored beside the numbers
-    "experiments/report/", "experiments/manual/docs.py", "experiments/studies/pages.py", "experiments/studies/", "experiments/cli.py",
-    "experiments/store/typed.py", "experiments/store/progress.py", "experiments/store/runs.py", "experiments/results/archive.py",
-    "experiments/report/summary.py", "experiments/report/remake.py", "experiments/results/merge.py", "experiments/store/markdown.py",
+    "experiments/cli.py", "experiments/manual/", "experiments/plots/", "experiments/render/", "experiments/report/",
+    "experiments/results/archive.py", "experiments/results/merge.py", "experiments/store/markdown.py",
+    "experiments/store/progress.py", "experiments/store/runs.py", "experiments/store/typed.py", "experiments/studies/",
     "envs/paths/",  # what cuts jobs names it, see :data:`stamp.PLANNED`
-    "envs/pictures/rendering.py", "envs/pictures/film.py", "envs/pictures/kerf_film.py", "envs/pictures/kerf_picture.py", "envs/control/panel.py",
+    "envs/pictures/", "envs/control/panel.py",
 )  # fmt: skip
 """Files and folders that show or store numbers and make none. Whatever is not named here counts; they count too where
 a study names them."""

@@ -1,9 +1,9 @@
-"""The best of each classical follower under several caps on Ms: ``python -m kerfgym.experiments.studies.caps [NAME …]``.
+"""The best classical followers under caps on Ms: ``python -m kerfgym.experiments.studies.caps [NAME …]``.
 
 A loop may be closer to the sheet because it is better or because it lives more dangerously. So every stack that has a
 shipped preset is searched anew under each of :data:`CAPS`, with the same sampler and the same number of trials
-(:mod:`experiments.tune.protocol`), and scored on *test* seeds. ``runs/caps/caps.csv`` has a row for each; a run that was
-interrupted goes on where it stood.
+(:mod:`experiments.tune.protocol`), and scored on *test* seeds. ``runs/caps/caps.csv`` has a row for each; a run that
+was interrupted goes on where it stood.
 """
 
 import argparse

@@ -1,8 +1,8 @@
 """Do the intervals hold? How often a 95 % interval contains the truth, on synthetic runs whose truth is known.
 
-``python -m kerfgym.experiments.studies.coverage`` prints it at 5, 10, 20 and 50 independent runs for the kinds of interval that
-one could use, and how often two copies of one controller are declared different. Each repeat draws errors in seven
-scenarios that share a machine, so they go together:
+``python -m kerfgym.experiments.studies.coverage`` prints it at 5, 10, 20 and 50 independent runs for the kinds of
+interval that one could use, and how often two copies of one controller are declared different. Each repeat draws errors
+in seven scenarios that share a machine, so they go together:
 
 - ``normal``: errors of 10 ± 1;
 - ``lognormal``: with a spread of 50 %, about what is found in the following suite;
@@ -32,7 +32,7 @@ from ..store.progress import Bars
 COUNTS = (5, 10, 20, 50)
 SCENARIOS, SEEDS = 7, 20
 INTERVALS = ("percentile", "BCa", "Student", "bootstrap-t")
-"""The last is what :mod:`resampling` uses."""
+"""The last is what :mod:`bootstrap` uses."""
 
 
 def _together(random: np.random.Generator, *shape: int) -> np.ndarray:

@@ -3,7 +3,7 @@
     It scores <!-- n: following.self-tuning.score .2f -->3.51<!-- /n --> µm.
     It is closer than every fixed law. <!-- holds: following.self-tuning.score < following.pid.score -->
 
-Behind the path of a number (:func:`store.number`) may stand how it is written, in Python's words; without, three
+Behind the path of a number (:func:`recorded.number`) may stand how it is written, in Python's words; without, three
 significant digits. A claim compares a number by ``<``, ``>`` or ``=`` with another, with a constant or with a word. It
 guards a sentence without numbers: a test fails when it is no longer so.
 """

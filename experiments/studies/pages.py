@@ -4,8 +4,8 @@
     …
     <!-- end -->
 
-What can be made from the code in a moment has other marks, and a test that it is not stale (:mod:`docs`). What takes
-minutes says beside the table with which command, version and commit it was made.
+What can be made from the code in a moment has other marks, and a test that it is not stale (:mod:`manual.docs`). What
+takes minutes says beside the table with which command, version and commit it was made.
 """
 
 import re

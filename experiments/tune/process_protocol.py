@@ -7,9 +7,9 @@
   cutting time, dross and roughness: planned settings and rules with the smallest of the largest ratio among the three,
   in the scenario in which it is largest. At 1 nothing better was found.
 
-Settings stay within those that were published (:mod:`envs.figures.evidence`); what a search may ask for beyond them, the
-machine does not obey. Whether the result also lies within the calibrated ones, its record says. Both on tune seeds of
-the cutting suite's core.
+Settings stay within those that were published (:mod:`envs.figures.evidence`); what a search may ask for beyond them,
+the machine does not obey. Whether the result also lies within the calibrated ones, its record says. Both on tune seeds
+of the cutting suite's core.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""The shipped presets of followers, all by one protocol: ``python -m kerfgym.experiments.search [NAME …] [--jobs N]``.
+"""The shipped presets of followers, all by one protocol: ``python -m kerfgym.experiments.tune.protocol [NAME …] [--jobs N]``.
 
 Minimised is the geometric mean of the RMS true error over the suite's core, under a cap on Ms and without collisions.
 Every stack is given the same:
@@ -256,7 +256,7 @@ def write_preset(stack: Stack, record: dict) -> Path:
     path.parent.mkdir(exist_ok=True)
     values = stack.parameters()
     body = {"parameters": {key: values[key].value for key in space(stack)}, "provenance": record}
-    header = "# Found by: python -m kerfgym.experiments.search " + stack.name + "\n"
+    header = "# Found by: python -m kerfgym.experiments.tune.protocol " + stack.name + "\n"
     path.write_text(header + tomli_w.dumps(body), encoding="utf-8")
     return path
 
@@ -282,7 +282,7 @@ def main() -> None:
     from joblib import Parallel, delayed
 
     parser = argparse.ArgumentParser(
-        prog="python -m kerfgym.experiments.search", description=(__doc__ or "").split("\n")[0]
+        prog="python -m kerfgym.experiments.tune.protocol", description=(__doc__ or "").split("\n")[0]
     )
     parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(NAMES))
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="searches at a time")

@@ -1,4 +1,4 @@
-"""``python -m kerfgym.experiments.studies.corpus.large``: what drawings as large as a sheet cost to read and to plan."""
+"""What large drawings cost to read and to plan: ``python -m kerfgym.experiments.studies.corpus.large``."""
 
 import multiprocessing
 import resource

@@ -17,7 +17,7 @@ def table(frame: pd.DataFrame) -> Sheet:
     """One row for each controller and sheet.
 
     Args:
-        frame: columns ``sheet``, ``controller``, ``drawing`` and the fields of :class:`verdict.Verdict`, intervals in
+        frame: columns ``sheet``, ``controller``, ``drawing`` and the fields of :class:`worse.Verdict`, intervals in
             columns of their own (``rms_growth``, ``rms_growth_low``, …).
     """
     sheet = Sheet("Errors with time, µm", [

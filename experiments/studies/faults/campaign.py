@@ -26,7 +26,7 @@ class Task(NamedTuple):
 
 
 def work(task: Task) -> pd.DataFrame:
-    """One row a fault, see :func:`verdict.judged`."""
+    """One row a fault, see :func:`culprits.judged`."""
     given = [drawn(task.scenario, task.first + i, task.seed) for i in range(task.faults)]
     return judged(scenarios.load(task.scenario), stacks.resolve(task.controller), given).assign(
         controller=task.controller

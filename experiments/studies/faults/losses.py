@@ -16,7 +16,7 @@ def sheets(frame: pd.DataFrame, seed: int = 0) -> list[Sheet]:
     """The campaign's tables.
 
     Args:
-        frame: of :func:`verdict.judged`, of all controllers and scenarios.
+        frame: of :func:`culprits.judged`, of all controllers and scenarios.
         seed: the campaign's.
     """
     return [_by_controller(frame), _by_fault(frame), _remaining(frame, seed)]

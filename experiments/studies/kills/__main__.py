@@ -1,4 +1,4 @@
-"""``python -m kerfgym.experiments.studies.kills``: kill −9 at many moments and steps of writing, then the same command again.
+"""Kill −9 at many moments and steps of writing, then the same command: ``python -m kerfgym.experiments.studies.kills``.
 
 It must then end well, with the same figures as one that was let alone, and leave nothing behind.
 """

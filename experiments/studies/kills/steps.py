@@ -1,6 +1,8 @@
-"""``python -m kerfgym.experiments.studies.kills.steps N COMMAND …``: a command that dies, with all that it has started, at its
-N-th step of writing: before or after a file takes its name, gets its first bytes, is cut or removed. With 0 it lives,
-and writes how many such steps it made into the file that ``KERFGYM_STEPS`` names.
+"""A command that dies: ``python -m kerfgym.experiments.studies.kills.steps N COMMAND …``.
+
+It ends with all that it has started at its N-th step of writing: before or after a file takes its name, gets its first
+bytes, is cut or removed. With 0 it lives, and writes how many such steps it made into the file that ``KERFGYM_STEPS``
+names.
 
 Moments drawn at random hardly ever meet these, which take microseconds.
 """

@@ -50,7 +50,7 @@ def of_file(drawing: Drawing) -> pd.DataFrame:
 
 
 def judged(kind: str, route: Route, material: Material, kerf: float) -> pd.DataFrame:
-    """One row for each closed contour: ``kind``, ``how`` it is begun, ``wrong`` (of :data:`.verdict.WRONG`, joined)."""
+    """One row for each closed contour: ``kind``, ``how`` it begins, ``wrong`` (of :data:`.trespass.WRONG`, joined)."""
     rows = []
     for cut in route.cuts:
         if route.nesting.area[cut.contour]:
