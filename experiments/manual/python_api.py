@@ -47,7 +47,9 @@ PUBLIC: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
         "figures.",
         {
             "experiments.results.archive": ("load", "Archive"),
-            "experiments.statistics.intervals": ("iqm", "cvar", "wilson", "probability_of_improvement", "performance_profile"),
+            "experiments.statistics.intervals": (
+                "iqm", "cvar", "wilson", "probability_of_improvement", "performance_profile",
+            ),
         },
     ),
     "Learning": (

@@ -1,4 +1,4 @@
-"""The shipped presets of followers, all by one protocol: ``python -m kerfgym.experiments.tune.protocol [NAME …] [--jobs N]``.
+"""The shipped presets of followers, all by one protocol: ``python -m kerfgym.experiments.tune.protocol``.
 
 Minimised is the geometric mean of the RMS true error over the suite's core, under a cap on Ms and without collisions.
 Every stack is given the same:
