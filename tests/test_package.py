@@ -232,8 +232,9 @@ def test_there_are_numbers_to_tune():
 
 ROLL = """
 import hashlib, json, sys, gymnasium, kerfgym
-from kerfgym.envs import scenarios, stack
-from kerfgym.experiments import rollout
+from kerfgym.envs import scenarios
+from kerfgym.envs.control import stack
+from kerfgym.experiments.measure import rollout
 scenario = scenarios.load("wavy").varied(duration=0.2, settle=0.0, head={"nominal": True})
 record = rollout.roll(scenario, stack.resolve(sys.argv[1]), [1000])
 reward = None

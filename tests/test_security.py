@@ -30,10 +30,10 @@ from kerfgym.envs.control import stack as stacks
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.paths.read import read as read_drawing
 from kerfgym.envs.safety import consent, files, names, secrets
-from kerfgym.experiments.benchmark.benchmarking.benchmarking import run
+from kerfgym.experiments.benchmark.benchmarking import run
 from kerfgym.experiments.cli import main
 from kerfgym.experiments.report.remake import remake
-from kerfgym.experiments.results.followers import archive
+from kerfgym.experiments.results import archive
 from kerfgym.experiments.store import kinds as stored_records
 from kerfgym.experiments.store import pool, tabular
 from kerfgym.experiments.tune import storage
@@ -53,7 +53,8 @@ class Mine:
 """
 PROCESSES = """
 import multiprocessing
-from kerfgym.experiments import cli, pool
+from kerfgym.experiments import cli
+from kerfgym.experiments.store import pool
 
 def begin() -> None:
     "Processes as a benchmark's, and as those of a search with several workers."
@@ -133,7 +134,10 @@ def test_what_is_typed_is_run(here):
 def test_a_file_in_ones_folder_does_not_take_the_place_of_a_library(here):
     (here / "tomli_w.py").write_text(TRAP, encoding="utf-8")
     (here / "own_module.py").write_text(OWN.replace("EXECUTED", "mine"), encoding="utf-8")
-    code = "from kerfgym.envs import stack; stack.resolve('own_module:Mine'); import tomli_w; print(tomli_w.__file__)"
+    code = (
+        "from kerfgym.envs.control import stack; stack.resolve('own_module:Mine');"
+        "import tomli_w; print(tomli_w.__file__)"
+    )
     script = here / "elsewhere" / "run.py"  # as an installed command, whose folder is not the user's
     script.parent.mkdir()
     script.write_text(code, encoding="utf-8")

@@ -100,7 +100,8 @@ class Drawing:
     def notes(self) -> list[str]:
         """Everything a user should know about how the file was read: warnings, what was cleaned and joined, what
         crosses, what was skipped."""
-        return [*self.warnings, *report.of(self), *(f"{what} is left out ({n})" for what, n in self.skipped.items())]
+        told = report.of(self.cleaned, self.joints, self.meetings, self.engraved)
+        return [*self.warnings, *told, *(f"{what} is left out ({n})" for what, n in self.skipped.items())]
 
     @property
     def summary(self) -> str:

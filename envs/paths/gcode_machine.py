@@ -9,15 +9,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-from ..engine.quantity import InvalidInput
-from .gcode_beam import Beam, Switches
+from .gcode_beam import Switches
 from .gcode_codes import AXES, CODES, CYCLES, HARMLESS, MOTION, READ
-from .gcode_flow import Line, Programme
-from .gcode_frames import SYSTEMS, Frames, Point
+from .gcode_flow import Line
+from .gcode_frames import SYSTEMS, Point
 from .gcode_modes import Modes
 from .gcode_motion import Motion
-from .gcode_parameters import Key
-from .gcode_words import Word, shortened
+from .gcode_state import State
+from .gcode_words import Word
 
 Codes = dict[str, Word]
 
@@ -31,39 +30,19 @@ class Kept(NamedTuple):
     by_itself: bool
 
 
-class Machine:
-    """The state that a programme leads through; ``units``: mm or inches until the programme says."""
+class Machine(State):
+    """Runs a programme; ``units``: mm or inches until the programme says."""
 
     def __init__(self, file: Path, units: str | None) -> None:
-        self.modes = Modes(units=units or "mm")
-        self.told = units is not None
-        self.programme = Programme(file, self.known)
-        self.frames = Frames(self.programme.parameters)
-        self.beam = Beam()
+        super().__init__(file, units)
         self.motion = Motion(self)
-        self.listed: dict[str, list[int]] = {}
-        self.skipped: dict[str, int] = {}
-        self.used: dict[str, None] = {}
         self.kept: dict[int, Kept] = {}
-        self.feed_word: tuple[Line, Word] | None = None
 
     def run(self) -> None:
         """Runs the programme to its end."""
         for line in self.programme:
             if self.line(line):
                 return
-
-    def known(self, key: Key) -> float | None:
-        """What the machine tells of itself when a parameter is read."""
-        if key == "<_value>":
-            return self.programme.value
-        if key == "<_value_returned>":
-            return float(self.programme.returned)
-        if key == "<_call_level>":
-            return float(len(self.programme.calls))
-        if key == "<_line>":
-            return float(self.programme.at + 1)
-        return self.modes.told(key, self.frames)
 
     # A line
 
@@ -90,17 +69,6 @@ class Machine:
                 return self.stop(line, codes, values)
         self.motion.move(line, codes, values)
         return self.stop(line, codes, values)
-
-    def wrong(self, line: Line, word: Word | str, problem: str) -> InvalidInput:
-        """An error about a word of a line."""
-        text = word if isinstance(word, str) else word.text
-        return InvalidInput(f"{line.where}: '{shortened(text)}': {problem}")
-
-    def note(self, line: Line, text: str) -> None:
-        """Lists a line under a warning."""
-        lines = self.listed.setdefault(text, [])
-        if line.number not in lines[-1:]:
-            lines.append(line.number)
 
     def check(self, line: Line, codes: Codes, values: dict[str, Word]) -> None:
         """Every word must be known, exclude no other of the line, and every letter belong to a word of the line."""
@@ -311,11 +279,6 @@ class Machine:
         for axis in AXES:
             if axis in values:
                 raise self.wrong(line, values[axis], f"it stands with {of}")
-
-    def mm(self, values: dict[str, Word], letter: str) -> float:
-        """The value of a length."""
-        value = values[letter].value * self.modes.size
-        return 0.5 * value if letter == "X" and self.modes.diameter else value
 
     def stop(self, line: Line, codes: Codes, values: dict[str, Word]) -> bool:
         """M2, M30, M98 and M99; whether the programme ends."""

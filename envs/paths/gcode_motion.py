@@ -5,7 +5,7 @@ counts along the way in space. Other axes may be named, but not moved.
 """
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from ..engine.quantity import InvalidInput
 from .collected import FARTHEST
@@ -28,10 +28,8 @@ from .gcode_beam import Stroke
 from .gcode_codes import AXES, CYCLES, STAY
 from .gcode_flow import Line
 from .gcode_frames import Point
+from .gcode_state import State
 from .gcode_words import Word
-
-if TYPE_CHECKING:
-    from .gcode_machine import Machine
 
 Values = dict[str, Word]
 
@@ -58,7 +56,7 @@ class Control(NamedTuple):
 class Motion:
     """The motion of ``machine``."""
 
-    def __init__(self, machine: "Machine") -> None:
+    def __init__(self, machine: State) -> None:
         self.m = machine
         self.placed = {"X": False, "Y": False}
         self.unplaced: dict[int, complex] = {}

@@ -1,15 +1,13 @@
 """What a user should know about how a drawing was cleaned and joined, a sentence each."""
 
-from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from .crossings import Meeting
-from .joining import GAP, Gap
-
-if TYPE_CHECKING:
-    from .drawing import Drawing
+from .cleaning import Cleaned
+from .crossings import Meeting, Meetings
+from .curve import Points
+from .joining import GAP, Gap, Joints
 
 TOLD = 5
 """Places that are listed; further ones are counted."""
@@ -18,13 +16,13 @@ LARGE = 0.1 * GAP
 """mm, a gap beyond what the rounding of a file's numbers leaves."""
 
 
-def of(drawing: "Drawing") -> list[str]:
-    """Sentences on what was joined, what stays open, what was there twice, what crosses, and what is to be engraved."""
-    return [*_cleaned(drawing), *_joined(drawing), *_crossing(drawing), *_engraved(drawing)]
+def of(cleaned: Iterable[Cleaned], joints: Joints, meetings: Meetings, engraved: Sequence[Points]) -> list[str]:
+    """Sentences on what was there twice, what was joined and stays open, what crosses, and what is to be engraved."""
+    return [*_cleaned(cleaned), *_joined(joints), *_crossing(meetings), *_engraved(engraved)]
 
 
-def _cleaned(drawing: "Drawing") -> Iterator[str]:
-    for step in drawing.cleaned:
+def _cleaned(cleaned: Iterable[Cleaned]) -> Iterator[str]:
+    for step in cleaned:
         if step.overlapping:
             yield f"{_many(step.overlapping, 'line lies', 'lines lie')} on others: cut once, {step.length:.3f} mm less"
         if step.curves:
@@ -36,9 +34,9 @@ def _cleaned(drawing: "Drawing") -> Iterator[str]:
             yield f"{_many(step.flat, 'closed contour encloses', 'closed contours enclose')} nothing: cut as open"
 
 
-def _crossing(drawing: "Drawing") -> Iterator[str]:
-    """Contours have their numbers as they were read, which are those of ``drawing.meetings``."""
-    found = drawing.meetings.found
+def _crossing(meetings: Meetings) -> Iterator[str]:
+    """Contours have their numbers as they were read, which are those of ``meetings``."""
+    found = meetings.found
     own = "crosses or touches itself at {}: what it goes around an even number of times is taken as outside"
     yield from _each([f"contour {m.first + 1} {own.format(_at(m))}" for m in found if m.first == m.second], "contour")
     pairs = [(m, f"contours {m.first + 1} and {m.second + 1}") for m in found if m.first != m.second]
@@ -46,7 +44,7 @@ def _crossing(drawing: "Drawing") -> Iterator[str]:
     yield from _each(crossing, "pair")
     on = "lie on one another over {:.1f} mm, at {}: cut for each of them"
     yield from _each([f"{both} {on.format(m.along, _at(m))}" for m, both in pairs if m.along], "pair")
-    if drawing.meetings.cut_short:
+    if meetings.cut_short:
         yield "too many contours meet to look at all: there may be more that cross or lie on one another"
 
 
@@ -61,8 +59,7 @@ def _at(meeting: Meeting) -> str:
     return f"x = {meeting.x:.2f}, y = {meeting.y:.2f} mm"
 
 
-def _joined(drawing: "Drawing") -> Iterator[str]:
-    joints = drawing.joints
+def _joined(joints: Joints) -> Iterator[str]:
     wide = [gap for gap in reversed(joints.bridged) if gap[2] > LARGE]
     if wide:
         yield f"{_many(len(wide), 'gap', 'gaps')} of up to {wide[0][2]:.3f} mm joined: {_places(wide)}"
@@ -83,8 +80,8 @@ def _places(gaps: Sequence[Gap]) -> str:
     return "; ".join(f"{gap:.3f} mm at ({x:.3f}, {y:.3f})" for x, y, gap in gaps[:TOLD]) + more
 
 
-def _engraved(drawing: "Drawing") -> Iterator[str]:
-    if drawing.engraved:
-        length = sum(float(np.hypot(*np.diff(piece, axis=0).T).sum()) for piece in drawing.engraved)
-        what = _many(len(drawing.engraved), "contour", "contours")
+def _engraved(pieces: Sequence[Points]) -> Iterator[str]:
+    if pieces:
+        length = sum(float(np.hypot(*np.diff(piece, axis=0).T).sum()) for piece in pieces)
+        what = _many(len(pieces), "contour", "contours")
         yield f"{what}, {length:.1f} mm, to be engraved: this machine only cuts, so kept out of the job"

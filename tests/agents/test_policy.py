@@ -195,8 +195,9 @@ class Blocked:
 sys.meta_path.insert(0, Blocked())
 import gymnasium, kerfgym, numpy
 from kerfgym.agents.policy import Policy
-from kerfgym.envs import scenarios, stack
-from kerfgym.experiments import rollout
+from kerfgym.envs import scenarios
+from kerfgym.envs.control import stack
+from kerfgym.experiments.measure import rollout
 folder = {str(folder)!r}
 env = gymnasium.make("kerfgym/HeightFollowing-v0", split="tune", max_steps=50)
 observation, info = env.reset(options={{"scenario_seed": {SEED}}})

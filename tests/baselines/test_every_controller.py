@@ -9,7 +9,7 @@ from kerfgym.envs import scenarios
 from kerfgym.envs.control import stack
 from kerfgym.envs.plant.controller import SLOTS
 from kerfgym.envs.tasks import workshop
-from kerfgym.experiments.benchmark.benchmarking import benchmarking
+from kerfgym.experiments.benchmark import benchmarking
 from kerfgym.experiments.cli import main
 from kerfgym.experiments.measure.rollout import fleet_for
 

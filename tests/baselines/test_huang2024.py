@@ -9,7 +9,7 @@ from kerfgym.envs.figures import job_metrics
 from kerfgym.envs.plant import spot
 from kerfgym.envs.plant.controller import ProcessSensed
 from kerfgym.envs.scenarios import SPLITS, load
-from kerfgym.experiments.results.followers import jobs
+from kerfgym.experiments.results import jobs
 
 PLAN = huang2024.Params(restore=0.0)
 STEADY = ProcessSensed(

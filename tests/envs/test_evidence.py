@@ -12,7 +12,7 @@ from kerfgym.envs.plant import published, spot
 from kerfgym.envs.plant.controller import Process
 from kerfgym.envs.scenarios import material as materials
 from kerfgym.experiments.reproduce import fit_cut
-from kerfgym.experiments.results.followers import jobs
+from kerfgym.experiments.results import jobs
 
 PRINTED, CALIBRATED = evidence.published("c45-10"), evidence.calibrated("c45-10")
 FEED = 1000 / 60  # mm/s, of override 1

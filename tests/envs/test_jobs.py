@@ -18,7 +18,7 @@ from kerfgym.envs.paths import job as jobs
 from kerfgym.envs.paths import kerf, parts
 from kerfgym.envs.plant import gantry
 from kerfgym.envs.tasks import job_interface, workshop
-from kerfgym.experiments.results.followers import jobs as job_runs
+from kerfgym.experiments.results import jobs as job_runs
 
 CONTOUR, CUTTING = "kerfgym/ContourFollowing-v0", "kerfgym/Cutting-v0"
 SMALL = scenarios.Scenario(

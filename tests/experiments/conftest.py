@@ -10,8 +10,8 @@ from kerfgym.envs.figures import job_metrics
 from kerfgym.envs.plant import supervisor
 from kerfgym.envs.plant.gantry import CUT, RAPID
 from kerfgym.experiments.report.page import write_report
-from kerfgym.experiments.results.followers.followers import Results
-from kerfgym.experiments.results.followers.jobs import JobResults
+from kerfgym.experiments.results.followers import Results
+from kerfgym.experiments.results.jobs import JobResults
 
 CONTROLLERS = {
     "xi2023-tuned": ("sensor", 24.0, 1.9), "pid": ("sensor", 8.0, 1.95), "preview-5ms": ("preview", 2.0, 1.12),

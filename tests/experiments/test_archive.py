@@ -9,10 +9,10 @@ import pandas as pd
 import pytest
 
 from kerfgym.envs.scenarios import load as scenario
-from kerfgym.experiments.benchmark.benchmarking.benchmarking import Grid, run_grids
-from kerfgym.experiments.results.followers.archive import load
-from kerfgym.experiments.results.followers.followers import Results
-from kerfgym.experiments.results.followers.jobs import JobResults
+from kerfgym.experiments.benchmark.benchmarking import Grid, run_grids
+from kerfgym.experiments.results.archive import load
+from kerfgym.experiments.results.followers import Results
+from kerfgym.experiments.results.jobs import JobResults
 
 SHORT = (scenario("wavy").varied(duration=0.5), scenario("tip-up").varied(duration=0.5))
 CIRCLE = (scenario("contour-circle").varied(job={"size": 6.0, "pierce": False}),)

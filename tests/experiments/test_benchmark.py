@@ -13,12 +13,12 @@ from kerfgym.envs.control import stack
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.figures.metrics import METRICS
 from kerfgym.envs.scenarios import core, load, suite
-from kerfgym.experiments.benchmark.benchmarking import benchmarking
-from kerfgym.experiments.benchmark.benchmarking.benchmarking import compute, run
+from kerfgym.experiments.benchmark import benchmarking
+from kerfgym.experiments.benchmark.benchmarking import compute, run
 from kerfgym.experiments.measure.grids import split_seeds
 from kerfgym.experiments.measure.rollout import roll
-from kerfgym.experiments.results.followers.followers import Results
-from kerfgym.experiments.results.followers.tasks import Case, cases
+from kerfgym.experiments.results.followers import Results
+from kerfgym.experiments.results.tasks import Case, cases
 from kerfgym.experiments.statistics import budgets
 
 PAGE = importlib.util.find_spec("kerfgym.experiments.report.page")

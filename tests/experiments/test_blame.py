@@ -11,14 +11,14 @@ from kerfgym.envs.control import stack as stacks
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.figures import job_metrics, metrics
 from kerfgym.envs.plant.ideal import FOLLOWING, JOBS
-from kerfgym.experiments.benchmark.benchmarking import benchmarking
+from kerfgym.experiments.benchmark import benchmarking
 from kerfgym.experiments.blame import Blame, blame, measure, shapley
 from kerfgym.experiments.blame import blaming as runner
 from kerfgym.experiments.blame.game import stages_of
 from kerfgym.experiments.blame.shares import coalitions, headroom, of_coalitions, shares
 from kerfgym.experiments.measure import rollout
 from kerfgym.experiments.measure.grids import Grid
-from kerfgym.experiments.results.followers import jobs
+from kerfgym.experiments.results import jobs
 
 SEEDS = range(1000, 1006)
 ROUGH = scenarios.load("rough").varied(duration=0.8, settle=0.1, name="short")

@@ -21,7 +21,7 @@ from kerfgym.envs import scenarios
 from kerfgym.envs.control import stack
 from kerfgym.envs.figures.job_metrics import METRICS as JOB_METRICS
 from kerfgym.envs.figures.metrics import METRICS
-from kerfgym.experiments.benchmark.benchmarking import benchmarking
+from kerfgym.experiments.benchmark import benchmarking
 from kerfgym.experiments.cli import main
 
 SHORT = 'name = "short"\nsummary = "half a second"\nduration = 0.5\n[sheet]\ntilt = 0.01\n'

@@ -7,7 +7,7 @@ import pytest
 from kerfgym.envs import scenarios
 from kerfgym.envs.control import stack
 from kerfgym.envs.figures import metrics
-from kerfgym.experiments.benchmark.benchmarking import detuned
+from kerfgym.experiments.benchmark import detuned
 from kerfgym.experiments.measure import rollout
 from kerfgym.experiments.report.suite import Suite
 from kerfgym.experiments.report.tuning import figure, presets

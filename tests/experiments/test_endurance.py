@@ -12,7 +12,7 @@ from kerfgym.envs.control import stack
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.figures import job_metrics, metrics
 from kerfgym.experiments.measure import rollout
-from kerfgym.experiments.results.followers import jobs
+from kerfgym.experiments.results import jobs
 from kerfgym.experiments.studies import pages
 from kerfgym.experiments.studies.endurance import __main__ as command
 from kerfgym.experiments.studies.endurance import minutes, sheets

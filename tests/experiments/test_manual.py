@@ -19,7 +19,7 @@ from kerfgym.envs.figures import job_metrics
 from kerfgym.experiments import cli
 from kerfgym.experiments.manual import command_line, python_api, references
 from kerfgym.experiments.report import terminal
-from kerfgym.experiments.results.followers import followers as results
+from kerfgym.experiments.results import followers as results
 
 ROOT = Path(kerfgym.__file__).parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -194,8 +194,10 @@ def test_the_recipe_for_a_shipped_controller_makes_a_stack_of_it(monkeypatch):
 
 HUM = """
 import numpy as np
-from kerfgym.envs import ideal, scenarios, stack
-from kerfgym.experiments import rollout
+from kerfgym.envs.plant import ideal
+from kerfgym.envs import scenarios
+from kerfgym.envs.control import stack
+from kerfgym.experiments.measure import rollout
 
 def spectrum(text, *stages):
     change = lambda fleet: [ideal.idealise(fleet, stage, [0]) for stage in stages]

@@ -9,11 +9,11 @@ import pytest
 
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.experiments.report.remake import remake
-from kerfgym.experiments.results.followers import archive
-from kerfgym.experiments.results.followers.archive import load
-from kerfgym.experiments.results.followers.followers import Results
-from kerfgym.experiments.results.followers.jobs import JobResults
-from kerfgym.experiments.results.followers.merge import labels, merge
+from kerfgym.experiments.results import archive
+from kerfgym.experiments.results.archive import load
+from kerfgym.experiments.results.followers import Results
+from kerfgym.experiments.results.jobs import JobResults
+from kerfgym.experiments.results.merge import labels, merge
 from kerfgym.experiments.store import runs
 
 RECORD = {"command": "kerfgym report", "kerfgym": "0.1.0"}

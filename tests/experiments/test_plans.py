@@ -16,11 +16,11 @@ from kerfgym.envs.paths.parts import part
 from kerfgym.envs.paths.route import Cutting, routed
 from kerfgym.envs.tasks import workshop
 from kerfgym.experiments import cli
-from kerfgym.experiments.benchmark.benchmarking import benchmarking
+from kerfgym.experiments.benchmark import benchmarking
 from kerfgym.experiments.measure import grids
 from kerfgym.experiments.plots.png import png
 from kerfgym.experiments.render import plan_picture, plans
-from kerfgym.experiments.results.followers import archive
+from kerfgym.experiments.results import archive
 from kerfgym.experiments.statistics import ranks
 
 DXF = ["0", "SECTION", "2", "ENTITIES"]

@@ -12,7 +12,7 @@ from distributed import LocalCluster
 
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.scenarios import load
-from kerfgym.experiments.benchmark.benchmarking.benchmarking import run
+from kerfgym.experiments.benchmark.benchmarking import run
 from kerfgym.experiments.cli import main
 from kerfgym.experiments.store import pool, runs
 

@@ -11,7 +11,7 @@ import pytest
 
 from kerfgym.envs.figures import job_metrics, metrics
 from kerfgym.envs.scenarios import load
-from kerfgym.experiments.benchmark.benchmarking.benchmarking import run
+from kerfgym.experiments.benchmark.benchmarking import run
 from kerfgym.experiments.report import summary as digest
 from kerfgym.experiments.report.terminal import sheets
 from kerfgym.experiments.statistics.pooling import ZERO, kind, over_scenarios, over_seeds

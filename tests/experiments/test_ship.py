@@ -11,7 +11,7 @@ from kerfgym.envs.control import stack
 from kerfgym.envs.figures import job_metrics
 from kerfgym.envs.plant import spot
 from kerfgym.envs.tasks import workshop
-from kerfgym.experiments.results.followers import jobs
+from kerfgym.experiments.results import jobs
 from kerfgym.experiments.statistics.budgets import spent
 from kerfgym.experiments.studies import ship
 

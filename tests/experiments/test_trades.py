@@ -6,7 +6,7 @@ import pytest
 
 from kerfgym.envs.figures import evidence, job_metrics
 from kerfgym.experiments.report import terminal
-from kerfgym.experiments.results.followers.jobs import JobResults
+from kerfgym.experiments.results.jobs import JobResults
 from kerfgym.experiments.statistics import ranks
 from kerfgym.experiments.statistics.comparison import relative
 

@@ -30,6 +30,7 @@ OWN: dict[str, tuple[str, ...]] = {
         "envs/test_jobs.py",
     ),
     "envs/plant/heads": ("plant/test_calibration.py", "plant/test_sensor.py", *_Z),
+    "envs/plant/ideal": ("envs/test_ideal.py",),
     "envs/plant/idle": _Z,
     "envs/plant/machine": (*_Z, "plant/test_supervisor.py", "plant/test_calibration.py", "plant/test_path.py"),
     "envs/plant/path": ("plant/test_path.py", *_Z),
