@@ -4,6 +4,7 @@ Path data are read by svgpathtools, of which only the segments are used: its tra
 they mirror and turn, so points are transformed here and not arcs.
 """
 
+import functools
 import re
 import warnings
 from collections.abc import Iterator
@@ -25,6 +26,13 @@ PATH_DATA = re.compile(rf"\s*[Mm](?:[MmZzLlHhVvCcSsQqTtAa\s,]|{NUMBER})*")
 Matrix = npt.NDArray[np.float64]
 """An affine map, shape (3, 3)."""
 
+LONG = 10_000
+"""Characters of path data beyond which outlines are not kept for the next element."""
+
+
+class Unreadable(Exception):
+    """Path data that cannot be read; the message says why, its user knows which element's they are."""
+
 
 def curves(node: Node, matrix: Matrix, width: float, height: float) -> Iterator[Curve]:
     """Every stretch of an element that is drawn without lifting the pen, mm.
@@ -36,12 +44,30 @@ def curves(node: Node, matrix: Matrix, width: float, height: float) -> Iterator[
     Raises:
         InvalidInput: an attribute that cannot be read, or a coordinate that is not a number.
     """
-    for run in _strokes(_segments(node, _path_data(node, width, height))):
-        with np.errstate(invalid="ignore"):
-            curve = _flat(run, matrix)
+    data = _path_data(node, width, height)
+    outline = _outline if len(data) > LONG else _remembered
+    try:
+        found = outline(data, matrix.tobytes())
+    except Unreadable as error:
+        raise node.wrong(str(error)) from None
+    for curve in found:
         if not np.isfinite(curve.points).all():
             raise node.wrong("coordinates that are not numbers")
         yield curve
+
+
+def _outline(data: str, matrix: bytes) -> list[Curve]:
+    """The strokes of path data under an affine map, given by its bytes.
+
+    Raises:
+        Unreadable: the data cannot be read.
+    """
+    with np.errstate(invalid="ignore"):
+        return [_flat(run, np.frombuffer(matrix).reshape(3, 3)) for run in _strokes(_segments(data))]
+
+
+_remembered = functools.lru_cache(maxsize=256)(_outline)
+"""Drawings name the same shape again and again, at the same place too."""
 
 
 # Basic shapes
@@ -110,22 +136,26 @@ def _check_size(node: Node, *sizes: float) -> None:
 # Path data
 
 
-def _segments(node: Node, data: str) -> list[Any]:
-    """svgpathtools' Bézier curves, arcs, and lines that lead somewhere."""
+def _segments(data: str) -> list[Any]:
+    """svgpathtools' Bézier curves, arcs, and lines that lead somewhere.
+
+    Raises:
+        Unreadable: the data cannot be read.
+    """
     from svgpathtools import Line, parse_path  # slow
 
     if data.strip() in ("", "none"):
         return []
     match = PATH_DATA.match(data)
     if not match or match.end() < len(data):
-        raise node.wrong(f"path data cannot be read from '{short(data[match.end() :] if match else data)}'")
+        raise Unreadable(f"path data cannot be read from '{short(data[match.end() :] if match else data)}'")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # that an arc without radius is a line is known
             return [s for s in parse_path(data) if not (isinstance(s, Line) and s.start == s.end)]
     except Exception as error:  # it raises whatever the mistake leads to
         problem = str(error) or "an arc that ends where it begins"
-        raise node.wrong(f"path data cannot be read: {problem}") from None
+        raise Unreadable(f"path data cannot be read: {problem}") from None
 
 
 def _strokes(segments: list[Any]) -> Iterator[list[Any]]:
