@@ -14,7 +14,10 @@ from ..store import runs
 from ..store.stamp import changed, said, with_imports
 from . import recorded
 
-MODULES = ("suites", "agreement", "parts", "stages", "small", "campaigns", "filters", "intervals", "pace", "documents")
+MODULES = (
+    "suites", "agreement", "other_parts", "stages", "small", "campaigns", "filter_search", "interval_coverage", "pace",
+    "documents",
+)  # fmt: skip
 """Where studies are registered, in the order in which they are run."""
 
 RUNS = Path("runs") / "figures"

@@ -134,9 +134,7 @@ def test_the_sensitivity_peak_is_measured_when_asked_for(tmp_path):
 
 
 def test_the_cost_of_a_decision_is_in_the_record_and_not_among_the_figures(tmp_path, monkeypatch):
-    monkeypatch.setattr(
-        benchmarking.decisions, "measure", lambda stack: benchmarking.decisions.Decision(0.25, 1.5, 1.5e-3)
-    )
+    monkeypatch.setattr(benchmarking.cost, "measure", lambda stack: benchmarking.cost.Decision(0.25, 1.5, 1.5e-3))
     results = go(tmp_path / "run", ["pid", "xi2023-ma"], with_cost=True, report=True)
     record = json.loads((tmp_path / "run" / "run.json").read_text(encoding="utf-8"))
     assert record["grids"]["following"]["decisions"]["pid"] == {"median_us": 0.25, "p99_us": 1.5, "ratio": 0.0015}

@@ -23,7 +23,7 @@ def test_every_stack_is_searched_under_every_cap_and_what_is_there_is_not_made_a
         asked.append((name, cap))
         return stack.get(name), RECORD
 
-    monkeypatch.setattr(caps.search, "search", searched)
+    monkeypatch.setattr(caps.protocol, "search", searched)
     monkeypatch.setattr(caps, "TEST_SEEDS", 2)
     file = tmp_path / "caps.csv"
     caps.table(["pid"], file)

@@ -246,7 +246,7 @@ def test_a_column_that_a_table_has_no_more_is_an_error():
 
 def test_results_of_another_form_ask_to_be_made_anew(monkeypatch):
     monkeypatch.setattr(recorded, "read", lambda name: {"study": name, "numbers": {}, "sheets": []})
-    with pytest.raises(InvalidInput, match=r"make them anew: python -m kerfgym\.experiments\.figures calibration"):
+    with pytest.raises(InvalidInput, match=r"make them anew: python -m kerfgym\.experiments\.manual calibration"):
         tables.MADE["calibration"]()
 
 

@@ -223,7 +223,7 @@ def test_the_recipe_for_a_disturbance_works_word_by_word(tmp_path):
         assert source.count(after) == 1, after
         path.write_text(source.replace(after, new if instead else after + new), encoding="utf-8")
 
-    sensor, head = "envs/plant/sensor.py", "envs/scenarios.py"
+    sensor, head = "envs/plant/sensor.py", "envs/scenarios/__init__.py"
     last = re.search(r"(?m)^    plasma: float.*\n", (copy / sensor).read_text(encoding="utf-8"))[0]
     edit(sensor, last, blocks[0])
     edit(sensor, "part, uniform\n", "part, sine, uniform\n", "instead")

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import kerfgym
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.experiments.report.remake import remake
 from kerfgym.experiments.results import archive
@@ -16,7 +17,7 @@ from kerfgym.experiments.results.jobs import JobResults
 from kerfgym.experiments.results.merge import labels, merge
 from kerfgym.experiments.store import runs
 
-RECORD = {"command": "kerfgym report", "kerfgym": "0.1.0"}
+RECORD = {"command": "kerfgym report", "kerfgym": kerfgym.__version__}
 
 
 def rows(controllers, scenarios, seeds):
@@ -176,7 +177,7 @@ def test_other_versions_and_machines_are_told(tmp_path):
         b = store(tmp_path / "b", {"mpc": 1}, kernel=kernel, git={"commit": "0123456789abcdef", "changed": True})
         return merge([a, b], RECORD)
 
-    said = "different versions (a: kerfgym 0.1.0; b: kerfgym 0.1.0 0123456789ab with changes); the simulated machine "
+    said = f"different versions (a: kerfgym {kerfgym.__version__}; b: kerfgym {kerfgym.__version__} 0123456789ab with changes); the simulated machine "
     assert notes(both("k"), f"{said}is the same.")
     assert notes(both("other"), f"{said}may differ")
     assert notes(both("k"), "on different machines: times per decision are not comparable")
@@ -293,7 +294,10 @@ def remove(*names):
     [
         (remove("run.json"), "is not a run folder: it has no run.json"),
         (truncate("run.json"), "cannot read '.*run.json'"),
-        (edit(format=9, kerfgym="7.0"), "has format 9, made by kerfgym 7.0; kerfgym 0.1.0 reads formats up to 2"),
+        (
+            edit(format=9, kerfgym="7.0"),
+            f"has format 9, made by kerfgym 7.0; kerfgym {kerfgym.__version__} reads formats up to 2",
+        ),
         (edit(grids={}), "holds nothing to show"),
         (edit(grids=None, command="kerfgym train ppo"), "is not a benchmark's: kerfgym train ppo"),
         (
@@ -335,7 +339,7 @@ def test_a_table_that_was_changed_afterwards_is_told(tmp_path):
 
 def test_a_run_of_another_version_is_shown_with_a_note(tmp_path):
     found = broken(tmp_path / "run", edit(kerfgym="0.0.9"))
-    assert notes(found, "made by kerfgym 0.0.9, this page by 0.1.0")
+    assert notes(found, f"made by kerfgym 0.0.9, this page by {kerfgym.__version__}")
     assert found.grids["following"].controllers == ["pid"]
 
 

@@ -481,7 +481,7 @@ def command(folder, *words, **more):
     """The command in a process of its own."""
     code = (
         "import sys; from kerfgym.experiments.tune import outcome; outcome.TEST_SEEDS = 2;"
-        "from kerfgym.experiments.tune import pictures; pictures.write = lambda *_: [];"
+        "from kerfgym.experiments.tune import history; history.write = lambda *_: [];"
         "from kerfgym.experiments.cli import main; main(sys.argv[1:])"
     )
     return subprocess.Popen(
