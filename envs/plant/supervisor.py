@@ -12,8 +12,8 @@ command on, except where one of its guards acts:
 - *hole and edge guard*: when the sheet seems to fall by more than ``rise`` within 5 ms, faster than sheets do, the head
   goes back to where it was before and holds there, until the sheet is back or ``timeout`` has passed (then it
   approaches anew). It looks at encoder − reading, not at the reading: a tight loop hides the rise of the reading by
-  following it. A fall of ``SUDDEN`` times as much, and to as far below the set height, is no sheet's but an edge's or
-  a fault's, and trips where the job has the guard off, too;
+  following it. A fall of twenty times as much (``SUDDEN``), and to as far below the set height, is no sheet's but an
+  edge's or a fault's, and trips where the job has the guard off, too;
 - *contact*: the oscillator stops; the head retracts and an alarm is latched;
 - *lost sensor*: the frequency is above anything that the head can give, as when its cable is off; likewise;
 - *limits*: near the ends of the travel an alarm is latched and the axis stops.
@@ -56,8 +56,8 @@ RISE_WINDOW = 5
 """ms over which the hole guard looks for a fall of the sheet (docs/physics.md#approach-and-holes)."""
 
 SUDDEN = 20.0
-"""Times the ``rise`` that trips the hole guard: at least 1 mm in 5 ms. Below a plate of 5.6 mm a step of 2 mm falls by
-less even at 300 mm/s [A]."""
+"""Times the ``rise`` that trips the hole guard: 1 mm in 5 ms with a rise of 0.05 mm. Below a plate of 5.6 mm a step of
+2 mm falls by less even at 300 mm/s [A]; with a smaller rise that margin is smaller, too."""
 
 SECONDS = 1e-3
 """s, one tick."""

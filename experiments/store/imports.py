@@ -16,6 +16,7 @@ ASIDE = (
     "experiments/store/progress.py", "experiments/store/runs.py", "experiments/store/typed.py", "experiments/studies/",
     "envs/paths/",  # what cuts jobs names it, see :data:`stamp.PLANNED`
     "envs/pictures/", "envs/control/panel.py",
+    "envs/safety/",  # it refuses, or does not
 )  # fmt: skip
 """Files and folders that show or store numbers and make none. Whatever is not named here counts; they count too where
 a study names them."""

@@ -45,7 +45,7 @@ def of_quality(trial: Trial) -> dict[str, Any]:
 
 @study(
     "policies", "what the shipped policies' trainings cost, and what other seeds come to",
-    "python -m kerfgym.experiments.studies.ship --seeds 5", 0.1,
+    "python -m kerfgym.experiments.studies.ship --seeds 3", 0.1,
     (*trained(), "agents/trained/*/run.json", "agents/trained/*/*.csv"),
 )  # fmt: skip
 def policies(trial: Trial) -> dict[str, Any]:

@@ -177,7 +177,8 @@ def test_other_versions_and_machines_are_told(tmp_path):
         b = store(tmp_path / "b", {"mpc": 1}, kernel=kernel, git={"commit": "0123456789abcdef", "changed": True})
         return merge([a, b], RECORD)
 
-    said = f"different versions (a: kerfgym {kerfgym.__version__}; b: kerfgym {kerfgym.__version__} 0123456789ab with changes); the simulated machine "
+    version = f"kerfgym {kerfgym.__version__}"
+    said = f"different versions (a: {version}; b: {version} 0123456789ab with changes); the simulated machine "
     assert notes(both("k"), f"{said}is the same.")
     assert notes(both("other"), f"{said}may differ")
     assert notes(both("k"), "on different machines: times per decision are not comparable")

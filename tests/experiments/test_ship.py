@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from kerfgym.agents import settings
@@ -13,7 +14,7 @@ from kerfgym.envs.plant import spot
 from kerfgym.envs.tasks import workshop
 from kerfgym.experiments.results import jobs
 from kerfgym.experiments.statistics.budgets import spent
-from kerfgym.experiments.studies import ship
+from kerfgym.experiments.studies import recorded, ship
 
 
 @pytest.mark.parametrize("name", list(ship.SHIPPED))
@@ -31,6 +32,19 @@ def test_a_shipped_policy_is_small_and_carries_the_record_of_its_making(name):
     policy = stack.resolve(str(folder))
     assert policy.information == "sensor"
     assert not spent(policy.provenance).edited  # what its preset changed in the base is on record as its training
+
+
+@pytest.mark.parametrize("name", [name for name in ship.SHIPPED if (ship.TRAINED / name / "seeds.csv").is_file()])
+def test_the_other_seeds_were_trained_with_the_policy_that_is_shipped(name):
+    """The shipped seed's row is of the training on record, and its score that of the suite's study."""
+    _, env, seed, _ = ship.SHIPPED[name]
+    row = pd.read_csv(ship.TRAINED / name / "seeds.csv").set_index("seed").loc[seed]
+    ledger = json.loads((ship.TRAINED / name / "run.json").read_text(encoding="utf-8"))["ledger"]
+    assert row["simulated_steps"] == ledger["simulated_steps"]
+    study = recorded.read(ship._suite_of(env))["numbers"][name]
+    # Other trainings come to scores that differ by more than a percent.
+    assert row["score"] == pytest.approx(study["score"], rel=1e-3)
+    assert row["ratio"] == pytest.approx(study["ratio"], rel=1e-3)
 
 
 def figures(name, team, seeds=6):
