@@ -13,7 +13,9 @@ ASIDE = (
     "__init__.py",  # the version, which is stored beside the numbers
     "experiments/cli.py", "experiments/manual/", "experiments/plots/", "experiments/render/", "experiments/report/",
     "experiments/results/archive.py", "experiments/results/merge.py", "experiments/store/markdown.py",
-    "experiments/store/progress.py", "experiments/store/runs.py", "experiments/store/typed.py", "experiments/studies/",
+    "experiments/store/progress.py", "experiments/store/runs.py", "experiments/store/typed.py",
+    "experiments/studies/marks.py", "experiments/studies/pages.py", "experiments/studies/recorded.py",
+    "experiments/studies/registry.py",
     "envs/paths/",  # what cuts jobs names it, see :data:`stamp.PLANNED`
     "envs/pictures/", "envs/control/panel.py",
     "envs/safety/",  # it refuses, or does not

@@ -123,10 +123,15 @@ def test_what_a_module_imports_counts_however_it_is_written(tmp_path):
 @pytest.mark.parametrize(
     ("name", "files"),
     [
-        ("following", {"plants", "pooling", "benchmark", "margins", "stability", "comparison", "fairness", "results"}),
-        ("ood", {"pooling", "comparison", "tasks", "rollout"}), ("coverage", {"resampling", "inference"}),
-        ("filter-grid", {"filter_grid", "tune.run", "stability"}), ("blame", {"blame.game", "blame.tables"}),
-        ("reproduction", {"reproduce.xi2023_table", "reproduce.claims", "stability"}),
+        ("following", {
+            "measure.plants", "measure.margins", "measure.stability", "benchmark.benchmarking", "results.followers",
+            "statistics.pooling", "statistics.comparison", "statistics.ranks",
+        }),
+        ("ood", {"statistics.pooling", "statistics.comparison", "results.tasks", "measure.rollout"}),
+        ("coverage", {"statistics.bootstrap", "statistics.intervals"}),
+        ("filter-grid", {"studies.filter_grid", "tune.study", "measure.stability"}),
+        ("blame", {"blame.game", "blame.shares"}),
+        ("reproduction", {"reproduce.xi2023_table", "reproduce.claims", "measure.stability"}),
     ],
 )  # fmt: skip
 def test_a_study_depends_on_what_computes_its_figures(name, files):
@@ -159,7 +164,7 @@ def test_runs_are_made_anew_when_corner_plants_or_the_machine_change():
 def test_readers_of_drawings_count_where_jobs_are_cut_and_nowhere_else(name, cuts):
     (one,) = registry.studies([name])
     named = {path.relative_to(stamp.ROOT).as_posix() for found in stamp.files(one.depends).values() for path in found}
-    imported = imports.sources(stamp.ROOT, [stamp.ROOT / "envs" / "workshop.py"])
+    imported = imports.sources(stamp.ROOT, [stamp.ROOT / "envs" / "tasks" / "workshop.py"])
     assert not any("paths" in path.parts for path in imported)
     assert ("envs/paths/job.py" in named) == cuts
 

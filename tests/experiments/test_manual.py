@@ -124,7 +124,9 @@ def test_all_that_the_manual_s_examples_import_is_public():
 
 
 def test_a_name_that_is_gone_is_an_error():
-    with pytest.raises(InvalidInput, match=r"kerfgym\.envs\.metrics has no 'evalute'; did you mean 'evaluate'"):
+    with pytest.raises(
+        InvalidInput, match=r"kerfgym\.envs\.figures\.metrics has no 'evalute'; did you mean 'evaluate'"
+    ):
         python_api.entry("kerfgym.envs.figures.metrics", "evalute", str)
 
 
