@@ -6,7 +6,7 @@ from typing import Annotated
 import tyro
 
 from ....envs.engine.quantity import InvalidInput
-from ...store import runs
+from ...store import runs, script
 from ...store.progress import progress
 from .. import pages
 from .accepted import farthest, list_of, summary
@@ -53,7 +53,4 @@ def main(
 
 
 if __name__ == "__main__":
-    try:
-        tyro.cli(main)
-    except InvalidInput as error:
-        raise SystemExit(f"kerfgym: {error}") from None
+    script.run(main, MODULE)

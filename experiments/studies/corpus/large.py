@@ -10,11 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tyro
 
-from ....envs.engine.quantity import InvalidInput
 from ...report.terminal import Sheet
-from ...store import runs
+from ...store import runs, script
 from .. import pages
 
 MODULE = "kerfgym.experiments.studies.corpus.large"
@@ -127,7 +125,4 @@ def _work(file: Path, send: Connection) -> None:
 
 
 if __name__ == "__main__":
-    try:
-        tyro.cli(main)
-    except InvalidInput as error:
-        raise SystemExit(f"kerfgym: {error}") from None
+    script.run(main, MODULE)

@@ -8,7 +8,7 @@ import pandas as pd
 import tyro
 
 from ....envs.engine.quantity import InvalidInput
-from ...store import runs
+from ...store import runs, script
 from ...store.progress import progress
 from .. import pages
 from .sheets_of_parts import files, random, sheet_of
@@ -78,7 +78,4 @@ def main(
 
 
 if __name__ == "__main__":
-    try:
-        tyro.cli(main)
-    except InvalidInput as error:
-        raise SystemExit(f"kerfgym: {error}") from None
+    script.run(main, MODULE)
