@@ -1,6 +1,6 @@
 """Whether what a study's storage gives back is what we put there: a journal is a text file, and files get edited."""
 
-import math
+import sys
 from collections.abc import Iterable
 from typing import Any
 
@@ -87,7 +87,7 @@ def _whole(value: Any) -> bool:
 
 
 def _number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
 
 
 def _told(where: str, what: str, name: str, value: Any, allowed: str) -> str:
