@@ -851,9 +851,9 @@ def journal(here):
     ("old", "new"),
     [('"op_code":6', '"op_code":99'), ('"op_code":4', '"op_kode":4'), ('"trial_id":0', '"trial_id":"x"'),
      ('"study_id":0', '"study":0'), ('"values":[3.0]', '"values":["x"]'), ('"explore":1', '"explore":"x"'),
-     ('"steps":10', '"steps":[]'), ('"steps":10', '"steps":1' + 400 * "0"), ('"space":["suite x"]', '"space":3'), ('"study_name":"x"', '"study_name":[]'),
+     ('"steps":10', '"steps":[]'), ('"space":["suite x"]', '"space":3'), ('"study_name":"x"', '"study_name":[]'),
      ('"worker_id"', '"worker"'), ('"directions":[1]', '"directions":[7]'),
-     ('"intermediate_value":1.0', '"intermediate_value":"x"')],
+     ('"intermediate_value":1.0', '"intermediate_value":"x"'), ('"steps":10', '"steps":1' + 400 * "0")],
 )  # fmt: skip
 def test_a_changed_journal_is_an_error(here, journal, old, new):
     text = "\n".join(journal) + "\n"
