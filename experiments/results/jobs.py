@@ -146,6 +146,8 @@ class JobResults(Comparison):
             evidence.pooled(core.get_group(name)) if known and name in core.groups else "" for name in frame.index
         ]
         for column in ("iso_roughness", "iso_taper"):
-            found = core[column].agg(lambda values: "/".join(sorted(set(values.dropna()))) or "–")
-            frame[column] = found.reindex(frame.index, fill_value="–")
+            frame[column] = "–"
+            if column in self.runs:
+                found = core[column].agg(lambda values: "/".join(sorted(set(values.dropna()))) or "–")
+                frame[column] = found.reindex(frame.index, fill_value="–")
         return self.placed(frame.join(budgets(self.meta.get("tuning") or {}, frame.index, self.reference)))

@@ -88,3 +88,5 @@ def test_a_job_without_its_range_in_iso_9013_has_a_dash_there(stored, tmp_path):
     summary = load(folder).grids["contour"].summary()
     assert list(summary["iso_roughness"]) == ["2"]
     assert list(summary["iso_taper"]) == ["–"] != list(known)
+    rows.drop(columns="iso_taper").to_parquet(table)
+    assert list(load(folder).grids["contour"].summary()["iso_taper"]) == ["–"]
