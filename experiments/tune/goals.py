@@ -89,6 +89,8 @@ class Limits:
 
     def peak(self, peak: float) -> float:
         """Violation of the cap on Ms."""
+        if math.isinf(self.ms):
+            return -FAR if math.isfinite(peak) else FAR
         return Limit("ms", self.ms).broken(peak if math.isfinite(peak) else math.nan)
 
     def check(self, figures: Figures, core: tuple[str, ...], with_jobs: bool) -> dict[str, float]:

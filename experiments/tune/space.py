@@ -24,6 +24,9 @@ READS = {
 
 assert set(READS) == set(KINDS)
 
+READ = "read"
+"""Group of the settings that the controller's own kind of filter reads."""
+
 NARROW = {
     "filter.window": (1.0, 15.0), "filter.trim": (0.0, 7.0), "filter.hold": (0.0, 10.0), "filter.tau": (0.0, 20.0),
     "filter.jump": (0.005, 0.5),
@@ -106,9 +109,12 @@ class Space:
                 chosen[axis.name] = trial.suggest_float(axis.name, axis.low, axis.high, log=axis.log)
         return chosen
 
-    def values(self, params: dict[str, Any]) -> dict[str, Any]:
-        """Parameters of the controller from those of a trial: five digits, and a trim that leaves something over."""
-        out = {k: v if isinstance(v, str) else float(f"{float(v):.5g}") for k, v in params.items()}
+    def values(self, params: dict[str, Any], digits: int = 5) -> dict[str, Any]:
+        """Parameters of the controller from those of a trial: rounded, and a trim that leaves something over; with 0
+        digits as they are."""
+        if not digits:
+            return {k: v if isinstance(v, str) else float(v) for k, v in params.items()}
+        out = {k: v if isinstance(v, str) else float(f"{float(v):.{digits}g}") for k, v in params.items()}
         for axis in self.axes:
             if not axis.choices and not axis.whole and axis.name in out:
                 out[axis.name] = min(max(out[axis.name], axis.low), axis.high)
@@ -120,8 +126,15 @@ class Space:
         return out
 
 
+def read(known: dict[str, Parameter]) -> list[str]:
+    """Settings that the kind of filter reads which a controller has."""
+    kinds = {name: KINDS[int(p.value)] for name, p in known.items() if name.endswith("filter.kind")}
+    return [f"{name.removesuffix('kind')}{setting}" for name, kind in kinds.items() for setting in READS[kind]]
+
+
 def space(controller: Stack | Team, words: Iterable[str]) -> Space:
-    """The space that ``words`` mean: groups (filter, law, guard …), ``all``, and names with or without a range.
+    """The space that ``words`` mean: groups (filter, law, guard …), ``all``, ``read`` (what the filter's kind reads),
+    and names with or without a range.
 
     ``law.kp`` is searched over its declared range, ``law.kp=20..120`` over this one.
 
@@ -131,6 +144,8 @@ def space(controller: Stack | Team, words: Iterable[str]) -> Space:
     known = controller.parameters()
     groups = {group: [n for n in known if n.split(".")[-2] == group] for group in GROUPS}
     groups = {group: names for group, names in groups.items() if names}
+    if groups.get("filter"):
+        groups[READ] = read(known)
     groups["all"] = [n for group in ALL for n in groups.get(group, [])]
     ranges: dict[str, tuple[float, float] | None] = {}
     for word in words:
