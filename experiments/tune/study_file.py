@@ -71,7 +71,7 @@ class Study:
     """What a study file asks for.
 
     Attributes:
-        name: of the file.
+        name: of a shipped study, or its file.
         summary: in a line.
         searches: by name, each with its run folder's; a name is that of the preset, behind it the cap on Ms where the
             file asks for several.
@@ -126,7 +126,7 @@ def read(word: str, only: tuple[str, ...] = (), trials: int | None = None) -> St
         consent.required(each[name].get("controller", name), f"{path}: search.{name}")
         for ms, key in _caps(data, name):
             found[key], targets[key] = _task(path, name, {**data, **each[name]}, ms, trials), name
-    return Study(path.stem, data.get("summary", ""), found, _folder(path, data.get("presets")), targets)
+    return Study(word, data.get("summary", ""), found, _folder(path, data.get("presets")), targets)
 
 
 def _known(kind: Any, found: dict[str, Any], where: str) -> None:
