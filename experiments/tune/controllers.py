@@ -49,7 +49,7 @@ def check(task: Task, workers: int = 1) -> None:
     if not task.limits.ms > 1.0:
         raise InvalidInput(f"--ms {task.limits.ms:g} is out of range; above 1, inf for no cap")
     if task.stages:
-        staged.check(task.stages, task.trials, task.directions, workers)
+        staged.check(task.stages, task.trials, task.directions, workers, task.space)
     else:
         sampling.check(task.sampler, len(task.metrics))
     evaluator = task.evaluator()  # refuses what does not fit the suite
@@ -115,6 +115,10 @@ def _finish(
         front = outcome.front(work, trials)
         found = outcome.middle(front, task)
     searched.check("tune")
+    if task.relative:
+        figures = work.evaluator.whole(found.controller, task.wanted)
+        pooled = {name: goals.score(name, figures, work.evaluator.core) for name in task.wanted if name != "collision"}
+        more["relative"] = {name: round(value, 4) for name, value in pooled.items()}
     near = outcome.sensitivity(work, found)
     before, _ = outcome.scored(work, work.base, work.evaluator.threads)
     after, _ = outcome.scored(work, found.controller, work.evaluator.threads)

@@ -1,7 +1,9 @@
 """What comes out of a study: the best candidate that keeps its limits, what it is worth on *test* seeds, and how much
 worse it gets when a parameter is 20 % off."""
 
+import contextlib
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -155,7 +157,7 @@ def middle(found: list[Found], task: Task) -> Found:
 
 def checked(work: RollOuts, trial: FrozenTrial) -> Found:
     """A trial's candidate with its Ms at the suite's frequencies."""
-    parameters = work.space.values(trial.params)
+    parameters = work.space.values(trial.params, work.task.digits or 5)
     controller = work.base.varied(parameters)
     ms = work.exact_peak(controller) if work.task.peaks else math.nan
     return Found(trial.number, parameters, tuple(trial.values), ms, controller)
@@ -193,13 +195,30 @@ def scored(work: RollOuts, controller: Stack | Team, threads: int) -> tuple[dict
     return {k: float(f"{v:.6g}") if isinstance(v, float) else v for k, v in out.items()}, figures
 
 
+def moves(controller: Stack | Team, spans: dict[str, float]) -> Iterator[tuple[str, int, float]]:
+    """Parameter, side and value of all that is moved, within its declared range, whole numbers by at least 1.
+
+    Args:
+        controller: whose parameters are.
+        spans: of each of them; the measure of one that is 0.
+    """
+    known = controller.parameters()
+    for name, span in spans.items():
+        q, own = known[name].quantity, float(known[name].value)
+        step = OFF * abs(own) or OFF * 0.5 * span
+        step = max(1.0, round(step)) if q.whole else step
+        for side in (-1, 1):
+            value = min(max(own + side * step, q.low), q.high)
+            if value != own and not q.choices:
+                yield name, side, value
+
+
 def sensitivity(work: RollOuts, found: Found) -> pd.DataFrame:
     """How the metrics change, relative to the candidate's, when one parameter is 20 % off, on *tune* seeds.
 
-    A parameter whose value is 0 is moved by 20 % of its searched range's half; a whole one by at least 1; none
-    leaves its declared range.
+    A parameter whose value is 0 is moved by 20 % of its searched range's half.
     """
-    task, known, rows = work.task, found.controller.parameters(), []
+    task, rows = work.task, []
 
     def measure(controller: Stack | Team) -> tuple[list[float], float, float]:
         figures = work.evaluator.whole(controller, task.wanted)
@@ -208,26 +227,16 @@ def sensitivity(work: RollOuts, found: Found) -> pd.DataFrame:
         return [goals.score(m, figures, work.evaluator.core) for m in task.metrics], peak, crashes
 
     plain, ms, _ = measure(found.controller)
-    for axis in work.space.axes:
-        value = found.parameters.get(axis.name)
-        if axis.choices or value is None:
-            continue
-        q = known[axis.name].quantity
-        step = OFF * abs(float(value)) or OFF * 0.5 * (axis.high - axis.low)
-        step = max(1.0, round(step)) if axis.whole else step
-        for side in (-1.0, 1.0):
-            moved = min(max(float(value) + side * step, q.low), q.high)
-            if moved == value:
-                continue
-            row: dict[str, Any] = {"parameter": axis.name, "value": value, "side": int(side), "moved": moved}
-            try:
-                values, peak, crashes = measure(work.base.varied(found.parameters | {axis.name: moved}))
-            except InvalidInput:  # the trim would eat the window
-                continue
-            row |= {
-                m: told_number(v / p) if p else math.nan for m, v, p in zip(task.metrics, values, plain, strict=True)
-            }
-            rows.append(row | {"ms": peak, "ms_before": ms, "collisions": crashes})
+    spans = {axis.name: axis.high - axis.low for axis in work.space.axes if axis.name in found.parameters}
+    for name, side, moved in moves(found.controller, spans):
+        with contextlib.suppress(InvalidInput):  # such as a trim that would eat the window
+            values, peak, crashes = measure(found.controller.varied({name: moved}))
+            rows.append({
+                "parameter": name, "value": found.parameters[name], "side": side, "moved": moved,
+                **{m: told_number(v / p) if p else math.nan
+                   for m, v, p in zip(task.metrics, values, plain, strict=True)},
+                "ms": peak, "ms_before": ms, "collisions": crashes,
+            })  # fmt: skip
     columns = ["parameter", "value", "side", "moved", *task.metrics, "ms", "ms_before", "collisions"]
     return pd.DataFrame(rows, columns=columns)
 

@@ -12,7 +12,9 @@ from typing import Any
 
 import pandas as pd
 import tomli_w
+from joblib import Parallel, delayed
 
+from ... import baselines
 from ...envs.engine.quantity import InvalidInput
 from ...envs.safety import files
 from ..store import runs, typed
@@ -55,28 +57,23 @@ def carry_out(
     with runs.at_work(folder, overwrite, resume):
         _planned(study, folder)
         command = list(typed.TYPED.get()) or ["kerfgym", "tune", "--study", study.name]
-        one = functools.partial(_search, folder=folder, threads=threads, command=command)
+        one = delayed(functools.partial(_search, folder=folder, threads=threads, command=command))
+        tell = told if workers == 1 else None
+        each = Parallel(n_jobs=workers, return_as="generator")(
+            one(name, task, told=tell) for name, task in study.searches.items()
+        )
         records: dict[str, dict[str, Any]] = {}
-        if workers == 1:
-            for name, task in study.searches.items():
-                records[name] = one(name, task, told=functools.partial(_of, told, name))
-        else:
-            from joblib import Parallel, delayed
-
-            told(0, len(study.searches), "")
-            each = Parallel(n_jobs=workers, return_as="generator")(
-                delayed(one)(*pair) for pair in study.searches.items()
-            )
-            for name, record in zip(study.searches, each, strict=True):
-                records[name] = record
+        for name, record in zip(study.searches, each, strict=True):
+            records[name] = record
+            if workers > 1:
                 told(len(records), len(study.searches), name)
         found = {name: record for name, record in records.items() if "tuned" in record}
         frame = pd.DataFrame([_row(name, study.searches[name], record) for name, record in found.items()])
         runs.write_table(folder, "searches", frame)
-        if study.presets is not None:
+        if study.presets:
             before = {name: study.searches[name].base.provenance for name in found}
             for name in found:
-                write(study.presets / f"{study.targets[name]}.toml", study, name, found[name]["tuned"], before[name])
+                write(baselines.PRESETS / f"{name}.toml", study, name, found[name]["tuned"], before[name])
         failed = {name: record["error"] for name, record in records.items() if "error" in record}
         runs.write_json(folder / "run.json", runs.record(command) | {"study": study.name, "failed": failed})
         for name, why in failed.items():
@@ -100,23 +97,23 @@ def _planned(study: Study, folder: Path) -> None:
 
 
 def _search(
-    name: str, task: Task, folder: Path, threads: int, command: list[str],
-    told: crew.Told = lambda finished, total, last: None,
-) -> dict[str, Any]:  # fmt: skip
+    name: str, task: Task, folder: Path, threads: int, command: list[str], told: crew.Told | None
+) -> dict[str, Any]:
     """The record of one search, made unless it is there; an ``error`` if nothing keeps the limits."""
     own = folder / name
+
+    def tell(finished: int, total: int, last: str) -> None:
+        if told:
+            told(finished, total, f"{name}: {last}" if last else name)
+
     if not (own / "run.json").is_file():
         try:
-            controllers.tune(task, own, 1, threads, resume=True, told=told, command=command)
+            controllers.tune(task, own, 1, threads, resume=True, told=tell, command=command)
         except outcome.NothingFound as error:
             return {"error": str(error)}
     (own / runs.BEGUN).unlink(missing_ok=True)
     record: dict[str, Any] = files.json_(own / "run.json")
     return record
-
-
-def _of(told: crew.Told, name: str, finished: int, total: int, last: str) -> None:
-    told(finished, total, f"{name}: {last}" if last else name)
 
 
 def _row(name: str, task: Task, record: dict[str, Any]) -> dict[str, Any]:
@@ -140,9 +137,10 @@ def write(path: Path, study: Study, name: str, tuned: dict[str, Any], before: di
         before: the record of the controller as it stood.
     """
     task = study.searches[name]
-    parameters = {key: value if isinstance(value, str) else float(value) for key, value in tuned["parameters"].items()}
+    found = dict(task.set) | tuned["parameters"]
+    parameters = {key: value if isinstance(value, str) else float(value) for key, value in found.items()}
     body = {"parameters": parameters, "provenance": preset_record(task, tuned, before)}
-    head = f"# Found by: kerfgym tune {study.targets[name]} --study {study.name}\n"
+    head = f"# Found by: kerfgym tune {name} --study {study.name}\n"
     with runs.atomic(path) as part:
         part.write_text(head + tomli_w.dumps(body), encoding="utf-8")
 
@@ -152,15 +150,22 @@ def preset_record(task: Task, tuned: dict[str, Any], before: dict[str, Any]) -> 
     metric = task.metrics[0]
     unit = {"µm": "_um"}.get(goals.metric(metric, task.jobs).unit, "")
     record: dict[str, Any] = {"suite": tuned["suite"], f"score_tune{unit}": round(tuned["tune"][metric], 4)}
+    if task.criterion or task.relative:
+        record["criterion"] = task.criterion or ", ".join([metric, *map(task.told, task.limits.limits)])
     if "ms" in tuned:
         record |= {"ms": tuned["ms"], "collisions_tune": 0, "cap": task.limits.ms}
     if "score_checked" in tuned:
         record |= {"checked_on": tuned["checked_on"], f"score_checked{unit}": round(tuned["score_checked"], 4)}
     sampler = staged.told(task.stages, task.trials) if task.stages else task.sampler
     record |= {"trials": tuned["trials"], "searched": len(task.space.axes), "sampler": sampler}
-    for key in ("sampler_seed", "tune_seeds", "simulated_steps", "ms_steps", "cpu_seconds", "kerfgym", "git", "python"):
+    for key in (
+        "sampler_seed", "tune_seeds", "simulated_steps", "ms_steps", "cpu_seconds", "kerfgym", "git", "python",
+        "relative",
+    ):  # fmt: skip
         if key in tuned:
             record[key] = tuned[key]
+    if task.relative:
+        record["evidence"] = tuned["test"]["evidence"]
     if before.get("suite") == tuned["suite"]:
         record["start"] = {key: before[key] for key in COUNTED if key in before}
     return record

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -76,6 +76,7 @@ class Space:
 
     axes: tuple[Axis, ...]
     start: dict[str, float]
+    ties: dict[str, str] = field(default_factory=dict)  # what always has the value of another
 
     @property
     def conditional(self) -> bool:
@@ -112,6 +113,7 @@ class Space:
     def values(self, params: dict[str, Any], digits: int = 5) -> dict[str, Any]:
         """Parameters of the controller from those of a trial: rounded, and a trim that leaves something over; with 0
         digits as they are."""
+        params = params | {name: params[other] for name, other in self.ties.items()}
         if not digits:
             return {k: v if isinstance(v, str) else float(v) for k, v in params.items()}
         out = {k: v if isinstance(v, str) else float(f"{float(v):.{digits}g}") for k, v in params.items()}
@@ -136,7 +138,8 @@ def space(controller: Stack | Team, words: Iterable[str]) -> Space:
     """The space that ``words`` mean: groups (filter, law, guard …), ``all``, ``read`` (what the filter's kind reads),
     and names with or without a range.
 
-    ``law.kp`` is searched over its declared range, ``law.kp=20..120`` over this one.
+    ``law.kp`` is searched over its declared range, ``law.kp=20..120`` over this one; ``law.y=law.x`` has no value of
+    its own.
 
     Raises:
         InvalidInput: unknown word (the nearest is offered), or a range beyond the declared one.
@@ -148,10 +151,13 @@ def space(controller: Stack | Team, words: Iterable[str]) -> Space:
         groups[READ] = read(known)
     groups["all"] = [n for group in ALL for n in groups.get(group, [])]
     ranges: dict[str, tuple[float, float] | None] = {}
+    ties: dict[str, str] = {}
     for word in words:
         name, equals, text = word.partition("=")
         if name in groups and not equals:
             ranges.update({n: ranges.get(n) for n in groups[name]})
+        elif name in known and text in known:
+            ties[name] = text
         elif name in known:
             ranges[name] = _range(text, known[name], word) if equals else ranges.get(name)
         else:
@@ -161,10 +167,12 @@ def space(controller: Stack | Team, words: Iterable[str]) -> Space:
             )
     if not ranges:
         raise InvalidInput(f"nothing to tune; known: {', '.join([*groups, *known])}")
+    if loose := [f"{name}={other}" for name, other in ties.items() if name in ranges or other not in ranges]:
+        raise InvalidInput(f"'{loose[0]}': the first is searched, too, or the second is not")
     axes = tuple(_axis(name, known[name], limits) for name, limits in ranges.items())
     start = {a.name: _inside(a, known[a.name].value) for a in axes}
     start |= {n: p.value for n, p in known.items() if n.endswith("filter.window") and n not in start}
-    return Space(axes, start)
+    return Space(axes, start, ties)
 
 
 def start_of(axes: Space) -> dict[str, Any]:

@@ -11,15 +11,19 @@ import warnings
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import optuna
 from optuna.samplers import BaseSampler
 from optuna.trial import FrozenTrial, TrialState
+from scipy import optimize
 
 from ...envs.engine.quantity import InvalidInput, did_you_mean
 from .goals import FAILED
-from .space import Space, start_of
+from .sampling import distribution
+from .space import Axis, Space, start_of
 
-SAMPLERS = ("tpe", "cmaes")
+SAMPLERS = ("tpe", "cmaes", "bounded", "nelder-mead")
+"""The last two are scipy's: Brent's method for one number (Brent 1973), and simplices (Nelder and Mead 1965)."""
 
 STARTUP = 30
 """Random trials at the start of TPE."""
@@ -43,36 +47,36 @@ class Stage:
 
     Attributes:
         sampler: of :data:`SAMPLERS`; ``cmaes`` starts from the best trial so far.
-        share: of all trials, beside those of the other stages.
         weight: of a broken limit, per unit of its logarithm.
         spread: first standard deviation of ``cmaes``, in ranges.
         anew: without what the stage before has seen, but for its best trial.
     """
 
     sampler: str
-    share: float = 1.0
     weight: float = 12.0
     spread: float = 0.1
     anew: bool = True
 
     @property
+    def plain(self) -> bool:
+        """Whether its sampler is told values as they are, not their logarithms."""
+        return self.sampler in ("bounded", "nelder-mead")
+
+    @property
     def words(self) -> str:
         """What the trials depend on."""
         spread = f" spread {self.spread:g}" if self.sampler == "cmaes" else ""
-        return f"stage {self.sampler} {self.share:g} weight {self.weight:g}{spread}{' anew' if self.anew else ''}"
+        return f"stage {self.sampler} weight {self.weight:g}{spread}{' anew' if self.anew else ''}"
 
 
 def sizes(stages: tuple[Stage, ...], trials: int) -> list[int]:
-    """Trials of each stage; what the first leaves is shared out, and a remainder goes to the second."""
-    shares = [stage.share for stage in stages]
-    first = round(trials * shares[0] / sum(shares))
-    rest = [math.floor((trials - first) * share / sum(shares[1:])) for share in shares[1:]]
-    if rest:
-        rest[0] += trials - first - sum(rest)
-    return [first, *rest]
+    """Trials of each stage: alike, but that what the first leaves is shared out, and a remainder goes to the second."""
+    later, first = len(stages) - 1, round(trials / len(stages))
+    each = [(trials - first) // later] * later if later else []
+    return [first, *((trials - first) % later + many if i == 0 else many for i, many in enumerate(each))]
 
 
-def check(stages: tuple[Stage, ...], trials: int, directions: list[str], workers: int) -> None:
+def check(stages: tuple[Stage, ...], trials: int, directions: list[str], workers: int, space: Space) -> None:
     """Whether these stages can be gone through.
 
     Raises:
@@ -81,6 +85,8 @@ def check(stages: tuple[Stage, ...], trials: int, directions: list[str], workers
     for stage in stages:
         if stage.sampler not in SAMPLERS:
             raise InvalidInput(f"unknown sampler '{stage.sampler}' of a stage; {did_you_mean(stage.sampler, SAMPLERS)}")
+        if stage.plain and (space.conditional or (stage.sampler == "bounded" and len(space.axes) > 1)):
+            raise InvalidInput("a stage with sampler bounded takes one number, with nelder-mead numbers alone")
     if directions != ["minimize"]:
         raise InvalidInput("stages take one metric of which less is better")
     if workers > 1:
@@ -91,7 +97,7 @@ def check(stages: tuple[Stage, ...], trials: int, directions: list[str], workers
 
 def told(stages: tuple[Stage, ...], trials: int) -> str:
     """The stages as a record has them."""
-    names = {"tpe": "TPE", "cmaes": "CMA-ES"}
+    names = {"tpe": "TPE", "cmaes": "CMA-ES", "bounded": "Brent", "nelder-mead": "Nelder-Mead"}
     pairs = zip(stages, sizes(stages, trials), strict=True)
     runs = itertools.groupby(pairs, lambda pair: names[pair[0].sampler])
     return ", then ".join(f"{name} {' and '.join(str(many) for _, many in each)}" for name, each in runs)
@@ -118,7 +124,60 @@ def cost(trial: FrozenTrial, cap: float, weight: float) -> float:
     return math.log(max(value, 1e-12)) + weight * max(0.0, above) + weight * sum(broken.values()) + crashes
 
 
-class Staged(BaseSampler):
+class _Together(BaseSampler):
+    """A sampler of all that is searched at once."""
+
+    def __init__(self, axes: tuple[Axis, ...]) -> None:
+        self.axes = axes
+
+    def infer_relative_search_space(self, study: Any, trial: FrozenTrial) -> dict[str, Any]:
+        """All that is searched."""
+        return {axis.name: distribution(axis) for axis in self.axes}
+
+    def sample_independent(self, study: Any, trial: FrozenTrial, param_name: str, param_distribution: Any) -> Any:
+        """Never asked."""
+        raise AssertionError(param_name)
+
+
+class _Asked(Exception):
+    """The point whose value a minimiser asks for."""
+
+
+class Minimised(_Together):
+    """A minimiser of scipy, gone through anew for every trial with the values that are known so far.
+
+    Args:
+        name: ``bounded`` or ``nelder-mead``.
+        axes: numbers.
+        start: where simplices begin.
+    """
+
+    def __init__(self, name: str, axes: tuple[Axis, ...], start: dict[str, float]) -> None:
+        super().__init__(axes)
+        self.name, self.start = name, [float(start[axis.name]) for axis in axes]
+
+    def sample_relative(self, study: Any, trial: FrozenTrial, search_space: dict[str, Any]) -> dict[str, Any]:
+        """The next point; the best one again where the minimiser has come to its end."""
+        known = iter([each.value for each in study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))])
+        bounds = [(axis.low, axis.high) for axis in self.axes]
+
+        def value(x: Any) -> float:
+            for each in known:
+                return float(each)
+            raise _Asked(np.atleast_1d(x).tolist())
+
+        try:
+            if self.name == "bounded":
+                point = [optimize.minimize_scalar(value, bounds=bounds[0], method="bounded").x]
+            else:
+                ends = {"xatol": 1e-4, "fatol": 1e-3}
+                point = optimize.minimize(value, self.start, method="Nelder-Mead", bounds=bounds, options=ends).x
+        except _Asked as asked:
+            point = asked.args[0]
+        return {axis.name: float(x) for axis, x in zip(self.axes, point, strict=True)}
+
+
+class Staged(_Together):
     """The sampler of a study in stages.
 
     Args:
@@ -134,6 +193,7 @@ class Staged(BaseSampler):
         self, stages: tuple[Stage, ...], space: Space, seed: int, trials: int, cap: float,
         also: tuple[dict[str, float], ...] = (),
     ) -> None:  # fmt: skip
+        super().__init__(space.axes)
         self.stages, self.space, self.seed, self.cap, self.also = stages, space, seed, cap, also
         ends, self._firsts = 0, []
         for many in sizes(stages, trials):
@@ -142,12 +202,6 @@ class Staged(BaseSampler):
         self._over: list[tuple[float, float, FrozenTrial]] = []
         self._inner: Any = None
         self._asked: Any = None
-
-    def infer_relative_search_space(self, study: Any, trial: FrozenTrial) -> dict[str, Any]:
-        """All that is searched."""
-        from .sampling import distribution
-
-        return {axis.name: distribution(axis) for axis in self.space.axes}
 
     def sample_relative(self, study: Any, trial: FrozenTrial, search_space: dict[str, Any]) -> dict[str, Any]:
         """Parameters of the trial, after the samplers have been told of those before it.
@@ -167,10 +221,6 @@ class Staged(BaseSampler):
             self._ask(trial.number)
         return dict(self._asked.params)
 
-    def sample_independent(self, study: Any, trial: FrozenTrial, param_name: str, param_distribution: Any) -> Any:
-        """Never asked: all is searched together."""
-        raise AssertionError(param_name)
-
     def _at(self, number: int) -> int:
         return max(i for i, first in enumerate(self._firsts) if first <= number)
 
@@ -184,25 +234,32 @@ class Staged(BaseSampler):
         return dict(self._asked.params)
 
     def _tell(self, trial: FrozenTrial) -> None:
-        told = cost(trial, self.cap, self.stages[self._at(trial.number)].weight)
+        stage, place = self.stages[self._at(trial.number)], rank(trial, self.cap)
+        told = cost(trial, self.cap, stage.weight)
+        if stage.plain:
+            told = place if math.isfinite(place) else math.exp(told)
         self._inner.tell(self._asked, told)
         self._asked = None
-        self._over.append((rank(trial, self.cap), told, trial))
+        self._over.append((place, told, trial))
 
     def _begin(self, i: int) -> None:
         stage, make = self.stages[i], optuna.samplers
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
+            best = min(self._over, key=lambda each: each[:2])[2].params if self._over else start_of(self.space)
+            if not stage.anew and self._over:
+                best = self._inner.best_params
             if stage.sampler == "tpe":
                 sampler: Any = make.TPESampler(seed=self.seed, multivariate=True, n_startup_trials=STARTUP)
-            else:
-                best = min(self._over, key=lambda each: each[:2])[2].params if self._over else start_of(self.space)
+            elif stage.sampler == "cmaes":
                 later = sum(each.sampler == "cmaes" for each in self.stages[:i])
                 sampler = make.CmaEsSampler(x0=dict(best), sigma0=stage.spread, seed=self.seed + later)
+            else:
+                sampler = Minimised(stage.sampler, self.space.axes, best)
         if self._inner is None or stage.anew:
             self._inner = optuna.create_study(sampler=sampler)
         self._inner.sampler = sampler
-        if i == 0:
+        if i == 0 and not stage.plain:
             self._inner.enqueue_trial(start_of(self.space))
             for changes in self.also:
                 self._inner.enqueue_trial({**start_of(self.space), **changes})

@@ -1,7 +1,7 @@
 """A search of a controller: what it depends on, and one trial from candidate to value."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import optuna
@@ -49,6 +49,10 @@ class Task:
     digits: int = 5  # of a candidate's numbers; 0: as the sampler gives them, neither rounded nor mended
     finalists: int = 0  # how many of the best are run again; 0: none, the best of the trials is the result
     final_seeds: int = 200  # tune seeds on which they are
+    fresh: bool = False  # from what the law declares, without what earlier searches found
+    set: tuple[tuple[str, float], ...] = ()  # parameters in place of the controller's own
+    relative: str = ""  # controller to whose figures metrics and limits are ratios
+    criterion: str = ""  # what is sought, for the record
 
     @property
     def base(self) -> Stack | Team:
@@ -57,7 +61,13 @@ class Task:
         Raises:
             InvalidInput: unknown, or it does not fit the suite.
         """
-        return controller(self.controller)
+        base = controller(self.controller)
+        if self.fresh:
+            if isinstance(base, Team):
+                raise InvalidInput(f"fresh takes one stack, not '{self.controller}'")
+            kept = {name: value for name, value in base.values.items() if not name.startswith("law.")}
+            base = replace(base, values=kept, provenance={})
+        return base.varied(dict(self.set))
 
     @property
     def space(self) -> Space:
@@ -77,7 +87,8 @@ class Task:
     @property
     def wanted(self) -> tuple[str, ...]:
         """Metrics that are needed of every scenario."""
-        return tuple(dict.fromkeys((*self.metrics, *self.limits.metrics)))
+        each = [part for name in self.metrics for part in goals.joined(name)]
+        return tuple(dict.fromkeys((*each, *self.limits.metrics)))
 
     @property
     def pruned(self) -> bool:
@@ -89,10 +100,17 @@ class Task:
         """Whether Ms is measured; of a search in stages, of whose results much is asked, even where any is allowed."""
         return math.isfinite(self.limits.ms) or (bool(self.stages) and not self.jobs)
 
+    def told(self, limit: goals.Limit) -> str:
+        """A limit in words."""
+        return f"{limit.name} {'≥' if goals.metric(limit.name, self.jobs).better == 'higher' else '≤'} {limit.most:g}"
+
     @property
     def words(self) -> list[str]:
         """What the trials depend on; of two studies that differ in a word, one cannot go on as the other."""
-        values = {n: p.value for n, p in self.base.parameters().items()}
+        fixed = [f"{n}={p.value}" for n, p in self.base.parameters().items()] + self.base.program
+        if self.relative:
+            other = controller(self.relative)
+            fixed += [f"{n}={p.value}" for n, p in other.parameters().items()] + other.program
         return [
             f"controller {self.controller}", f"suite {self.suite}", f"metric {', '.join(self.metrics)}",
             f"Ms ≤ {self.limits.ms:g}", *(f"{limit.name} ≤ {limit.most:g}" for limit in self.limits.limits),
@@ -101,7 +119,8 @@ class Task:
             *(stage.words for stage in self.stages), *([f"trials {self.trials}"] if self.stages else []),
             *(f"also {dict(changes)}" for changes in self.also),
             *([f"digits {self.digits}"] if self.digits != 5 else []),
-            f"{storage.FIXED}{storage.digest([f'{n}={v}' for n, v in values.items()] + self.base.program)}",
+            *(f"{name}={other}" for name, other in self.space.ties.items()),
+            *([f"relative to {self.relative}"] if self.relative else []), f"{storage.FIXED}{storage.digest(fixed)}",
         ]  # fmt: skip
 
     @property
@@ -113,9 +132,9 @@ class Task:
 
     def evaluator(self, seeds: Any = None, threads: int = 1) -> Evaluator:
         """What runs its candidates, on its *tune* seeds unless told otherwise."""
-        return Evaluator(
-            self.base, self.suite, range(self.seeds) if seeds is None else seeds, threads, self.extrapolate
-        )  # fmt: skip
+        seeds = range(self.seeds) if seeds is None else seeds
+        other = controller(self.relative) if self.relative else None
+        return Evaluator(self.base, self.suite, seeds, threads, self.extrapolate, other)
 
     def open(self) -> Any:
         """The study, made if there is none; with its sampler.

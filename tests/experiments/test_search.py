@@ -68,7 +68,7 @@ def pretended(monkeypatch, here):
     monkeypatch.setattr(study, "Evaluator", Pretended)
     monkeypatch.setattr("kerfgym.experiments.tune.outcome.scored", lambda *_: ({"rms_true": 1.0, "collisions": 0}, {}))
     monkeypatch.setattr("kerfgym.experiments.tune.history.write", lambda *_: [])
-    monkeypatch.setattr("kerfgym.experiments.tune.study_file.baselines.PRESETS", here / "presets")
+    monkeypatch.setattr("kerfgym.experiments.tune.searches.baselines.PRESETS", here / "presets")
     return here
 
 
@@ -166,10 +166,15 @@ def test_stages_are_optunas_samplers_one_after_the_other():
         ("trials = 'many'\n[search]\npid = {}", "trials is 'many'"),
         ("[ranges]\n'law.kp' = [1]\n[search]\npid = {}", "a range has two ends"),
         ("[[stage]]\nsampler = 'tp'\n[search]\npid = {}", "unknown sampler 'tp' of a stage; did you mean 'tpe'?"),
-        ("presets = '../elsewhere'\n[search]\npid = {}", "allowed: a folder within the one in which you work"),
-        ("presets = 'shipped'\n[search]\npid = {}", "allowed: a folder within the one in which you work"),
+        ("presets = true\n[search]\npid = {}", "presets: those of the package are made by its own studies"),
+        ("like = 'folowers'", "no shipped study 'folowers'; did you mean 'followers'?"),
+        ("like = 'followers'\nwithout = ['pidd']", "unknown search 'pidd'; did you mean 'pid'?"),
+        ("[search]\npid = {set = {'law.kp' = {gain_margn = 2.0}}}", "no such rule; did you mean 'gain_margin'?"),
+        ("[search]\npid = {relative = 'evil.py:Law'}", "search.pid is 'evil.py:Law': that is Python code"),
+        ("[search]\npid = {metric = 'mean of jitter, rms_tru'}", "unknown metric 'rms_tru'; did you mean 'rms_true'?"),
+        ("[search]\npid = {stage = [{sampler = 'bounded'}]}", "a stage with sampler bounded takes one number"),
         ("[search]\nmine = {controller = 'evil.py:Law'}", "search.mine is 'evil.py:Law': that is Python code"),
-        ("summary = 'nothing'", "no search; it needs a table such as"),
+        ("trials = 9", "no search; it needs a table such as"),
     ],
 )
 def test_a_study_file_that_cannot_be_carried_out_says_where_and_what_is_allowed(here, text, says):
