@@ -104,13 +104,9 @@ def _finish(
     searched.use(range(task.seeds))
     work.evaluator.ledger = Ledger()  # from here on: what choosing costs
     more: dict[str, Any] = {}
-    if task.finalists:
-        found, more, spent = outcome.final(work, trials)
-        searched += spent
-        front = [found]
-    elif len(task.metrics) == 1:
-        found = outcome.best(work, trials)
-        front = [found]
+    if len(task.metrics) == 1:
+        found, more, spent = outcome.best(work, trials)
+        searched, front = searched + spent, [found]
     else:
         front = outcome.front(work, trials)
         found = outcome.middle(front, task)

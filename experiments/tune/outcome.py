@@ -63,39 +63,35 @@ def frame(trials: list[FrozenTrial], task: Task) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def best(work: RollOuts, trials: list[FrozenTrial]) -> Found:
-    """The best candidate of a study with one metric.
+def best(work: RollOuts, trials: list[FrozenTrial]) -> tuple[Found, dict[str, Any], Ledger]:
+    """The best candidate of a study with one metric, what its record says of the choice, and what that cost.
+
+    Where a study has finalists, they are run on many more tune seeds: few seeds flatter a candidate that fails one time
+    in a hundred.
 
     Raises:
         NothingFound: none keeps the limits; the nearest is named.
     """
-    task, higher = work.task, work.task.directions[0] == "maximize"
-    ranked = sorted(filter(feasible, trials), key=lambda t: (-t.values[0] if higher else t.values[0], t.number))
-    for trial in ranked[:CHECKED]:
-        found = checked(work, trial)
-        if found.ms <= task.limits.ms or math.isinf(task.limits.ms):
-            return found
-    raise NothingFound(_none(trials))
-
-
-def final(work: RollOuts, trials: list[FrozenTrial]) -> tuple[Found, dict[str, Any], Ledger]:
-    """The best of a study's finalists on many more tune seeds, what its record says of that, and what it cost.
-
-    Few seeds flatter a candidate that fails one time in a hundred.
-
-    Raises:
-        NothingFound: none keeps the limits there.
-    """
-    task, cap = work.task, work.task.limits.ms
+    task, cap, kept = work.task, work.task.limits.ms, list[tuple[Found, FrozenTrial]]()
+    sign = -1.0 if task.directions[0] == "maximize" else 1.0
     work.ms_steps = 0
-    ranked = sorted((t for t in trials if math.isfinite(staged.rank(t, cap))), key=lambda t: staged.rank(t, cap))
-    kept: list[tuple[Found, FrozenTrial]] = []
-    for trial in ranked:
+
+    def place(trial: FrozenTrial) -> float:
+        if task.finalists:
+            return staged.rank(trial, cap)
+        return sign * trial.values[0] if feasible(trial) else math.inf
+
+    ranked = sorted((t for t in trials if math.isfinite(place(t))), key=place)
+    for trial in ranked if task.finalists else ranked[:CHECKED]:
         found = checked(work, trial)
         if not found.ms > cap:
             kept.append((found, trial))
-        if len(kept) == task.finalists:
+        if len(kept) == max(task.finalists, 1):
             break
+    if not kept:
+        raise NothingFound(_none(trials))
+    if not task.finalists:
+        return kept[0][0], {}, Ledger()
     many = task.evaluator(range(task.final_seeds), work.evaluator.threads)
     again: list[tuple[float, int]] = []
     for at, (found, _) in enumerate(kept):
@@ -107,8 +103,6 @@ def final(work: RollOuts, trials: list[FrozenTrial]) -> tuple[Found, dict[str, A
         raise NothingFound(
             f"none of {len(kept)} finalists of {len(trials)} trials of {task.controller} keeps the limits on "
             f"{task.final_seeds} tune seeds"
-            if kept
-            else _none(trials)
         )
     value, at = min(again)
     found, trial = kept[at]
