@@ -8,13 +8,15 @@ from dataclasses import replace
 import numpy as np
 import optuna
 import pytest
+from scipy import optimize
 
 from kerfgym.baselines import PRESETS
 from kerfgym.envs.control.stack import get
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.experiments.cli import main
 from kerfgym.experiments.statistics import budgets
-from kerfgym.experiments.tune import evaluate, searches, staged, storage, study, study_file
+from kerfgym.experiments.tune import evaluate, goals, searches, staged, storage, study, study_file
+from kerfgym.experiments.tune import space as spaces
 from kerfgym.experiments.tune.work import done
 
 FOLLOWERS = study_file.read("followers").searches
@@ -65,6 +67,7 @@ class Pretended(evaluate.Evaluator):
 
 @pytest.fixture
 def pretended(monkeypatch, here):
+    assert get("pid").provenance["trials"] > 0  # read, and kept, before presets lie elsewhere
     monkeypatch.setattr(study, "Evaluator", Pretended)
     monkeypatch.setattr("kerfgym.experiments.tune.outcome.scored", lambda *_: ({"rms_true": 1.0, "collisions": 0}, {}))
     monkeypatch.setattr("kerfgym.experiments.tune.history.write", lambda *_: [])
@@ -150,6 +153,68 @@ def test_stages_are_optunas_samplers_one_after_the_other():
         trial.set_user_attr("ms", params["law.kp"] / 60.0)
         found.tell(trial, math.exp(cost(params, 0.0)))
     assert [t.params for t in found.trials] == [params for params, _, _ in expected]
+
+
+@pytest.mark.parametrize("name", ["bounded", "nelder-mead"])
+def test_a_stage_asks_for_the_points_that_scipys_minimiser_asks_for(name):
+    names = ("law.velocity", "law.acceleration")[-1 if name == "bounded" else 0 :]
+    space, asked = spaces.space(get("wu-stiff"), names), []
+
+    def value(x):
+        asked.append(np.atleast_1d(x).tolist())
+        return 3.0 + sum((axis.encode(each) - 0.3) ** 2 for axis, each in zip(space.axes, asked[-1], strict=True))
+
+    bounds = [(axis.low, axis.high) for axis in space.axes]
+    if name == "bounded":
+        optimize.minimize_scalar(value, bounds=bounds[0], method="bounded")
+    else:
+        start = [space.start[each] for each in names]
+        optimize.minimize(value, start, method="Nelder-Mead", bounds=bounds, options={"xatol": 1e-4, "fatol": 1e-3})
+    expected, many = list(asked), min(len(asked), 12)
+    found = optuna.create_study(sampler=staged.Staged((staged.Stage(name),), space, 0, many, math.inf))
+    for _ in range(many):
+        trial = found.ask()
+        found.tell(trial, value(list(space.suggest(trial).values())))
+    assert [list(t.params.values()) for t in found.trials] == expected[:many]
+
+
+def test_joint_metrics_are_the_geometric_mean_of_all_or_the_worst_of_them():
+    figures = {"a": {"dross": np.array([2.0]), "energy": np.array([1.0])},
+               "b": {"dross": np.array([0.5]), "energy": np.array([4.0])}}  # fmt: skip
+    logs = np.log([2.0, 0.5, 1.0, 4.0])
+    assert goals.score("mean of dross, energy", figures, ("a", "b")) == pytest.approx(math.sqrt(2.0))
+    worst = goals.score("worst of dross, energy", figures, ("a", "b"))
+    assert worst == pytest.approx(4.0 * math.exp(0.01 * logs.mean()))
+    with pytest.raises(InvalidInput, match="of joint metrics less is better, of through more"):
+        goals.metric("mean of dross, through", True)
+
+
+def test_figures_relative_to_a_controller_are_ratios_of_means_and_its_own_are_one():
+    plain, other = get("huang2024-dynamic"), get("recipe")
+    wanted, seeds = ("dross", "time", "collision"), range(2)
+    of_plain, of_other = (evaluate.Evaluator(c, "cutting", seeds).part(0, c, wanted) for c in (plain, other))
+    relative = evaluate.Evaluator(other, "cutting", seeds, relative=plain)
+    for controller, expected in ((plain, dict.fromkeys(wanted[:2], 1.0)), (other, None)):
+        (name, found), *_ = relative.part(0, controller, wanted).items()
+        for metric in wanted[:2]:
+            ratio = expected or {m: of_other[name][m].mean() / of_plain[name][m].mean() for m in wanted[:2]}
+            assert found[metric] == [ratio[metric]]
+        assert len(found["collision"]) == 2  # counted, not divided
+
+
+def test_a_tied_parameter_has_the_value_of_the_other_and_no_axis_of_its_own():
+    found = spaces.space(get("huang2024-tuned"), ["law.x=0.1..0.3", "law.y=law.x"])
+    assert [axis.name for axis in found.axes] == ["law.x"]
+    assert found.values({"law.x": 0.2}) == {"law.x": 0.2, "law.y": 0.2}
+    with pytest.raises(InvalidInput, match=r"'law\.y=law\.x': the first is searched, too, or the second is not"):
+        spaces.space(get("huang2024-tuned"), ["law.z", "law.y=law.x"])
+
+
+def test_a_fresh_search_begins_with_what_the_law_declares_and_the_rest_of_the_controller():
+    base = study_file.read("process").searches["huang2024-adjusting"].base
+    assert base.part("law") == type(base.part("law"))()
+    assert base.part("plan") == get("huang2024-adjusting").part("plan")
+    assert base.part("law") != get("huang2024-adjusting").part("law")
 
 
 @pytest.mark.parametrize(
