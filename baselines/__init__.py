@@ -1,8 +1,7 @@
 """Classical controllers: those of the published documents, and what today's engineers would try.
 
 Importing this package registers every stack by name. Presets (``presets/*.toml``) hold parameters that a search found,
-with its record: ``search.py`` of ``experiments`` found those of the followers, ``tune_axes.py`` and ``tune_process.py``
-those of the axes and of the process.
+with its record: ``kerfgym tune --study`` finds those of ``followers``, of the ``axes`` and of the ``process``.
 """
 
 import functools

@@ -373,6 +373,7 @@ def reproduce(
 def tune(
     what: Annotated[Positional[tuple[str, ...]], arg(metavar="WHAT")] = (),
     controller: Annotated[str | None, arg(aliases=["-c"], metavar="NAME")] = None,
+    study: Annotated[str | None, arg(metavar="NAME|FILE")] = None,
     suite: str = "following",
     trials: int | None = None,
     budget: Annotated[str | None, arg(metavar="STEPS|NAME")] = None,
@@ -401,10 +402,14 @@ def tune(
     With the name of an algorithm it searches the settings of a training; writes runs/<name>/<algorithm>.toml, which
     train takes with --preset.
 
+    With --study it makes all the searches that a study file asks for; writes runs/<name>/searches.csv and a folder for
+    each, and the presets if the file says where.
+
     Args:
         what: filter, law, guard, gate, table, plan, all, or parameters by name (law.kp filter.window=3..9); several may
-            be given. Default: law. Or one of ppo, sac, td3, tqc, recurrent-ppo.
+            be given. Default: law. Or one of ppo, sac, td3, tqc, recurrent-ppo; with --study some of its searches.
         controller: as for benchmark. Default: xi2023-improved; for jobs wu-tuned or huang2024-adjusting.
+        study: a study file, or the name of a shipped one; what it does not leave open is not given besides.
         suite: on whose core it is scored; also its scenarios with a guard must go without collision.
         trials: candidates in all. Default: 300, of an algorithm's settings 40.
         budget: simulated steps after which the search ends, or a controller: as many as that was tuned and trained
@@ -418,7 +423,8 @@ def tune(
         limit: another metric's largest value (smallest, if higher is better), such as time=12.5.
         seed: of the sampler, and of trainings; the same command gives the same study.
         seeds: tune seeds per scenario. Default: 32, for jobs 8.
-        workers: processes; the order in which several finish is not the same twice.
+        workers: processes; the order in which several finish is not the same twice. With --study searches at a time,
+            which change no figure.
         threads: of each process. Default: the cores shared out, of a training 1.
         env: of trainings, id of the environment. Default: kerfgym/HeightFollowing-v0.
         steps: of each training. Default: a tenth of the preset's, at least an episode of each machine.
@@ -440,15 +446,30 @@ def tune(
     from .tune import tune as run
 
     folder = runs.named(name, "tune-", resume)
+    for_controllers = {
+        "controller": controller, "suite": None if suite == "following" else suite, "metric": metric or None,
+        "ms": ms, "jitter": jitter, "overshoot": overshoot, "limit": limit or None, "seeds": seeds,
+        "budget": budget, "extrapolate": extrapolate or None,
+    }  # fmt: skip
+    if study is not None:
+        from .tune import searches, study_file
+
+        others = {"sampler": sampler, "seed": seed or None, "env": env, "steps": steps, "set": set_ or None,
+                  "storage": storage}  # fmt: skip
+        if given := [option for option, value in (for_controllers | others).items() if value is not None]:
+            raise InvalidInput(f"--{given[0]} is not given beside --study; the study file says it")
+        planned = study_file.read(study, what, trials)
+        with progress("trials") as told:
+            found = searches.carry_out(planned, folder, workers, threads, overwrite, resume, told)
+        searches.show(found)
+        print(f"\n{folder / 'searches.csv'}")
+        if len(found) < len(planned.searches):
+            raise SystemExit(1)
+        return
     if command.trains(what, env, steps, set_):
         from .tune import learners
 
-        others = {
-            "controller": controller, "suite": None if suite == "following" else suite, "metric": metric or None,
-            "ms": ms, "jitter": jitter, "overshoot": overshoot, "limit": limit or None, "seeds": seeds,
-            "budget": budget, "extrapolate": extrapolate or None,
-        }  # fmt: skip
-        given = [option for option, value in others.items() if value is not None]
+        given = [option for option, value in for_controllers.items() if value is not None]
         asked = learners.task(what, env, steps, set_, trials, sampler, seed, storage, name, threads, given)
         with progress("trials") as told:
             learned = learners.tune(asked, folder, workers, overwrite, resume, told)

@@ -160,7 +160,7 @@ def test_the_walk_over_imports_sees_both_spellings():
     assert any(name.startswith("envs.control.stack") for name in imported("baselines", SOURCES["baselines"]))
     assert any(
         name.startswith("baselines")
-        for name in imported("experiments.tune.protocol", SOURCES["experiments.tune.protocol"])
+        for name in imported("experiments.tune.searches", SOURCES["experiments.tune.searches"])
     )
 
 

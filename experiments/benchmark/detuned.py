@@ -5,9 +5,7 @@
 
 import contextlib
 import math
-from collections.abc import Iterator
 
-import numpy as np
 import pandas as pd
 
 from ... import baselines
@@ -19,7 +17,7 @@ from ..statistics.ranks import foremost
 from ..store.progress import Told
 from ..tune import goals
 from ..tune.evaluate import Evaluator
-from ..tune.outcome import OFF
+from ..tune.outcome import moves
 
 METRIC, SUITE = "rms_true", "following"
 
@@ -34,7 +32,7 @@ COLUMNS = ["controller", "parameter", "value", "side", "moved", METRIC]
 
 def in_report(results: Results, threads: int = 1, told: Told = lambda done, total, last: None) -> pd.DataFrame:
     """One row for each parameter and side: the score over the preset's own, on *tune* seeds; empty without presets."""
-    todo = [(name, stack, list(moves(name, stack))) for name, stack in _chosen(results).items()]
+    todo = [(name, stack, list(moves(stack, searched(name)))) for name, stack in _chosen(results).items()]
     rows, done, total = [], 0, sum(1 + len(moved) for _, _, moved in todo)
     for name, stack, moved in todo:
         work = Evaluator(stack, SUITE, range(SEEDS), threads)
@@ -54,17 +52,9 @@ def _score(work: Evaluator, stack: Stack) -> float:
     return goals.score(METRIC, work.whole(stack, (METRIC,)), work.core)
 
 
-def moves(name: str, stack: Stack) -> Iterator[tuple[str, int, float]]:
-    """Parameter, side and value of everything that is moved: what the search found, within its declared range, whole
-    numbers by at least 1."""
-    known = stack.parameters()
-    for parameter in baselines.preset(name).get("parameters", {}):
-        quantity, own = known[parameter].quantity, float(known[parameter].value)
-        step = max(1.0, round(OFF * abs(own))) if quantity.whole else OFF * abs(own)
-        for side in (-1, 1):
-            value = float(np.clip(own + side * step, quantity.low, quantity.high))
-            if value != own and not quantity.choices:
-                yield parameter, side, value
+def searched(name: str) -> dict[str, float]:
+    """What the search of a shipped preset found; what it left at 0 is not moved."""
+    return dict.fromkeys(baselines.preset(name).get("parameters", {}), 0.0)
 
 
 def _chosen(results: Results) -> dict[str, Stack]:

@@ -39,7 +39,7 @@ from ..statistics import budgets
 from ..store.markdown import row, table
 from ..store.runs import atomic
 from ..studies import marks
-from ..tune import protocol
+from ..tune import study_file
 from . import assumptions, command_line, python_api, references, tables
 
 FOLDER = Path(_root).parent / "docs"
@@ -234,7 +234,7 @@ def presets() -> str:
     """What the search of each shipped follower came to and cost, from the records in the presets."""
     rows: list[tuple[str, ...]] = []
     steps, seconds = 0.0, 0.0
-    for name in protocol.NAMES:
+    for name in study_file.read("followers").searches:
         found = baselines.preset(name)["provenance"]
         spent, for_ms = budgets.spent(found), _rounds(found, "ms_steps")
         steps, seconds = steps + spent.steps, seconds + spent.cpu_seconds
@@ -255,9 +255,9 @@ _TRADED = {"cutting_time": "cutting time", "dross": "dross", "roughness": "Rz", 
 
 def other_presets() -> str:
     """The same of the axes and of the process, whose searches have aims of their own."""
-    rows = []
+    rows, followers = [], study_file.read("followers").searches
     for path in sorted(baselines.PRESETS.glob("*.toml")):
-        if path.stem in protocol.NAMES:
+        if path.stem in followers:
             continue
         found = baselines.preset(path.stem)["provenance"]
         over = found.get("relative", {})

@@ -15,10 +15,10 @@ from ...envs.figures import job_metrics
 from ...envs.plant import xy_axes
 from ...envs.scenarios import Scenario
 from ...envs.tasks.workshop import drawing_of
+from ..measure import axes
+from ..measure.axes import IDEAL
 from ..plots.palette import COLOURS, QUIET
 from ..results import jobs
-from . import axes
-from .axes import IDEAL
 from .claims import (
     CALIBRATED,
     INPUT,

@@ -11,8 +11,8 @@ from typing import Any
 from ...envs import scenarios
 from ...envs.engine.quantity import InvalidInput, did_you_mean
 from ..store import runs
-from ..store.ledger import Ledger
-from . import crew, goals, history, outcome, sampling, storage
+from ..store.ledger import Ledger, ranges
+from . import crew, goals, history, outcome, sampling, staged, storage
 from .study import RollOuts, Task
 from .work import done
 
@@ -48,7 +48,10 @@ def check(task: Task, workers: int = 1) -> None:
         raise InvalidInput(f"metric '{twice[0]}' is given twice")
     if not task.limits.ms > 1.0:
         raise InvalidInput(f"--ms {task.limits.ms:g} is out of range; above 1, inf for no cap")
-    sampling.check(task.sampler, len(task.metrics))
+    if task.stages:
+        staged.check(task.stages, task.trials, task.directions, workers, task.space)
+    else:
+        sampling.check(task.sampler, len(task.metrics))
     evaluator = task.evaluator()  # refuses what does not fit the suite
     if task.budget and task.budget < (one := evaluator.steps):
         raise InvalidInput(f"--budget of {task.budget:,} steps is out of range; one candidate takes {one:,}")
@@ -99,21 +102,26 @@ def _finish(
         sum(t.user_attrs.get("steps", 0) for t in trials), sum(t.user_attrs.get("cpu_seconds", 0.0) for t in trials)
     )
     searched.use(range(task.seeds))
-    searched.check("tune")
     work.evaluator.ledger = Ledger()  # from here on: what choosing costs
+    more: dict[str, Any] = {}
     if len(task.metrics) == 1:
-        found = outcome.best(work, trials)
-        front = [found]
+        found, more, spent = outcome.best(work, trials)
+        searched, front = searched + spent, [found]
     else:
         front = outcome.front(work, trials)
         found = outcome.middle(front, task)
+    searched.check("tune")
+    if task.relative:
+        figures = work.evaluator.whole(found.controller, task.wanted)
+        pooled = {name: goals.score(name, figures, work.evaluator.core) for name in task.wanted if name != "collision"}
+        more["relative"] = {name: round(value, 4) for name, value in pooled.items()}
     near = outcome.sensitivity(work, found)
     before, _ = outcome.scored(work, work.base, work.evaluator.threads)
     after, _ = outcome.scored(work, found.controller, work.evaluator.threads)
     meta = runs.record(command)
     meta["packages"] |= {name: metadata.version(name) for name in ("optuna", "cmaes")}
     pruned = sum(t.state.name == "PRUNED" for t in trials)
-    provenance = _provenance(work, meta, len(trials), pruned, searched)
+    provenance = _provenance(work, meta, len(trials), pruned, searched) | more
 
     def full(candidate: outcome.Found) -> dict[str, Any]:
         values = dict(zip(task.metrics, candidate.values, strict=True))
@@ -151,8 +159,9 @@ def _provenance(work: RollOuts, meta: dict[str, Any], trials: int, pruned: int, 
     return {
         "command": meta["command"], "kerfgym": meta["kerfgym"], "git": meta["git"].get("commit", "unknown"),
         "python": meta["python"], "optuna": meta["packages"]["optuna"], "study": storage.digest(task.words),
-        "suite": f"{task.suite}-{version}", "metrics": list(task.metrics), "limits": limits, "sampler": task.sampler,
-        "sampler_seed": task.seed, "trials": trials, "pruned": pruned, "tune_seeds": cost["seeds"]["tune"],
+        "suite": f"{task.suite}-{version}", "metrics": list(task.metrics), "limits": limits,
+        "sampler": staged.told(task.stages, task.trials) if task.stages else task.sampler,
+        "sampler_seed": task.seed, "trials": trials, "pruned": pruned, "tune_seeds": ranges(range(task.seeds)),
         "simulated_steps": cost["simulated_steps"], "cpu_seconds": cost["cpu_seconds"],
         **({"budget": task.budget} if task.budget else {}),
         "start": dict(work.base.provenance),  # what the controller as it stood was tuned with

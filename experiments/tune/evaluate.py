@@ -20,6 +20,7 @@ from ...envs.scenarios import Scenario
 from ..measure import rollout, stability
 from ..measure.plants import machines
 from ..results import jobs
+from ..statistics.pooling import RATES
 from ..store.ledger import Ledger
 from .goals import Figures
 
@@ -49,10 +50,17 @@ class Evaluator:
         seeds: of the split *tune*.
         threads: worker threads.
         extrapolate: process settings may leave what was published.
+        relative: controller to whose figures those of candidates are ratios, mean over the seeds to mean; what it takes
+            does not count.
     """
 
-    def __init__(self, base: Stack | Team, suite: str, seeds: Any, threads: int = 1, extrapolate: bool = False) -> None:
+    def __init__(
+        self, base: Stack | Team, suite: str, seeds: Any, threads: int = 1, extrapolate: bool = False,
+        relative: Stack | Team | None = None,
+    ) -> None:  # fmt: skip
         self.base, self.suite, self.threads = base, suite, threads
+        self._plain = Evaluator(relative, suite, seeds, threads, extrapolate) if relative else None
+        self._unit: dict[Any, Figures] = {}
         self.scenarios, self.core = chosen(suite)
         if extrapolate:
             self.scenarios = [s.varied(job={"extrapolate": True}) if s.job else s for s in self.scenarios]
@@ -122,6 +130,19 @@ class Evaluator:
 
     def part(self, i: int, candidate: Stack | Team, wanted: tuple[str, ...]) -> Figures:
         """The metrics ``wanted`` of the scenarios of part ``i``; failed runs are NaN."""
+        found = self._part(i, candidate, wanted)
+        if self._plain is None:
+            return found
+        if (i, wanted) not in self._unit:
+            self._unit[i, wanted] = self._plain.part(i, self._plain.base, wanted)
+        return {
+            s: {
+                m: v if m in RATES else np.array([v.mean() / self._unit[i, wanted][s][m].mean()]) for m, v in of.items()
+            }
+            for s, of in found.items()
+        }
+
+    def _part(self, i: int, candidate: Stack | Team, wanted: tuple[str, ...]) -> Figures:
         self.ledger.use(int(s) for s in self.seeds)
         if self.jobs:
             return self._part_of_jobs(self._groups[i][0], stacks.team(candidate), wanted)

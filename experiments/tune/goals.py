@@ -5,7 +5,7 @@ a number below 0, one that is broken a number above, on a logarithmic scale, so 
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,15 @@ FAILED = 1e6
 FAR = 10.0
 """Largest violation of a limit that is told to a sampler."""
 
+TIE = 0.01
+"""Weight of the mean beside the largest, so that of two candidates with the same worst figure the better is found."""
+
+JOINT = {
+    "mean of": lambda logs: logs.mean(),
+    "worst of": lambda logs: logs.max() + TIE * logs.mean(),
+}
+"""How several metrics make one, from the logarithms of all of them in all scenarios."""
+
 Figures = dict[str, dict[str, Any]]
 """Scenario, then metric, to the values of its runs, shape (seeds,)."""
 
@@ -31,20 +40,36 @@ def registry(with_jobs: bool) -> dict[str, Any]:
 
 
 def metric(name: str, with_jobs: bool) -> Any:
-    """A metric by name.
+    """A metric by name; of a joint one, such as ``mean of roughness, dross``, what all of them have in common.
 
     Raises:
         InvalidInput: unknown; the nearest is offered.
     """
     known = registry(with_jobs)
+    if len(parts := joined(name)) > 1:
+        for each in parts:
+            if metric(each, with_jobs).better == "higher":
+                raise InvalidInput(f"'{name}': of joint metrics less is better, of {each} more")
+        return replace(metric(parts[0], with_jobs), name=name, unit="1")
     if name not in known:
         raise InvalidInput(f"unknown metric '{name}'; {did_you_mean(name, known)}")
     return known[name]
 
 
+def joined(name: str) -> list[str]:
+    """The metrics of a joint one; of another itself."""
+    how = next((how for how in JOINT if name.startswith(how)), "")
+    return [each.strip() for each in name.removeprefix(how).split(",")] if how else [name]
+
+
 def score(name: str, figures: Figures, core: tuple[str, ...]) -> float:
     """The metric over those scenarios of the core that have been run."""
-    return over_scenarios(name, [over_seeds(name, figures[s][name]) for s in core if s in figures])
+    ran = [figures[s] for s in core if s in figures]
+    each = {part: [over_seeds(part, of[part]) for of in ran] for part in joined(name)}
+    if name in each:
+        return over_scenarios(name, each[name])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return float(np.exp(JOINT[name[: name.index(" of") + 3]](np.log(list(each.values())))))
 
 
 @dataclass(frozen=True)
@@ -89,6 +114,8 @@ class Limits:
 
     def peak(self, peak: float) -> float:
         """Violation of the cap on Ms."""
+        if math.isinf(self.ms):
+            return -FAR if math.isfinite(peak) else FAR
         return Limit("ms", self.ms).broken(peak if math.isfinite(peak) else math.nan)
 
     def check(self, figures: Figures, core: tuple[str, ...], with_jobs: bool) -> dict[str, float]:

@@ -9,7 +9,7 @@ from optuna.trial import FrozenTrial
 from ...envs.engine.quantity import InvalidInput
 from .space import Axis
 
-_NUMBERS = ("steps", "training_steps", "cpu_seconds", "ms", "parts", "best_at")
+_NUMBERS = ("steps", "training_steps", "cpu_seconds", "ms", "ms_steps", "parts", "best_at")
 _TEXTS = ("worker", "candidate", "error")
 
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,9 @@ READS = {
 """Settings that each kind of filter reads; the others are not asked for while it is chosen."""
 
 assert set(READS) == set(KINDS)
+
+READ = "read"
+"""Group of the settings that the controller's own kind of filter reads."""
 
 NARROW = {
     "filter.window": (1.0, 15.0), "filter.trim": (0.0, 7.0), "filter.hold": (0.0, 10.0), "filter.tau": (0.0, 20.0),
@@ -73,6 +76,7 @@ class Space:
 
     axes: tuple[Axis, ...]
     start: dict[str, float]
+    ties: dict[str, str] = field(default_factory=dict)  # what always has the value of another
 
     @property
     def conditional(self) -> bool:
@@ -106,9 +110,13 @@ class Space:
                 chosen[axis.name] = trial.suggest_float(axis.name, axis.low, axis.high, log=axis.log)
         return chosen
 
-    def values(self, params: dict[str, Any]) -> dict[str, Any]:
-        """Parameters of the controller from those of a trial: five digits, and a trim that leaves something over."""
-        out = {k: v if isinstance(v, str) else float(f"{float(v):.5g}") for k, v in params.items()}
+    def values(self, params: dict[str, Any], digits: int = 5) -> dict[str, Any]:
+        """Parameters of the controller from those of a trial: rounded, and a trim that leaves something over; with 0
+        digits as they are."""
+        params = params | {name: params[other] for name, other in self.ties.items()}
+        if not digits:
+            return {k: v if isinstance(v, str) else float(v) for k, v in params.items()}
+        out = {k: v if isinstance(v, str) else float(f"{float(v):.{digits}g}") for k, v in params.items()}
         for axis in self.axes:
             if not axis.choices and not axis.whole and axis.name in out:
                 out[axis.name] = min(max(out[axis.name], axis.low), axis.high)
@@ -120,10 +128,18 @@ class Space:
         return out
 
 
-def space(controller: Stack | Team, words: Iterable[str]) -> Space:
-    """The space that ``words`` mean: groups (filter, law, guard …), ``all``, and names with or without a range.
+def read(known: dict[str, Parameter]) -> list[str]:
+    """Settings that the kind of filter reads which a controller has."""
+    kinds = {name: KINDS[int(p.value)] for name, p in known.items() if name.endswith("filter.kind")}
+    return [f"{name.removesuffix('kind')}{setting}" for name, kind in kinds.items() for setting in READS[kind]]
 
-    ``law.kp`` is searched over its declared range, ``law.kp=20..120`` over this one.
+
+def space(controller: Stack | Team, words: Iterable[str]) -> Space:
+    """The space that ``words`` mean: groups (filter, law, guard …), ``all``, ``read`` (what the filter's kind reads),
+    and names with or without a range.
+
+    ``law.kp`` is searched over its declared range, ``law.kp=20..120`` over this one; ``law.y=law.x`` has no value of
+    its own.
 
     Raises:
         InvalidInput: unknown word (the nearest is offered), or a range beyond the declared one.
@@ -131,12 +147,17 @@ def space(controller: Stack | Team, words: Iterable[str]) -> Space:
     known = controller.parameters()
     groups = {group: [n for n in known if n.split(".")[-2] == group] for group in GROUPS}
     groups = {group: names for group, names in groups.items() if names}
+    if groups.get("filter"):
+        groups[READ] = read(known)
     groups["all"] = [n for group in ALL for n in groups.get(group, [])]
     ranges: dict[str, tuple[float, float] | None] = {}
+    ties: dict[str, str] = {}
     for word in words:
         name, equals, text = word.partition("=")
         if name in groups and not equals:
             ranges.update({n: ranges.get(n) for n in groups[name]})
+        elif name in known and text in known:
+            ties[name] = text
         elif name in known:
             ranges[name] = _range(text, known[name], word) if equals else ranges.get(name)
         else:
@@ -146,10 +167,12 @@ def space(controller: Stack | Team, words: Iterable[str]) -> Space:
             )
     if not ranges:
         raise InvalidInput(f"nothing to tune; known: {', '.join([*groups, *known])}")
+    if loose := [f"{name}={other}" for name, other in ties.items() if name in ranges or other not in ranges]:
+        raise InvalidInput(f"'{loose[0]}': the first is searched, too, or the second is not")
     axes = tuple(_axis(name, known[name], limits) for name, limits in ranges.items())
     start = {a.name: _inside(a, known[a.name].value) for a in axes}
     start |= {n: p.value for n, p in known.items() if n.endswith("filter.window") and n not in start}
-    return Space(axes, start)
+    return Space(axes, start, ties)
 
 
 def start_of(axes: Space) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """A search of a controller: what it depends on, and one trial from candidate to value."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import optuna
@@ -16,6 +16,7 @@ from . import goals, sampling, storage
 from .evaluate import Evaluator, with_jobs
 from .goals import Limits
 from .space import Space, space
+from .staged import CLOSE, Stage, Staged, rank
 from .work import Work, done, feasible, steps_of, told_number
 
 NEAR = 1.25
@@ -43,6 +44,15 @@ class Task:
     url: str = ""
     budget: int = 0  # simulated steps, after which no trial is begun; 0: any number
     extrapolate: bool = False  # process settings may leave what was published
+    stages: tuple[Stage, ...] = ()  # in place of the sampler
+    also: tuple[tuple[tuple[str, float], ...], ...] = ()  # further trials at the start of stages: what they change
+    digits: int = 5  # of a candidate's numbers; 0: as the sampler gives them, neither rounded nor mended
+    finalists: int = 0  # how many of the best are run again; 0: none, the best of the trials is the result
+    final_seeds: int = 200  # tune seeds on which they are
+    fresh: bool = False  # from what the law declares, without what earlier searches found
+    set: tuple[tuple[str, float], ...] = ()  # parameters in place of the controller's own
+    relative: str = ""  # controller to whose figures metrics and limits are ratios
+    criterion: str = ""  # what is sought, for the record
 
     @property
     def base(self) -> Stack | Team:
@@ -51,7 +61,13 @@ class Task:
         Raises:
             InvalidInput: unknown, or it does not fit the suite.
         """
-        return controller(self.controller)
+        base = controller(self.controller)
+        if self.fresh:
+            if isinstance(base, Team):
+                raise InvalidInput(f"fresh takes one stack, not '{self.controller}'")
+            kept = {name: value for name, value in base.values.items() if not name.startswith("law.")}
+            base = replace(base, values=kept, provenance={})
+        return base.varied(dict(self.set))
 
     @property
     def space(self) -> Space:
@@ -71,23 +87,40 @@ class Task:
     @property
     def wanted(self) -> tuple[str, ...]:
         """Metrics that are needed of every scenario."""
-        return tuple(dict.fromkeys((*self.metrics, *self.limits.metrics)))
+        each = [part for name in self.metrics for part in goals.joined(name)]
+        return tuple(dict.fromkeys((*each, *self.limits.metrics)))
 
     @property
     def pruned(self) -> bool:
         """Whether hopeless candidates are left off half-way; with several metrics nobody can say which are."""
-        return len(self.metrics) == 1
+        return len(self.metrics) == 1 and not self.stages
+
+    @property
+    def peaks(self) -> bool:
+        """Whether Ms is measured; of a search in stages, of whose results much is asked, even where any is allowed."""
+        return math.isfinite(self.limits.ms) or (bool(self.stages) and not self.jobs)
+
+    def told(self, limit: goals.Limit) -> str:
+        """A limit in words."""
+        return f"{limit.name} {'≥' if goals.metric(limit.name, self.jobs).better == 'higher' else '≤'} {limit.most:g}"
 
     @property
     def words(self) -> list[str]:
         """What the trials depend on; of two studies that differ in a word, one cannot go on as the other."""
-        values = {n: p.value for n, p in self.base.parameters().items()}
+        fixed = [f"{n}={p.value}" for n, p in self.base.parameters().items()] + self.base.program
+        if self.relative:
+            other = controller(self.relative)
+            fixed += [f"{n}={p.value}" for n, p in other.parameters().items()] + other.program
         return [
             f"controller {self.controller}", f"suite {self.suite}", f"metric {', '.join(self.metrics)}",
             f"Ms ≤ {self.limits.ms:g}", *(f"{limit.name} ≤ {limit.most:g}" for limit in self.limits.limits),
             f"sampler {self.sampler}", f"seed {self.seed}", f"tune seeds 0-{self.seeds - 1}",
             *(["extrapolate"] if self.extrapolate else []), *(axis.words for axis in self.space.axes),
-            f"{storage.FIXED}{storage.digest([f'{n}={v}' for n, v in values.items()] + self.base.program)}",
+            *(stage.words for stage in self.stages), *([f"trials {self.trials}"] if self.stages else []),
+            *(f"also {dict(changes)}" for changes in self.also),
+            *([f"digits {self.digits}"] if self.digits != 5 else []),
+            *(f"{name}={other}" for name, other in self.space.ties.items()),
+            *([f"relative to {self.relative}"] if self.relative else []), f"{storage.FIXED}{storage.digest(fixed)}",
         ]  # fmt: skip
 
     @property
@@ -99,9 +132,9 @@ class Task:
 
     def evaluator(self, seeds: Any = None, threads: int = 1) -> Evaluator:
         """What runs its candidates, on its *tune* seeds unless told otherwise."""
-        return Evaluator(
-            self.base, self.suite, range(self.seeds) if seeds is None else seeds, threads, self.extrapolate
-        )  # fmt: skip
+        seeds = range(self.seeds) if seeds is None else seeds
+        other = controller(self.relative) if self.relative else None
+        return Evaluator(self.base, self.suite, seeds, threads, self.extrapolate, other)
 
     def open(self) -> Any:
         """The study, made if there is none; with its sampler.
@@ -113,6 +146,10 @@ class Task:
         study = storage.study_of(self.url, self.name, self.directions, self.words, {"explore": explore})
         if self.sampler == "tpe+cmaes":
             explore = study.user_attrs["explore"]
+        if self.stages:
+            also = tuple(map(dict, self.also))
+            study.sampler = Staged(self.stages, self.space, self.seed, self.trials, self.limits.ms, also)
+            return study
         positive = self.metrics[0] not in ZERO
         cost = sampling.costs(1.0, positive, self.directions[0] == "maximize")
         study.sampler = sampling.Seeded(self.sampler, self.space, self.seed, explore, cost)
@@ -175,6 +212,7 @@ class RollOuts(Work):
         self.validation = Ledger()
         self._known: dict[str, _Known] = {}
         self._again, self._lost = 0, {}
+        self.ms_steps = 0  # of the last trial, at all frequencies
         if not task.url or storage.is_file(task.url):
             self._lost = _measured(done(self.study))
 
@@ -186,19 +224,20 @@ class RollOuts(Work):
         having been interrupted.
         """
         ledger = self.evaluator.ledger
-        steps, seconds, self._again = ledger.steps, ledger.cpu_seconds, 0
+        steps, seconds, self._again, self.ms_steps = ledger.steps, ledger.cpu_seconds, 0, 0
         try:
             values = self._values(trial)
         except optuna.TrialPruned:
             values = None
+        apart = {"ms_steps": self.ms_steps} if self.ms_steps else {}
         self.over(
-            trial, values, steps=ledger.steps - steps - self._again,
-            cpu_seconds=round(ledger.cpu_seconds - seconds, 4),
+            trial, values, steps=ledger.steps - steps - self._again - self.ms_steps,
+            cpu_seconds=round(ledger.cpu_seconds - seconds, 4), **apart,
         )  # fmt: skip
 
     def _values(self, trial: Trial) -> list[float]:
         task, limits, first = self.task, self.task.limits, trial.number == 0
-        values = self.space.values(self.space.suggest(trial))
+        values = self.space.values(self.space.suggest(trial), task.digits)
         try:
             candidate = self.base.varied(values)
         except InvalidInput:  # what is in range alone may be impossible together
@@ -207,15 +246,13 @@ class RollOuts(Work):
         known = self._known.setdefault(word := str(sorted(values.items())), _Known())
         lost, ledger = self._lost.get(word, (False, 0)), self.evaluator.ledger
         trial.set_user_attr("candidate", word)
-        if math.isfinite(limits.ms):
+        if task.peaks:
             if known.peak is None:
                 before = ledger.steps
                 known.peak = self.evaluator.peak(candidate)
                 self._again += (ledger.steps - before) * lost[0]
             peak = known.peak
-            trial.set_user_attr("ms", told_number(peak))
-            broken = limits.peak(peak)
-            trial.set_constraint("ms", broken)
+            broken = self._broken(trial, peak)
             if task.pruned and not first and broken > math.log(NEAR):
                 raise optuna.TrialPruned
         figures: goals.Figures = {}
@@ -238,11 +275,34 @@ class RollOuts(Work):
             trial.report(told_number(value), len(ran) - 1)
             if not first and len(ran) < len(core) and trial.should_prune():
                 raise optuna.TrialPruned
-        for name, broken in limits.check(figures, core, task.jobs).items():
+        kept = limits.check(figures, core, task.jobs)
+        for name, broken in kept.items():
             trial.set_constraint(name, broken)
         found = [goals.score(name, figures, core) for name in task.metrics]
+        if task.stages and task.peaks and peak <= limits.ms and max(kept.values()) <= 0:
+            self._look_closer(trial, candidate, peak, found[0])
         trial.set_constraint("finite", -1.0 if all(map(math.isfinite, found)) else goals.FAR)
         higher = [d == "maximize" for d in task.directions]
         return [
             v if math.isfinite(v) else -goals.FAILED if h else goals.FAILED for v, h in zip(found, higher, strict=True)
         ]
+
+    def _broken(self, trial: Trial, peak: float) -> float:
+        """By how much the cap on Ms is broken; the study is told."""
+        broken = self.task.limits.peak(peak)
+        trial.set_user_attr("ms", told_number(peak))
+        trial.set_constraint("ms", broken)
+        return broken
+
+    def _look_closer(self, trial: Trial, candidate: Stack | Team, peak: float, value: float) -> None:
+        """Measures Ms of what may come out best at all frequencies; what that takes is counted apart."""
+        best = min((rank(each, self.task.limits.ms) for each in done(self.study)), default=math.inf)
+        if value < CLOSE * best:
+            self._broken(trial, max(peak, self.exact_peak(candidate)))
+
+    def exact_peak(self, candidate: Stack | Team) -> float:
+        """Ms as a benchmark measures it; its steps are counted apart from those of the roll-outs."""
+        before = self.evaluator.ledger.steps
+        found = self.evaluator.exact_peak(candidate)
+        self.ms_steps += self.evaluator.ledger.steps - before
+        return found

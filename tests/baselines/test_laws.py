@@ -21,7 +21,10 @@ from kerfgym.envs.plant.controller import PERIOD, Preview, Privileged, Sensed, m
 from kerfgym.envs.plant.fleet import Fleet
 from kerfgym.envs.scenarios import SPLITS, load
 from kerfgym.experiments.measure.rollout import fleet_for
-from kerfgym.experiments.tune.protocol import CAP, NAMES, space
+from kerfgym.experiments.tune import study_file
+
+NAMES = study_file.read("followers").searches
+"""Followers with a preset, each with its search."""
 
 T = PERIOD
 
@@ -447,11 +450,11 @@ def test_a_tuned_preset_holds_what_was_searched_and_tells_where_it_comes_from(na
     assert record == preset["provenance"]
     if record["suite"] != f"following-{load('wavy').version}":
         pytest.skip(f"searched on {record['suite']}, before the suite and the protocol of today")
-    assert set(preset["parameters"]) == set(space(get(name)))
+    assert set(preset["parameters"]) == {axis.name for axis in NAMES[name].space.axes}
     first, last = (int(seed) for seed in record["tune_seeds"].split("-"))
     assert first in SPLITS["tune"]
     assert last in SPLITS["tune"]
-    assert record["cap"] == CAP == 2.0
+    assert record["cap"] == NAMES[name].limits.ms == 2.0
     assert 1.0 < record["ms"] <= record["cap"]
     assert 0.0 < record["score_tune_um"] < 100.0
     if get(name).information == "sensor" and "guard.rise" in get(name).values:

@@ -7,9 +7,9 @@ from kerfgym.baselines import wu
 from kerfgym.envs.control.stack import get
 from kerfgym.envs.plant import xy_axes
 from kerfgym.envs.plant.controller import AxesSensed
-from kerfgym.experiments.reproduce import axes
+from kerfgym.experiments.measure import axes
 from kerfgym.experiments.reproduce.wu import distorted, harmonics
-from kerfgym.experiments.tune import axes_protocol
+from kerfgym.experiments.tune import rules, study_file
 
 DRIVE = {"x_plus": 1.08, "x_minus": 0.95, "y_plus": 1.02, "y_minus": 0.9}
 MATCHED = {name: 1 / gain for name, gain in DRIVE.items()}
@@ -50,10 +50,21 @@ def test_wu_matched_is_wu_with_the_reciprocals_of_the_mismatch_scenarios_mean():
 
 
 @pytest.mark.parametrize(("share", "grows"), [(0.98, False), (1.02, True)])
-def test_the_loop_of_wu_stiff_bears_twice_its_gain_and_no_more(share, grows, monkeypatch):
+def test_the_loop_of_wu_stiff_bears_twice_its_gain_and_no_more(share, grows):
     """A step so small that no limit acts; the limits of speed and acceleration make a large one ring earlier."""
-    monkeypatch.setattr(axes_protocol, "STEP", 0.05)
     ideal = xy_axes.Params(dac=0.0, encoder=0.0)
-    seen = axes_protocol.step_response(share * axes_protocol.MARGIN * get("wu-stiff").part("law").kp, ideal, 2000)
-    early, late = (np.abs(part - axes_protocol.STEP).max() for part in (seen[500:1000], seen[1500:]))
+    seen = rules.step_response(share * 2.0 * get("wu-stiff").part("law").kp, ideal, 0.05, 2000)
+    early, late = (np.abs(part - 0.05).max() for part in (seen[500:1000], seen[1500:]))
     assert (late > early) == grows
+
+
+@pytest.mark.parametrize("name", ["wu-tuned", "wu-feedforward", "wu-stiff"])
+def test_the_presets_of_the_axes_have_the_gains_that_their_rules_give(name):
+    fixed = dict(study_file.read("axes", (name,)).searches[name].set)
+    assert get(name).part("law").kp == fixed["law.kp"]
+
+
+def test_a_step_at_the_largest_gain_overshoots_by_at_most_one_per_cent_and_at_a_larger_one_by_more():
+    kp = get("wu-tuned").part("law").kp
+    assert rules.step_response(kp).max() <= 1.01
+    assert rules.step_response(1.01 * kp).max() > 1.01

@@ -11,17 +11,20 @@ from kerfgym.experiments.benchmark import detuned
 from kerfgym.experiments.measure import rollout
 from kerfgym.experiments.report.suite import Suite
 from kerfgym.experiments.report.tuning import figure, presets
+from kerfgym.experiments.tune.outcome import moves
 
 
 def test_what_a_search_found_is_moved_within_its_range():
-    found = list(detuned.moves("xi2023-tuned", stack.get("xi2023-tuned")))
+    found = list(moves(stack.get("xi2023-tuned"), detuned.searched("xi2023-tuned")))
     gain = stack.get("xi2023-tuned").parameters()["law.kv"].value
     assert ("law.kv", -1, pytest.approx(0.8 * gain)) in found
     assert ("law.kv", 1, pytest.approx(1.2 * gain)) in found
     assert [move for move in found if move[0] == "filter.window"] == [("filter.window", 1, 2.0)]  # whole, 1 or more
-    lead = [value for name, _, value in detuned.moves("observer", stack.get("observer")) if name == "law.lead"]
+    lead = [
+        value for name, _, value in moves(stack.get("observer"), detuned.searched("observer")) if name == "law.lead"
+    ]
     assert max(lead) == 20.0  # the end of its range, not 20 % more
-    assert not list(detuned.moves("xi2023-improved", stack.get("xi2023-improved")))  # nobody searched it
+    assert not list(moves(stack.get("xi2023-improved"), detuned.searched("xi2023-improved")))  # nobody searched it
 
 
 def test_the_change_is_that_of_roll_outs_on_tune_seeds(made_up, monkeypatch):

@@ -6,7 +6,8 @@ import pytest
 
 from kerfgym.baselines import wu as law
 from kerfgym.envs.plant import xy_axes
-from kerfgym.experiments.reproduce import axes, wu
+from kerfgym.experiments.measure import axes
+from kerfgym.experiments.reproduce import wu
 from kerfgym.experiments.reproduce.claims import Trial
 
 TRIAL = Trial(seeds=6)

@@ -17,7 +17,10 @@ from kerfgym.experiments.measure.stability import (
     broadband,
     sensitivity,
 )
-from kerfgym.experiments.tune.protocol import CAP, NAMES, SUITE
+from kerfgym.experiments.tune import study_file
+
+NAMES = study_file.read("followers").searches
+"""Followers with a preset, each with its search."""
 
 PLAIN = {"friction": 0.0, "bristle": 0.0, "stiction": 1.0, "stribeck": 2.0, "latency": 0.0}
 """An axis without friction, with fixed dead times."""
@@ -300,10 +303,10 @@ def test_an_injection_used_again_gives_what_a_new_one_gives():
 @pytest.mark.parametrize("name", NAMES)
 def test_a_tuned_controllers_peak_is_the_one_it_claims_and_below_the_cap(name):
     stack = get(name)
-    if stack.provenance["suite"] != f"{SUITE}-{rules(SUITE)['version']}":
+    if stack.provenance["suite"] != f"following-{rules('following')['version']}":
         pytest.skip(f"{name} was tuned on {stack.provenance['suite']}, with other machines")
     measured = sensitivity(stack)
-    assert measured.peak <= CAP
+    assert measured.peak <= NAMES[name].limits.ms
     assert measured.peak == pytest.approx(stack.provenance["ms"], abs=2e-3)
 
 
