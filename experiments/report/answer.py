@@ -8,7 +8,8 @@ import numpy as np
 
 from ..plots.palette import Look
 from ..statistics.comparison import figures
-from ..statistics.pooling import kind
+from ..statistics.pooling import declared
+from .headings import HOW
 from .numbers import fixed, known, listed, number, percent, span, times
 from .standing import CARDS, Standing
 from .suite import KNOWS, Suite
@@ -22,9 +23,6 @@ MATRIX = {
 }  # fmt: skip
 """Columns of the answer for several suites, and the metrics that answer them."""
 
-
-HOW = {"rms": "RMS", "mean": "mean", "largest": "the largest", "smallest": "the smallest"}
-"""How a metric is pooled over the seeds, in words."""
 
 _ENDS = ("score_low", "score_high", "score")
 
@@ -66,7 +64,7 @@ def remarks(suite: Suite, standing: Standing, labels: dict[str, str], limit_ms: 
     """Sentences that belong to the headline: what it rests on, what speaks against it, what is missing."""
     out, best, summary = [], standing.best, suite.summary
     what = "the true gap" if suite.following else "the runs"
-    out.append(f"Figures are of {what}, {HOW[kind(standing.metric)]} over {len(suite.seeds)} "
+    out.append(f"Figures are of {what}, {HOW[declared(standing.metric).pooled]} over {len(suite.seeds)} "
                f"seed{'s' * (len(suite.seeds) != 1)}, {suite.scored_in_words}, without those that failed.")  # fmt: skip
     if best is not None and suite.following is not None:
         row = summary.loc[best]

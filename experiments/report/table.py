@@ -2,29 +2,33 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ...envs.figures.quality import iso_range
+from ...envs.figures.registered import Metric
 from ...envs.scenarios.material import material
 from ..measure.margins import DELAYS, GAINS
 from ..measure.margins import in_words as margin
 from ..statistics import comparison
 from ..statistics.budgets import MARKS
 from ..statistics.intervals import wilson
-from ..statistics.pooling import kind
-from .answer import HOW
+from . import headings
+from .headings import HOW
 from .numbers import fixed, known, listed, million, number, part, percent, share_of_period, span
 from .sensitivity import LIMIT_MS
 from .standing import Standing
 from .suite import Suite
 
-SHORT = {"contour_rms": "contour RMS", "roughness": "Rz", "gap_rms": "gap RMS"}
-"""Names of scored metrics for a heading."""
+FOLLOWERS = {"true gap error": True, "reported": False, "cut of thin sheet": False, "command": False}
+JOBS = {"contour error": True, "true gap error": False, "cut": True, "time": True}
+"""Groups of metrics in the page's order; whether each is also on a narrow screen. Others follow."""
 
+SELDOM = ("through", "kerf")
+"""Metrics that seldom differ, which stand last in their group."""
 
-OVER = {"rms": "geometric mean", "mean": "geometric mean", "largest": "largest", "smallest": "smallest"}
-"""How a metric is pooled over the scenarios, in words."""
+OVER_SCORED = "mean over seeds, geometric mean over the scenarios of the score"
+"""How most metrics of followers are pooled, in words."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +65,8 @@ class Group:
 
 def groups(suite: Suite, standings: dict[str, Standing]) -> list[Group]:
     """The columns of a suite, without those that hold nothing."""
-    made = [_score(suite, standings), *(_jobs if suite.jobs else _followers)(suite, standings), _budget(suite)]
+    own = _job_ends(suite) if suite.jobs else _follower_ends(suite)
+    made = [_score(suite, standings), *_metrics(suite, standings), *own, _budget(suite)]
     kept = []
     for group in made:
         columns = [c for c in group.columns if any(cell.text != "–" for cell in c.cells.values())]
@@ -102,7 +107,7 @@ def _score(suite: Suite, standings: dict[str, Standing]) -> Group:
         low, value, high = (float(row[column]) for column in ("wins_low", "wins", "wins_high"))
         won = Cell(percent(value), value, span(100 * low, 100 * high, 0))
         wins[name] = won if name != reference else Cell("–")
-    how = f"{HOW[kind(metric.name)]} over seeds, {suite.scored_in_words}"
+    how = f"{HOW[metric.pooled]} over seeds, {suite.scored_in_words}"
     return Group("score" if suite.following else "ranked by", [
         Column("rank", "1 is best", rank, "among those of its information class that may be ranked; who cannot be told "
                "apart at 95 %, all comparisons together, shares it; who fails significantly more often stands below",
@@ -144,11 +149,13 @@ def _estimates(standing: Standing, small: dict[str, str] | None = None) -> dict[
 def _from(
     suite: Suite, column: str, form: Callable[[float], str] = number, bad: Callable[[float], bool] = lambda _: False
 ) -> dict[str, Cell]:
-    """Cells of a column of the summary."""
+    """Cells of a column of the summary, with its interval if it has one there."""
     out = {}
     for name in suite.ranked:
-        value = float(suite.summary.at[name, column])
-        out[name] = Cell(form(value), value, mark="bad" if bad(value) else "")
+        row = suite.summary.loc[name]
+        value, low, high = (float(row.get(f"{column}{end}", math.nan)) for end in ("", "_low", "_high"))
+        below = span(low, high, known(low, high, value)) if math.isfinite(low) else ""
+        out[name] = Cell(form(value), value, below, mark="bad" if bad(value) else "")
     return out
 
 
@@ -181,36 +188,61 @@ def _failed(suite: Suite) -> dict[str, Cell]:
     return cells
 
 
-def _followers(suite: Suite, standings: dict[str, Standing]) -> list[Group]:
-    results = suite.following
-    assert results is not None
+def _metrics(suite: Suite, standings: dict[str, Standing]) -> list[Group]:
+    """The columns of metrics in the groups that they name."""
+    order = JOBS if suite.jobs else FOLLOWERS
+    found: dict[str, list[Column]] = {title: [] for title in order}
+    metrics = [c.metric for c in headings.of(suite.results) if c.metric and c.metric.name in suite.metrics]
+    for metric in sorted(metrics, key=lambda m: m.name in SELDOM):
+        assert metric.shown
+        column = _of_metric(suite, standings, metric)
+        if metric.name != "through" or any(cell.text != "1.00" for cell in column.cells.values()):
+            found.setdefault(metric.shown.group, []).append(column)
+    if suite.jobs:
+        found["cut"] = [_evidence(suite), *found["cut"]]
+        if suite.metric == "roughness":
+            iso = {name: Cell(str(suite.summary.at[name, "iso_roughness"])) for name in suite.ranked}
+            said = "ranges of its roughness after ISO 9013; 1 is the finest"
+            found["cut"].insert(2, Column("Rz", "range, ISO 9013", iso, said))
+    return [Group(title, own, order.get(title, False)) for title, own in found.items()]
 
-    def stood(metric: str, small: dict[str, str] | None = None) -> dict[str, Cell]:
-        return _estimates(standings[metric], small or {}) if metric in standings else {}
 
-    thin, costs = material("thin-sheet"), results.decisions()
-    over = "mean over seeds, geometric mean over the scenarios of the score"
-    rough = {name: float(suite.summary.at[name, "roughness"]) for name in suite.ranked}
-    iso = {n: _range(iso_range(1e-3 * r, thin.thickness)) for n, r in rough.items() if math.isfinite(r)}
+def _of_metric(suite: Suite, standings: dict[str, Standing], metric: Metric) -> Column:
+    """A metric as it says; those that the page compares with their standing, others with the interval they have."""
+    shown, unit = metric.shown, metric.unit if metric.unit != "1" else "share"
+    assert shown
+    small, ranges = {}, _iso(suite, metric)
+    if ranges:
+        small = {name: _range(text) for name, text in ranges.items()}
+    if metric.name == "roughness" or metric.name == "taper":
+        unit += ", ISO 9013"
+    if not shown.brief:
+        unit += f", {metric.better} is better"
+    cells = _estimates(standings[metric.name], small) if metric.name in standings else _from(suite, metric.column)
+    meaning = shown.said.format(summary=metric.summary, over=OVER_SCORED) or headings.said(metric)
+    return Column(shown.head or metric.label, unit, cells, meaning, metric.column)
+
+
+def _iso(suite: Suite, metric: Metric) -> dict[str, str]:
+    """Ranges after ISO 9013 of a metric that the standard knows, by controller."""
+    if suite.jobs:
+        column = {"roughness": "iso_roughness", "taper": "iso_taper"}.get(metric.name)
+        return {name: str(suite.summary.at[name, column]) for name in suite.ranked} if column else {}
+    thin = material("thin-sheet")
+    rough = {n: float(suite.summary.at[n, "roughness"]) for n in suite.ranked} if metric.name == "roughness" else {}
+    return {n: iso_range(1e-3 * r, thin.thickness) for n, r in rough.items() if math.isfinite(r)}
+
+
+def _follower_ends(suite: Suite) -> list[Group]:
+    """Stability, safety and what a decision costs."""
+    assert suite.following
+    costs = suite.following.decisions()
     decided = {
         n: Cell(_microseconds(float(costs.at[n, "median_us"])), float(costs.at[n, "median_us"]),
                 share_of_period(float(costs.at[n, "ratio"])))
         for n in suite.ranked
     }  # fmt: skip
     return [
-        Group("true gap error", [
-            Column("P99", "µm", _from(suite, "p99"), f"99th percentile of the true error's magnitude, {over}", "p99"),
-            Column("max", "µm", _from(suite, "max"), "largest true error of all scored runs that did not fail", "max"),
-        ], first=True),
-        Group("reported", [Column("RMS", "µm", stood("rms_reported"), "the same as the score, had one believed the "
-                                  "measured and filtered height", "reported")]),
-        Group("cut of thin sheet", [
-            Column("dross", "mm", stood("dross"), f"height of the dross (proxy), {over}", "dross"),
-            Column("Rz", "µm, ISO 9013", stood("roughness", iso), f"roughness (proxy), {over}, and its range after "
-                   "ISO 9013; 1 is the finest", "roughness"),
-        ]),
-        Group("command", [Column("jitter", "mm/s per ms", stood("jitter"), "RMS change of the command from period to "
-                                 f"period, {over}", "jitter")]),
         Group("stability", _stability(suite)),
         Group("safety", [_collisions(suite)]),
         Group("decision", [
@@ -235,22 +267,18 @@ def _stability(suite: Suite) -> list[Column]:
         for name, rows in (lacking.groupby("controller") if len(lacking) else ())
     }  # fmt: skip
 
-    def cells(column: str, form: Callable[[float], str] = number, small: bool = False) -> dict[str, Cell]:
-        out = {}
-        for name, cell in _from(suite, column, form, lambda v: column.startswith("ms") and v > LIMIT_MS).items():
-            ends = (
-                [float(suite.summary.at[name, f"{column}_{end}"]) for end in ("low", "high")] if small else [math.nan]
-            )
-            below = span(ends[0], ends[-1], known(ends[0], ends[-1], cell.value)) if math.isfinite(ends[0]) else ""
-            title = why.get(name, "") if math.isnan(cell.value) else ""
-            out[name] = Cell(cell.text, cell.value, below, cell.mark, title)
-        return out
+    def cells(column: str, form: Callable[[float], str] = number) -> dict[str, Cell]:
+        found = _from(suite, column, form, lambda v: column.startswith("ms") and v > LIMIT_MS)
+        return {
+            name: replace(cell, title=why.get(name, "") if math.isnan(cell.value) else "")
+            for name, cell in found.items()
+        }
 
     return [
         Column("Ms", f"sine, ≤ {LIMIT_MS:g}", cells("ms"), "largest share of a small sine of the sheet that shows in "
                f"the gap, over frequencies, {worst}; tells little of a controller that learns: it learns the sine",
                "ms"),
-        Column("Ms", f"noise, ≤ {LIMIT_MS:g}", cells("ms_noise", small=True), "the same with all frequencies at once, "
+        Column("Ms", f"noise, ≤ {LIMIT_MS:g}", cells("ms_noise"), "the same with all frequencies at once, "
                f"which nobody can learn: cross-spectrum of gap and sheet over the sheet's spectrum, {worst}, with its "
                "interval", "ms_noise"),
         Column("gain", "× margin", cells("gain_margin", lambda v: margin(v, GAINS[-1])), "factor on the loop's gain up "
@@ -262,7 +290,7 @@ def _stability(suite: Suite) -> list[Column]:
 
 def ranked_by(suite: Suite) -> str:
     """What the suite ranks by, for a heading."""
-    return "score" if suite.following else SHORT.get(suite.metric, suite.metric)
+    return "score" if suite.following else suite.metrics[suite.metric].label
 
 
 def unmeasured(suite: Suite) -> list[str]:
@@ -296,39 +324,8 @@ def _microseconds(value: float) -> str:
     return "< 0.01" if value < 0.01 else number(value)
 
 
-def _jobs(suite: Suite, standings: dict[str, Standing]) -> list[Group]:
-    def column(title: str, metric: str, small: dict[str, str] | None = None) -> Column:
-        if metric not in suite.metrics:  # runs of earlier versions
-            return Column(title, "", {})
-        m = suite.metrics[metric]
-        meaning = f"{m.summary}; {HOW[kind(metric)]} over seeds, {OVER[kind(metric)]} over scenarios"
-        if metric in standings:
-            unit = f"{m.unit}, ISO 9013" if small else m.unit
-            return Column(title, unit, _estimates(standings[metric], small or {}), meaning, metric)
-        return Column(title, m.unit if m.unit != "1" else "share", _from(suite, metric), meaning, metric)
-
-    def ranges(source: str) -> dict[str, str]:
-        return {name: _range(str(suite.summary.at[name, source])) for name in suite.ranked}
-
-    def first(title: str, metric: str) -> list[Column]:
-        """None of what is scored, which stands in front."""
-        return [] if metric == suite.metric else [column(title, metric)]
-
-    through = [column("through", "through")] if "through" in suite.metrics else []
-    if through and all(cell.text == "1.00" for cell in through[0].cells.values()):
-        through = []  # everybody cuts through, so the room is better used
-    rough = column("Rz", "roughness", ranges("iso_roughness"))
-    if suite.metric == "roughness":
-        iso = {name: Cell(str(suite.summary.at[name, "iso_roughness"])) for name in suite.ranked}
-        rough = Column("Rz", "range, ISO 9013", iso, "ranges of its roughness after ISO 9013; 1 is the finest")
-    contour = Group("contour error", [*first("RMS", "contour_rms"), column("max", "contour_max")], first=True)
-    gap = Group("true gap error", [*first("RMS", "gap_rms"), column("max", "gap_max")])
-    cut = Group("cut", [
-        _evidence(suite), column("dross", "dross"), rough, column("u", "taper", ranges("iso_taper")), *through,
-        column("kerf", "kerf"),
-    ], first=True)  # fmt: skip
-    time = Group("time", [column("job", "time"), column("feed", "mean_feed"), column("energy", "energy")], first=True)
-    return [contour, gap, cut, time, Group("safety", [_collisions(suite)])]
+def _job_ends(suite: Suite) -> list[Group]:
+    return [Group("safety", [_collisions(suite)])]
 
 
 def _evidence(suite: Suite) -> Column:

@@ -10,18 +10,19 @@ from rich.console import Console
 from rich.table import Table
 
 from ...envs.figures import evidence
-from ...envs.figures.job_metrics import METRICS
 from ...envs.plant.controller import INFORMATION, PERIOD
 from ...envs.plant.machine import SUBSTEPS
 from ...envs.scenarios.material import material
 from ..bounds.stored import LABEL, LINEAR
-from ..measure.margins import DELAYS, GAINS
-from ..measure.margins import in_words as margin
-from ..results.followers import REFERENCE, STABILITY, Results
+from ..results.followers import REFERENCE, Results
 from ..results.jobs import JobResults
 from ..statistics.budgets import MARKS, in_words
 from ..statistics.comparison import by_scenario, methods, relative
+from ..statistics.pooling import declared
 from ..statistics.ranks import order
+from . import headings
+from .headings import figure as _figure
+from .headings import number as _number
 
 BESIDE = 8
 """Scenarios that have a column beside the score; more of them get a table of their own."""
@@ -53,8 +54,8 @@ class Sheet:
         console = Console()
         if not console.is_terminal:
             console = Console(width=max(console.width, _WIDEST))
-        for columns in self.parts(console.width):
-            console.print(self._table(columns))
+        for part in self.parts(console.width):
+            console.print(self._table(part))
         for note in self.notes:
             console.print(note, highlight=False, markup=False)
 
@@ -73,13 +74,13 @@ class Sheet:
             room -= own
         return parts
 
-    def _table(self, columns: list[int]) -> Table:
-        table = Table(title=self.title if 1 in columns or len(columns) == 1 else None)
-        for i in columns:
+    def _table(self, part: list[int]) -> Table:
+        table = Table(title=self.title if 1 in part or len(part) == 1 else None)
+        for i in part:
             table.add_column(self.titles[i], justify="right" if i else "left", no_wrap=True)
         for section in self.sections:
             for row in section:
-                table.add_row(*(row[i] for i in columns))
+                table.add_row(*(row[i] for i in part))
             table.add_section()
         return table
 
@@ -104,30 +105,6 @@ def budget_note(summary: Any) -> str:
     """Which ratios are at equal budgets, in a sentence."""
     marked = [f"{mark}: {MARKS[mark]}" for mark in MARKS if (summary["budget"] == mark).any()]
     return f"Ratios not at equal budgets: {'; '.join(marked)}." if marked else "All ratios are at equal budgets."
-
-
-def _number(value: float, form: str = "{:.2f}") -> str:
-    return "–" if value is None or math.isnan(value) else form.format(value)
-
-
-def _between(value: float, low: float, high: float, form: str = "{:.2f}") -> str:
-    """A figure with its interval, such as ``2.42 (2.27 … 2.54)``; alone where there is none or it is exact."""
-    ends = "" if math.isnan(low) or low == high else f" ({form.format(low)} … {form.format(high)})"
-    return _number(value, form) + ends
-
-
-def _figure(row: Any, name: str, form: str = "{:.2f}") -> str:
-    return _between(row[name], row[f"{name}_low"], row[f"{name}_high"], form)
-
-
-def _rank(row: Any) -> str:
-    """``1``, ``1=`` if it is shared, a dash without one."""
-    return "–" if math.isnan(row["rank"]) else f"{row['rank']:.0f}{'=' * bool(row['tied'])}"
-
-
-def _wins(row: Any) -> str:
-    """How often it beats the reference; a dash for the reference itself."""
-    return _number(row["wins"] if row["wins_low"] < row["wins_high"] else math.nan, "{:.0%}")
 
 
 def _ranking(summary: Any, reference: str) -> list[str]:
@@ -156,35 +133,14 @@ def _classes(summary: Any, cells: Callable[[Any, Any], list[str]]) -> list[list[
     return [[cells(name, summary.loc[name]) for name in group] for group in groups if group]
 
 
-FOLLOWING: dict[str, tuple[str, Callable[[Any], str]]] = {
-    "rank": ("rank", lambda row: _rank(row)),
-    "failed": ("failed", lambda row: f"{row['failed']}/{row['runs']}"),
-    "score, µm": ("score", lambda row: _figure(row, "score")),
-    f"× {REFERENCE}": ("ratio", lambda row: _figure(row, "ratio")),
-    "wins": ("wins", lambda row: _wins(row)),
-    "reported, µm": ("reported", lambda row: _number(row["reported"])),
-    "P99, µm": ("p99", lambda row: _number(row["p99"], "{:.1f}")),
-    "max, µm": ("max", lambda row: _number(row["max"], "{:.0f}")),
-    "Ms sine": ("ms", lambda row: _number(row["ms"])),
-    "Ms noise": ("ms_noise", lambda row: _figure(row, "ms_noise")),
-    "gain": ("gain_margin", lambda row: margin(row["gain_margin"], GAINS[-1])),
-    "delay, ms": ("delay_margin", lambda row: margin(row["delay_margin"], DELAYS[-1])),
-    "jitter": ("jitter", lambda row: _number(row["jitter"])),
-    "dross, mm": ("dross", lambda row: _number(row["dross"], "{:.4f}")),
-    "Rz, µm": ("roughness", lambda row: _number(row["roughness"])),
-    "collisions": ("collisions", lambda row: f"{row['collisions']}/{row['runs']}"),
-}
-"""Columns of followers that show a column of the summary: their titles, its name, and how it is written."""
-
-
 def _following(results: Results) -> list[Sheet]:
     summary, pooled, costs = results.summary(), results.pooled(), results.decisions()
     scored = results.scored
-    core = scored if len(scored) <= BESIDE else []
+    core, shown = (scored if len(scored) <= BESIDE else []), headings.of(results)
     sheet = Sheet(
         f"RMS of the true gap error, µm · {_seeds(results)}",
-        ["controller", *FOLLOWING, *core, "decision, µs", "its P99, µs", "budget", "class"],
-        shown={title: column for title, (column, _) in FOLLOWING.items()},
+        ["controller", *(c.title for c in shown), *core, "decision, µs", "its P99, µs", "budget", "class"],
+        shown={column.title: column.shows for column in shown},
     )
     lost = results.failures.groupby([results.runs["controller"], results.runs["scenario"]], sort=False).sum()
     count = results.runs.groupby(["controller", "scenario"], sort=False).size()
@@ -196,7 +152,7 @@ def _following(results: Results) -> list[Sheet]:
         return f"{text} ({failed}/{count[name, scenario]} failed)" if failed else text
 
     sheet.sections = _classes(summary, lambda name, row: [
-        str(name), *(form(row) for _, form in FOLLOWING.values()), *(of_scenario(name, s) for s in core),
+        str(name), *(column.text(row) for column in shown), *(of_scenario(name, s) for s in core),
         _number(_cell(costs, name, "median_us")), _number(_cell(costs, name, "p99_us")), in_words(row),
         row["information"],
     ])  # fmt: skip
@@ -220,6 +176,7 @@ def _following(results: Results) -> list[Sheet]:
         *_machines(results),
         f"decision: CPU time, median and 99th percentile, in a period of {1e6 * PERIOD:.0f} µs;",
         f"budget: trials and simulated steps of tuning. {budget_note(summary)}",
+        *headings.explained(results),
     ]
     if known:
         explained += _limits(results)
@@ -268,45 +225,25 @@ def _by_machine(results: Results) -> list[Sheet]:
     measured = results.stability
     if not len(measured) or measured["machine"].nunique() < 2:
         return []
-    columns = [title for title, (column, _) in FOLLOWING.items() if column in STABILITY]
+    shown = headings.STABLE
     sections = [
-        [
-            [machine, str(row["controller"]), *(FOLLOWING[title][1](row) for title in columns)]
-            for _, row in rows.iterrows()
-        ]
+        [[machine, str(row["controller"]), *(column.text(row) for column in shown)] for _, row in rows.iterrows()]
         for machine, rows in measured.groupby("machine", sort=False)
     ]
     notes = [f"{machine}: {', '.join(names)}." for machine, names in results.machines.items()]
-    return [Sheet("Ms and margins by machine", ["machine", "controller", *columns], sections, notes)]
-
-
-def _formed(name: str, form: str) -> Callable[[Any], str]:
-    return lambda row: _number(row[name], form)
+    titles = ["machine", "controller", *(column.title for column in shown)]
+    return [Sheet("Ms and margins by machine", titles, sections, notes)]
 
 
 def _jobs(results: JobResults) -> list[Sheet]:
-    summary, metric = results.summary(), METRICS[results.metric]
-    titles: dict[str, tuple[str, Callable[[Any], str]]] = {
-        "rank": ("rank", _rank),
-        "failed": ("failed", lambda row: f"{row['failed']}/{row['runs']}"),
-        f"{TITLES.get(metric.name, metric.name)}, {metric.unit}": (metric.name, lambda row: _figure(row, "score")),
-        f"× {results.reference}": ("ratio", lambda row: _figure(row, "ratio")),
-        "wins": ("wins", _wins),
-    }
-    for name, form in FORMS.items():
-        if name != metric.name:
-            title = f"{TITLES.get(name, name)}, {METRICS[name].unit}".removesuffix(", 1")
-            titles[title] = (name, _formed(name, form))
-        if name == "roughness":
-            titles["ISO 9013"] = ("iso_roughness", lambda row: str(row["iso_roughness"]))
-    titles["collisions"] = ("collisions", lambda row: f"{row['collisions']}/{row['runs']}")
+    summary, shown = results.summary(), headings.of(results)
     sheet = Sheet(
-        f"jobs · {_seeds(results)}", ["controller", *titles, "budget", "evidence"],
-        shown={title: column for title, (column, _) in titles.items()},
+        f"jobs · {_seeds(results)}", ["controller", *(c.title for c in shown), "budget", "evidence"],
+        shown={column.title: column.shows for column in shown},
     )  # fmt: skip
     sheet.sections = _classes(
         summary,
-        lambda name, row: [str(name), *(form(row) for _, form in titles.values()), in_words(row), _evidence(row)],
+        lambda name, row: [str(name), *(column.text(row) for column in shown), in_words(row), _evidence(row)],
     )
     sheet.notes = [
         *_ranking(summary, results.reference),
@@ -315,24 +252,11 @@ def _jobs(results: JobResults) -> list[Sheet]:
         f"budget: trials and steps of tuning, all slots together. {budget_note(summary)}",
         *(f"quality: {label}." for label in results.labels),
         *_outside(results),
+        *headings.explained(results),
     ]
     several = results.reference in results.controllers and len(results.controllers) > 1
     known = {*WEIGHED, "power_max", "dither_max"} <= set(results.runs)  # runs of earlier versions do not have all
     return [sheet, _trades(results)] if several and known else [sheet]
-
-
-TITLES = {
-    "contour_rms": "contour RMS", "contour_max": "contour max", "gap_rms": "gap RMS", "gap_max": "gap max",
-    "roughness": "Rz", "taper": "u", "mean_feed": "feed",
-}  # fmt: skip
-"""Metrics of jobs that a table calls otherwise."""
-
-FORMS = {
-    "contour_rms": "{:.1f}", "contour_max": "{:.0f}", "gap_rms": "{:.1f}", "gap_max": "{:.0f}", "dross": "{:.3f}",
-    "roughness": "{:.1f}", "through": "{:.2f}", "kerf": "{:.3f}", "taper": "{:.3f}", "time": "{:.2f}",
-    "mean_feed": "{:.1f}", "energy": "{:.2f}",
-}  # fmt: skip
-"""Metrics of jobs that the table shows, and with how many decimals."""
 
 
 def _evidence(row: Any) -> str:
@@ -408,7 +332,7 @@ def _methods(results: Results | JobResults) -> list[Sheet]:
     found = methods(results)
     if not len(found):
         return []
-    what = TITLES.get(results.metric, results.metric) if isinstance(results, JobResults) else "score"
+    what = declared(results.metric).label if isinstance(results, JobResults) else "score"
     titles = ["method", "members", what, f"× {results.reference}", "best", "worst"]
     rows = [
         [

@@ -69,6 +69,22 @@ def log_pooled(power: float) -> Statistic:
     return statistic
 
 
+def pooled_mean(values: np.ndarray, weights: Weights) -> tuple[np.ndarray, Weights]:
+    """Mean over runs and scenarios of the mean over those seeds in which the run did not fail (is finite)."""
+    sound = np.isfinite(values)
+    known, one = np.where(sound, values, 0.0), sound.astype(float)
+    total, count = _over_seeds(known, weights[1]), _over_seeds(one, weights[1])
+    level = np.where(count > 0, total / np.maximum(count, EXACT), known.sum(axis=1) / one.sum(axis=1))
+    shares = np.where(count > 0, 1.0 / np.maximum(count, EXACT), 0.0)
+    by_level, ones = (x.transpose(0, 2, 1).reshape(-1, values.shape[1]) for x in (known, one))
+
+    def of_seeds(kept: np.ndarray) -> np.ndarray:
+        share = kept * shares
+        return share.reshape(len(level), -1) @ by_level - (share * level).reshape(len(level), -1) @ ones
+
+    return _of_levels(level, weights, of_seeds)
+
+
 log_score = log_pooled(2.0)
 """Logarithm of the followers' score: geometric mean over runs and scenarios of the root mean square over seeds."""
 

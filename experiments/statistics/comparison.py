@@ -14,6 +14,7 @@ import math
 import re
 from collections.abc import Iterable
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ import pandas as pd
 from scipy import stats
 
 from . import pooling
-from .bootstrap import Replicates, log_pooled, mean_of_middle, replicate
+from .bootstrap import Replicates, log_pooled, mean_of_middle, pooled_mean, replicate
 from .intervals import LEVEL, Interval, Sample, iqm, share
 
 COLUMNS = ("score", "ratio", "typical", "wins")
@@ -127,6 +128,28 @@ def figures(results: Any, typical: bool = True) -> pd.DataFrame:
         lost=lost.sum().reindex(frame.index, fill_value=0).astype(int),
         tried=lost.size().reindex(frame.index, fill_value=0).astype(int),
     )
+
+
+def interval(results: Any, metric: str) -> pd.DataFrame:
+    """Ends ``low`` and ``high`` of any metric over seeds and scenarios, by controller, of the runs that did not fail;
+    NaN where there are none, as of a largest value."""
+    failed, known = failures(results), results.runs
+    view = SimpleNamespace(
+        runs=known.assign(failed=failed), scored=results.scored, controllers=results.controllers, metric=metric,
+        exempt=getattr(results, "exempt", ()),
+    )  # fmt: skip
+    found, power = samples(view), pooling.power(metric)
+    if pooling.declared(metric).zero and power == 1.0:
+        names = [name for name, each in found.items() if np.isfinite(each.values).any(axis=1).all()]
+        replicates = replicate([found[name] for name in names], pooled_mean) if names else None
+    else:
+        names, replicates = bootstrapped(found, power)
+    ends = pd.DataFrame(math.nan, index=results.controllers, columns=["low", "high"])
+    for i, name in enumerate(names):
+        assert replicates
+        at = replicates.interval(np.eye(len(names))[i])
+        ends.loc[name] = (at if pooling.declared(metric).zero else _exp(at))[1:]
+    return ends
 
 
 def _ratio(
