@@ -8,7 +8,7 @@ from ..paths.job import Job
 from ..plant.fleet import Fleet
 from ..plant.gantry import Sums
 from ..plant.published import Excess
-from .registered import Registry, Shown
+from .registered import Called, Registry, Shown
 
 DONE = 0.98
 """Share of a job that must be cut."""
@@ -71,19 +71,28 @@ def failed(jobs: Jobs) -> np.ndarray:
     return broken(jobs) | jobs.collided
 
 
-@metric("µm", pooled="rms", shown=Shown("contour RMS", "{:.1f}", "", CONTOUR, "RMS", brief=True, manual=True))
+@metric(
+    "µm", pooled="rms", shown=Shown("contour RMS", "{:.1f}", "", CONTOUR, "RMS", brief=True, manual=True),
+    called=Called("contour error", "closer", "contour error, RMS"),
+)  # fmt: skip
 def contour_rms(jobs: Jobs) -> np.ndarray:
     """RMS distance of the actual from the commanded path while cutting"""
     return 1e3 * np.sqrt(jobs.mean("contour2"))
 
 
-@metric("µm", pooled="largest", shown=Shown("contour max", "{:.0f}", "", CONTOUR, "max", brief=True, manual=True))
+@metric(
+    "µm", pooled="largest", shown=Shown("contour max", "{:.0f}", "", CONTOUR, "max", brief=True, manual=True),
+    called=Called(exact="contour error, largest"),
+)  # fmt: skip
 def contour_max(jobs: Jobs) -> np.ndarray:
     """Largest distance of the actual from the commanded path while cutting"""
     return 1e3 * jobs.sums["contour_worst"]
 
 
-@metric("µm", pooled="rms", shown=Shown("gap RMS", "{:.1f}", "", GAP, "RMS", brief=True, manual=True))
+@metric(
+    "µm", pooled="rms", shown=Shown("gap RMS", "{:.1f}", "", GAP, "RMS", brief=True, manual=True),
+    called=Called("standoff error", "closer", "standoff error, RMS", "following error"),
+)  # fmt: skip
 def gap_rms(jobs: Jobs) -> np.ndarray:
     """RMS of the true standoff error while cutting"""
     return 1e3 * np.sqrt(jobs.mean("gap2"))
@@ -95,37 +104,40 @@ def gap_max(jobs: Jobs) -> np.ndarray:
     return 1e3 * jobs.sums["gap_worst"]
 
 
-@metric("mm", shown=Shown("dross", "{:.3f}", "", CUT, brief=True, manual=True))
+@metric("mm", shown=Shown("dross", "{:.3f}", "", CUT, brief=True, manual=True), called=Called("dross", "less"))
 def dross(jobs: Jobs) -> np.ndarray:
     """Height of the dross, mean along the cut"""
     return jobs.mean("dross")
 
 
-@metric("µm", shown=Shown("Rz", "{:.1f}", "", CUT, brief=True, manual=True))
+@metric("µm", shown=Shown("Rz", "{:.1f}", "", CUT, brief=True, manual=True), called=Called("roughness Rz", "smoother"))
 def roughness(jobs: Jobs) -> np.ndarray:
     """Roughness Rz, mean along the cut"""
     return 1e3 * jobs.mean("roughness")
 
 
-@metric("1", "higher", zero=True, shown=Shown("through", "{:.2f}", "", CUT, brief=True))
+@metric("1", "higher", zero=True, shown=Shown("through", "{:.2f}", "", CUT, brief=True, seldom=True))
 def through(jobs: Jobs) -> np.ndarray:
     """Share of the cut that goes through the sheet"""
     return jobs.mean("through")
 
 
-@metric("mm", shown=Shown("kerf", "{:.3f}", "", CUT, brief=True))
+@metric("mm", shown=Shown("kerf", "{:.3f}", "", CUT, brief=True, seldom=True))
 def kerf(jobs: Jobs) -> np.ndarray:
     """Width of the kerf at the top, mean along the cut"""
     return jobs.mean("kerf")
 
 
-@metric("mm", shown=Shown("u", "{:.3f}", "", CUT, brief=True))
+@metric("mm", shown=Shown("u", "{:.3f}", "", CUT, brief=True, compared=True))
 def taper(jobs: Jobs) -> np.ndarray:
     """Perpendicularity u, mean along the cut"""
     return jobs.mean("taper")
 
 
-@metric("s", shown=Shown("time", "{:.2f}", "", TIME, "job", brief=True, manual=True))
+@metric(
+    "s", shown=Shown("time", "{:.2f}", "", TIME, "job", brief=True, manual=True),
+    called=Called("time of the job", "faster"),
+)  # fmt: skip
 def time(jobs: Jobs) -> np.ndarray:
     """Time of the whole job: rapids, piercing, cutting"""
     return jobs.sums["time"]
@@ -144,7 +156,7 @@ def mean_feed(jobs: Jobs) -> np.ndarray:
         return jobs.sums["length"] / jobs.sums["cutting"]
 
 
-@metric("kJ", shown=Shown("energy", "{:.2f}", "", TIME, brief=True))
+@metric("kJ", shown=Shown("energy", "{:.2f}", "", TIME, brief=True, compared=True))
 def energy(jobs: Jobs) -> np.ndarray:
     """Energy of the beam"""
     return 1e-3 * jobs.sums["energy"]

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..plant.controller import PERIOD
 from .recording import Recording
-from .registered import Registry, Shown
+from .registered import Called, Registry, Shown
 
 METRICS = Registry()
 metric, get = METRICS.metric, METRICS.named
@@ -19,7 +19,7 @@ ERROR, CUT = "true gap error", "cut of thin sheet"
 P99 = Shown("P99", "{:.1f}", "p99", ERROR, brief=True, said="99th percentile of the true error's magnitude, {over}")
 MAX = Shown("max", "{:.0f}", "max", ERROR, brief=True, said="largest true error of all scored runs that did not fail")
 REPORTED = Shown(
-    "reported", "{:.2f}", "reported", "reported", "RMS", brief=True,
+    "reported", "{:.2f}", "reported", "reported", "RMS", brief=True, compared=True,
     said="the same as the score, had one believed the measured and filtered height",
 )  # fmt: skip
 DROSS = Shown("dross", "{:.4f}", "", CUT, brief=True, said="height of the dross (proxy), {over}")
@@ -27,7 +27,9 @@ ROUGHNESS = Shown(
     "Rz", "{:.2f}", "", CUT, brief=True,
     said="roughness (proxy), {over}, and its range after ISO 9013; 1 is the finest",
 )  # fmt: skip
-JITTER = Shown("jitter", "{:.2f}", "", "command", brief=True, titled=False, manual=True, said="{summary}, {over}")
+JITTER = Shown(
+    "jitter", "{:.2f}", "", "command", brief=True, titled=False, manual=True, compared=True, said="{summary}, {over}",
+)  # fmt: skip
 
 
 def evaluate(recording: Recording) -> dict[str, np.ndarray]:
@@ -62,7 +64,7 @@ def _largest(error: np.ndarray, mask: np.ndarray, share: float) -> np.ndarray:
     return np.where(count > 0, 1e3 * value, np.nan)
 
 
-@metric("µm", pooled="rms", shown=None)
+@metric("µm", pooled="rms", shown=None, called=Called("following error", "closer", "true gap error, RMS"))
 def rms_true(r: Recording) -> np.ndarray:
     """RMS of the true gap error while cutting"""
     return _rms(r.error, r.scored)
@@ -74,13 +76,13 @@ def p99_true(r: Recording) -> np.ndarray:
     return _largest(r.error, r.scored, 0.99)
 
 
-@metric("µm", pooled="largest", shown=MAX)
+@metric("µm", pooled="largest", shown=MAX, called=Called(exact="true gap error, largest"))
 def max_true(r: Recording) -> np.ndarray:
     """Largest true gap error while cutting"""
     return _largest(r.error, r.scored, 1.0)
 
 
-@metric("µm", pooled="rms", shown=REPORTED)
+@metric("µm", pooled="rms", shown=REPORTED, called=Called(exact="reported error, RMS"))
 def rms_reported(r: Recording) -> np.ndarray:
     """RMS of the reported (measured, filtered) error while cutting"""
     return _rms(r.reported_error, r.scored)
@@ -134,13 +136,13 @@ def undershoot(r: Recording) -> np.ndarray:
     return np.where(_after_first_arrival(r), np.maximum(r.error, 0.0), 0.0).max(axis=0)
 
 
-@metric("mm", shown=DROSS)
+@metric("mm", shown=DROSS, called=Called("dross", "less"))
 def dross(r: Recording) -> np.ndarray:
     """Height of the dross on thin sheet, mean along the cut (proxy, assumed coefficients)"""
     return r.thin_sheet["dross"]
 
 
-@metric("µm", shown=ROUGHNESS)
+@metric("µm", shown=ROUGHNESS, called=Called("roughness Rz", "smoother"))
 def roughness(r: Recording) -> np.ndarray:
     """Roughness Rz on thin sheet, mean along the cut (proxy, assumed coefficients)"""
     return 1e3 * r.thin_sheet["roughness"]
@@ -164,7 +166,7 @@ def z_travel(r: Recording) -> np.ndarray:
     return np.abs(r["velocity"].astype(np.float64)).mean(axis=0)
 
 
-@metric("mm/s per ms", shown=JITTER)
+@metric("mm/s per ms", shown=JITTER, called=Called("command jitter"))
 def jitter(r: Recording) -> np.ndarray:
     """RMS change of the command from period to period"""
     return np.sqrt(np.mean(np.diff(r["command"].astype(np.float64), axis=0) ** 2, axis=0))

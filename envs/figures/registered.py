@@ -34,6 +34,8 @@ class Shown:
         titled: whether its unit stands in the printed heading.
         said: what the page says of it; its summary and how it is pooled unless given.
         manual: whether the manual's tables of the shipped suites have it.
+        compared: whether the page ranks controllers in it, so that a brief one has its interval there.
+        seldom: whether controllers seldom differ in it: it stands last in its group, if it is not 1 for all.
     """
 
     label: str = ""
@@ -45,6 +47,25 @@ class Shown:
     titled: bool = True
     said: str = ""
     manual: bool = False
+    compared: bool = False
+    seldom: bool = False
+
+
+@dataclass(frozen=True)
+class Called:
+    """What sentences and figures of the report page call a metric that they know.
+
+    Attributes:
+        name: in sentences and on the axes of figures.
+        less: the word for less of it, such as ``closer``; with it the page says who is best, on a card of its own.
+        exact: in the map of scenarios and above the scores; the name unless given.
+        question: which of the columns it answers where there are several suites; its name unless given.
+    """
+
+    name: str = ""
+    less: str = ""
+    exact: str = ""
+    question: str = ""
 
 
 @dataclass(frozen=True)
@@ -61,6 +82,7 @@ class Metric:
         zero: whether it may be zero or infinite in a good run, so that there is no geometric mean over scenarios.
         always: whether a failed run has it as well, so that it is pooled over all runs.
         shown: how tables show it; None: in ``runs.csv`` only.
+        called: what sentences and figures of the page call it; unless given, only tables and the map have it.
     """
 
     name: str
@@ -72,6 +94,7 @@ class Metric:
     zero: bool = False
     always: bool = False
     shown: Shown | None = field(default_factory=Shown)
+    called: Called = field(default_factory=Called)
 
     @property
     def meaning(self) -> tuple[str, str, str, bool, bool]:
@@ -94,6 +117,21 @@ class Metric:
         """Its name in ``summary.csv``."""
         return (self.shown.column if self.shown else "") or self.name
 
+    @property
+    def spoken(self) -> str:
+        """What sentences call it."""
+        return self.called.name or self.name
+
+    @property
+    def compared(self) -> bool:
+        """Whether the page ranks controllers in it."""
+        return bool(self.called.less or (self.shown and self.shown.compared))
+
+    @property
+    def exact(self) -> str:
+        """What the map of scenarios calls it; empty if it is not there."""
+        return self.called.exact or self.called.name or (self.label if self.shown and not self.shown.brief else "")
+
 
 EVERY: dict[str, Metric] = {}
 """Metrics of followers and of jobs by name; one that both have is pooled alike in both."""
@@ -104,7 +142,7 @@ class Registry(dict[str, Metric]):
 
     def metric(
         self, unit: str, better: str = "lower", *, pooled: str = "mean", zero: bool = False, always: bool = False,
-        shown: Shown | None = Shown(),
+        shown: Shown | None = Shown(), called: Called = Called(),
     ) -> Callable:  # fmt: skip
         """Registers a function under its name; the first line of its docstring says what it is.
 
@@ -121,7 +159,9 @@ class Registry(dict[str, Metric]):
                     raise InvalidInput(f"metric '{name}': {key} = '{word}'; {did_you_mean(word, known)}")
             if not lines[0]:
                 raise InvalidInput(f"metric '{name}': its docstring is missing, whose first line the tables show")
-            made = Metric(name, unit, better, lines[0], function, pooled, zero, always, shown)
+            made = Metric(name, unit, better, lines[0], function, pooled, zero, always, shown, called)
+            if made.compared and better != "lower":
+                raise InvalidInput(f"metric '{name}': the page ranks what is better lower; this is better {better}")
             other = made if name in self else EVERY.get(name, made)
             columns = {each.column for each in self.values() if each.name != name}
             if {name, made.column} & {*TAKEN, *columns} or other.meaning != made.meaning:

@@ -77,6 +77,11 @@ class Suite:
         return self.results.exempt if isinstance(self.results, Results) else ()
 
     @cached_property
+    def stability(self) -> pd.DataFrame:
+        """Ms and margins by controller and machine; empty of jobs."""
+        return self.results.stability if isinstance(self.results, Results) else pd.DataFrame()
+
+    @cached_property
     def scenarios(self) -> list[str]:
         """Core scenarios, then the ordinary, then those in which collisions are expected."""
         names = self.results.scenarios

@@ -1,7 +1,6 @@
 """A benchmark's tables in words: what the terminal prints and what ``summary.md`` holds."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -16,17 +15,14 @@ from ...envs.scenarios.material import material
 from ..bounds.stored import LABEL, LINEAR
 from ..results.followers import REFERENCE, Results
 from ..results.jobs import JobResults
-from ..statistics.budgets import MARKS, in_words
+from ..statistics.budgets import MARKS
 from ..statistics.comparison import by_scenario, methods, relative
 from ..statistics.pooling import declared
 from ..statistics.ranks import order
 from . import headings
 from .headings import figure as _figure
 from .headings import number as _number
-
-BESIDE = 8
-"""Scenarios that have a column beside the score; more of them get a table of their own."""
-
+from .suite import Suite
 
 _WIDEST = 1000
 
@@ -122,48 +118,25 @@ def _ranking(summary: Any, reference: str) -> list[str]:
     return lines + [f"{name}: {row['note']}." for name, row in summary.iterrows() if row["note"]]
 
 
-def _cell(table: Any, row: Any, column: str) -> float:
-    return float(table.at[row, column])
-
-
-def _classes(summary: Any, cells: Callable[[Any, Any], list[str]]) -> list[list[list[str]]]:
-    """Rows of each information class, in the order of :func:`ranks.order`."""
-    names = order(summary)
+def _sheet(results: Results | JobResults, title: str, summary: Any) -> Sheet:
+    """A row a controller under every column that is printed, classes apart, in the order of :func:`ranks.order`."""
+    shown, names = [column for column in headings.of(results) if column.title], order(summary)
     groups = [[name for name in names if summary.at[name, "information"] == each] for each in INFORMATION]
-    return [[cells(name, summary.loc[name]) for name in group] for group in groups if group]
+    return Sheet(
+        f"{title} · {_seeds(results)}", ["controller", *(column.title for column in shown)],
+        [[[str(n), *(column.text(summary.loc[n]) for column in shown)] for n in group] for group in groups if group],
+        shown={column.title: column.shows for column in shown if column.shows},
+    )  # fmt: skip
 
 
 def _following(results: Results) -> list[Sheet]:
-    summary, pooled, costs = results.summary(), results.pooled(), results.decisions()
-    scored = results.scored
-    core, shown = (scored if len(scored) <= BESIDE else []), headings.of(results)
-    sheet = Sheet(
-        f"RMS of the true gap error, µm · {_seeds(results)}",
-        ["controller", *(c.title for c in shown), *core, "decision, µs", "its P99, µs", "budget", "class"],
-        shown={column.title: column.shows for column in shown},
-    )
-    lost = results.failures.groupby([results.runs["controller"], results.runs["scenario"]], sort=False).sum()
-    count = results.runs.groupby(["controller", "scenario"], sort=False).size()
-
-    def of_scenario(name: Any, scenario: str) -> str:
-        """A figure, and behind it how many runs failed, if any did."""
-        failed = int(lost.get((name, scenario), 0))
-        text = _number(_cell(pooled, name, scenario), "{:.1f}")
-        return f"{text} ({failed}/{count[name, scenario]} failed)" if failed else text
-
-    sheet.sections = _classes(summary, lambda name, row: [
-        str(name), *(column.text(row) for column in shown), *(of_scenario(name, s) for s in core),
-        _number(_cell(costs, name, "median_us")), _number(_cell(costs, name, "p99_us")), in_words(row),
-        row["information"],
-    ])  # fmt: skip
-    known = results.bounds if core else {}
-    if known:
-        limits = []
-        for label, score, at in ((LABEL, results.bound, known), (LINEAR, results.linear_bound, results.linear)):
-            cells = {"score, µm": score, **at}
-            row = [_number(cells[title]) if title in cells else "–" for title in sheet.titles]
-            limits += [[label, *row[1:]]] * bool(at)
-        sheet.sections.append(limits)
+    summary = results.summary().join(results.decisions()[["median_us", "p99_us"]])
+    scored, core = results.scored, headings.core(results)
+    sheet = _sheet(results, "RMS of the true gap error, µm", summary)
+    limits = ((LABEL, results.bound, results.bounds), (LINEAR, results.linear_bound, results.linear))
+    if core and results.bounds:
+        at = [(label, {"score, µm": score, **bounds}) for label, score, bounds in limits if bounds]
+        sheet.sections.append([[label, *(_number(b.get(t)) for t in sheet.titles[1:])] for label, b in at])
     exempt = f" ({', '.join(results.exempt)} left out)" if results.exempt else ""
     explained = [
         *_ranking(summary, REFERENCE),
@@ -176,24 +149,22 @@ def _following(results: Results) -> list[Sheet]:
         *_machines(results),
         f"decision: CPU time, median and 99th percentile, in a period of {1e6 * PERIOD:.0f} µs;",
         f"budget: trials and simulated steps of tuning. {budget_note(summary)}",
-        *headings.explained(results),
-    ]
-    if known:
-        explained += _limits(results)
-    more = _by_machine(results)
+        *headings.explained(results), *(_limits(results) if results.bounds else ()),
+    ]  # fmt: skip
     if core:
         sheet.notes = explained
-        return [sheet, *more]
-    names = [row[0] for section in sheet.sections for row in section]
-    rows = [[s, *(of_scenario(name, s) for name in names)] for s in scored]
-    if results.bounds:
-        rows = [[*row, _number(results.bounds.get(row[0], math.nan))] for row in rows]
-        explained += _limits(results)
-    last = [LABEL] * bool(results.bounds)
-    if results.bounds and results.linear:
-        rows = [[*row, _number(results.linear.get(row[0], math.nan))] for row in rows]
-        last.append(LINEAR)
-    return [sheet, Sheet("by scenario, µm", ["scenario", *names, *last], [rows], explained), *more]
+        return [sheet, *_by_machine(results)]
+    there, names = headings.in_scenario(results), [row[0] for section in sheet.sections for row in section]
+    known = {label: bounds for label, _, bounds in limits if bounds and results.bounds}
+    rows = [
+        [
+            s,
+            *(there(s, summary.loc[n]) for n in names),
+            *(_number(bounds.get(s, math.nan)) for bounds in known.values()),
+        ]
+        for s in scored
+    ]
+    return [sheet, Sheet("by scenario, µm", ["scenario", *names, *known], [rows], explained), *_by_machine(results)]
 
 
 def _limits(results: Results) -> list[str]:
@@ -225,7 +196,7 @@ def _by_machine(results: Results) -> list[Sheet]:
     measured = results.stability
     if not len(measured) or measured["machine"].nunique() < 2:
         return []
-    shown = headings.STABLE
+    shown = headings.stable(Suite("", results))
     sections = [
         [[machine, str(row["controller"]), *(column.text(row) for column in shown)] for _, row in rows.iterrows()]
         for machine, rows in measured.groupby("machine", sort=False)
@@ -236,15 +207,8 @@ def _by_machine(results: Results) -> list[Sheet]:
 
 
 def _jobs(results: JobResults) -> list[Sheet]:
-    summary, shown = results.summary(), headings.of(results)
-    sheet = Sheet(
-        f"jobs · {_seeds(results)}", ["controller", *(c.title for c in shown), "budget", "evidence"],
-        shown={column.title: column.shows for column in shown},
-    )  # fmt: skip
-    sheet.sections = _classes(
-        summary,
-        lambda name, row: [str(name), *(column.text(row) for column in shown), in_words(row), _evidence(row)],
-    )
+    summary = results.summary()
+    sheet = _sheet(results, "jobs", summary)
     sheet.notes = [
         *_ranking(summary, results.reference),
         f"figures: over seeds the RMS of an RMS, the largest of a maximum, else the mean; then over "
@@ -257,13 +221,6 @@ def _jobs(results: JobResults) -> list[Sheet]:
     several = results.reference in results.controllers and len(results.controllers) > 1
     known = {*WEIGHED, "power_max", "dither_max"} <= set(results.runs)  # runs of earlier versions do not have all
     return [sheet, _trades(results)] if several and known else [sheet]
-
-
-def _evidence(row: Any) -> str:
-    """Whether the cut's figures stand on what was calibrated."""
-    if not row["extrapolated"] > 0:
-        return "–" if math.isnan(row["extrapolated"]) else "inside"
-    return "extrapolated" if row["extrapolated"] >= 0.995 else f"extrapolated, {row['extrapolated']:.0%} of the cut"
 
 
 def _outside(results: JobResults) -> list[str]:
@@ -312,9 +269,8 @@ def _trades(results: JobResults) -> Sheet:
                 worse.append(title)
             elif len(there):
                 worse.append(f"{title} ({', '.join(there)})")
-        limits = [
-            f"{most.loc[name, 'power_max']:.0f}", f"{most.loc[name, 'dither_max']:.3f}", _evidence(summary.loc[name]),
-        ]  # fmt: skip
+        limits = [f"{most.loc[name, 'power_max']:.0f}", f"{most.loc[name, 'dither_max']:.3f}"]
+        limits.append(headings.evidence(summary.loc[name]))
         rows.append([str(name), *cells, ", ".join(better) or "–", ", ".join(worse) or "–", *limits])
     base = most.loc[results.reference]
     sheet.sections = [rows]

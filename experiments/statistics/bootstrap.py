@@ -40,12 +40,13 @@ Statistic = Callable[[np.ndarray, Weights], tuple[np.ndarray, Weights]]
 shaped as the weights."""
 
 
-def log_pooled(power: float) -> Statistic:
+def pooled(power: float, log: bool = True) -> Statistic:
     """Logarithm of a suite's figure: geometric mean over runs and scenarios of the power mean over those seeds in which
     the run did not fail (is finite). Of each run and scenario there must be one.
 
     Args:
         power: of the mean over the seeds, 2 for the root mean square.
+        log: False for the figure itself, with the plain mean over runs and scenarios; ``power`` is 1 then.
     """
 
     def statistic(values: np.ndarray, weights: Weights) -> tuple[np.ndarray, Weights]:
@@ -55,8 +56,9 @@ def log_pooled(power: float) -> Statistic:
         with np.errstate(divide="ignore", invalid="ignore"):
             whole = powers.sum(axis=1) / one.sum(axis=1)
             mean = np.where(count > 0, total / count, whole)  # of a sample that holds failed runs only, nothing new
-            shares = np.where((mean > 0) & (count > 0), 1.0 / (mean * count), 0.0)
-            others, level = np.where(count > 0, 1.0 / count, 0.0), np.log(mean) / power
+            level, slope = (np.log(mean) / power, mean) if log else (mean, np.ones_like(mean))
+            shares = np.where((slope > 0) & (count > 0), 1.0 / (slope * count), 0.0)
+            others = np.where(count > 0, (1.0 if log else mean) / count, 0.0)
         by_level, ones = (x.transpose(0, 2, 1).reshape(-1, values.shape[1]) for x in (powers, one))
 
         def of_seeds(kept: np.ndarray) -> np.ndarray:
@@ -69,23 +71,10 @@ def log_pooled(power: float) -> Statistic:
     return statistic
 
 
-def pooled_mean(values: np.ndarray, weights: Weights) -> tuple[np.ndarray, Weights]:
-    """Mean over runs and scenarios of the mean over those seeds in which the run did not fail (is finite)."""
-    sound = np.isfinite(values)
-    known, one = np.where(sound, values, 0.0), sound.astype(float)
-    total, count = _over_seeds(known, weights[1]), _over_seeds(one, weights[1])
-    level = np.where(count > 0, total / np.maximum(count, EXACT), known.sum(axis=1) / one.sum(axis=1))
-    shares = np.where(count > 0, 1.0 / np.maximum(count, EXACT), 0.0)
-    by_level, ones = (x.transpose(0, 2, 1).reshape(-1, values.shape[1]) for x in (known, one))
+pooled_mean = pooled(1.0, log=False)
+"""Mean over runs and scenarios of the mean over the seeds, of figures that may be zero."""
 
-    def of_seeds(kept: np.ndarray) -> np.ndarray:
-        share = kept * shares
-        return share.reshape(len(level), -1) @ by_level - (share * level).reshape(len(level), -1) @ ones
-
-    return _of_levels(level, weights, of_seeds)
-
-
-log_score = log_pooled(2.0)
+log_score = pooled(2.0)
 """Logarithm of the followers' score: geometric mean over runs and scenarios of the root mean square over seeds."""
 
 

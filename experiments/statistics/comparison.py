@@ -22,7 +22,7 @@ import pandas as pd
 from scipy import stats
 
 from . import pooling
-from .bootstrap import Replicates, log_pooled, mean_of_middle, pooled_mean, replicate
+from .bootstrap import Replicates, mean_of_middle, pooled, pooled_mean, replicate
 from .intervals import LEVEL, Interval, Sample, iqm, share
 
 COLUMNS = ("score", "ratio", "typical", "wins")
@@ -80,7 +80,7 @@ def measured(found: dict[str, Sample]) -> list[str]:
 def bootstrapped(found: dict[str, Sample], power: float) -> tuple[list[str], Replicates | None]:
     """The logarithm of the figures of those who have one, and who they are."""
     names = measured(found) if math.isfinite(power) else []
-    return names, replicate([found[name] for name in names], log_pooled(power)) if names else None
+    return names, replicate([found[name] for name in names], pooled(power)) if names else None
 
 
 def figures(results: Any, typical: bool = True) -> pd.DataFrame:
@@ -164,7 +164,7 @@ def _ratio(
     pair = _neither_failed(found[name], found[reference])
     if pair is None:
         return Interval(math.nan)
-    return _exp(replicate(pair, log_pooled(power)).interval([-1.0, 1.0]))
+    return _exp(replicate(pair, pooled(power)).interval([-1.0, 1.0]))
 
 
 def _typical(mine: np.ndarray, base: np.ndarray) -> Interval:
@@ -240,7 +240,7 @@ def _closer(one: Sample, other: Sample, risk: float, power: float) -> int:
     pair = _neither_failed(one, other)
     if pair is None or not math.isfinite(power):
         return 0
-    apart = replicate(pair, log_pooled(power)).interval([1.0, -1.0], 1.0 - risk)
+    apart = replicate(pair, pooled(power)).interval([1.0, -1.0], 1.0 - risk)
     return int(apart.high < 0.0) - int(apart.low > 0.0)
 
 
@@ -319,10 +319,10 @@ def methods(results: Any) -> pd.DataFrame:
         at = {name: [found[name].seeds.index(seed) for seed in seeds] for name in members}
         whole = Sample(np.stack([found[name].values[0, at[name]] for name in members]), tuple(seeds))
         base = [found[results.reference]] if results.reference in measured(found) else []
-        replicates = replicate([whole, *base], log_pooled(power))
+        replicates = replicate([whole, *base], pooled(power))
         score = _exp(replicates.interval([1.0, 0.0][: 1 + len(base)]))
         ratio = _exp(replicates.interval([-1.0, 1.0])) if base else Interval(math.nan)
-        each = [float(np.exp(log_pooled(power)(run[None], (None, None, None))[0][0])) for run in whole.values]
+        each = [float(np.exp(pooled(power)(run[None], (None, None, None))[0][0])) for run in whole.values]
         rows.append((method, members, *score, *ratio, min(each), max(each)))
     flat = [f"{figure}{end}" for figure in ("score", "ratio") for end in ("", "_low", "_high")]
     columns = ["method", "members", *flat, "best", "worst"]

@@ -133,7 +133,7 @@ def plain(statistic, values):
     return statistic(values, (None, None, None))[0][0]
 
 
-STATISTICS = (bootstrap.log_score, bootstrap.mean_of_middle, bootstrap.log_cvar)
+STATISTICS = (bootstrap.log_score, bootstrap.pooled_mean, bootstrap.mean_of_middle, bootstrap.log_cvar)
 
 
 def test_the_statistics_are_what_they_are_called():
@@ -167,6 +167,28 @@ def test_influences_are_derivatives_by_the_weights(statistic, axis):
     found, influences = statistic(values, tuple(weights))
     influence = influences[axis][0] - influences[axis][0].mean()
     assert (found[1] - found[0]) / step == pytest.approx(influence[1], rel=0.02, abs=0.003)
+
+
+def test_the_pooled_mean_is_of_the_runs_that_did_not_fail_and_may_be_zero():
+    values = np.array([[0.0, 4.0], [1.0, INF], [2.0, 6.0], [INF, 8.0], [3.0, 0.0], [0.0, 2.0]])
+    found = bootstrap.replicate([Sample.of(values)], bootstrap.pooled_mean)
+    columns = [column[np.isfinite(column)] for column in values.T]
+    value, low, high = found.interval([1.0])
+    assert value == pytest.approx(np.mean([column.mean() for column in columns]))
+    assert low < value < high
+    alone = bootstrap.replicate([Sample.of(np.arange(30.0))], bootstrap.pooled_mean)
+    assert alone.spread[0, 0] == pytest.approx(stats.sem(np.arange(30.0)) ** 2)
+
+
+@pytest.mark.parametrize("statistic", [bootstrap.log_score, bootstrap.pooled_mean])
+def test_influences_are_derivatives_where_runs_failed_too(statistic):
+    values, step = drawn(1, 50, 6, seed=7), 1e-4
+    values[0, [0, 7, 9], [2, 2, 5]] = INF
+    weights = np.ones((51, 50))
+    weights[1:] += step * (50 * np.eye(50) - 1)
+    found, influences = statistic(values, (None, weights, None))
+    influence = influences[1][0] - influences[1][0].mean()
+    assert (found[1:] - found[0]) / step == pytest.approx(influence, rel=0.02, abs=0.003)
 
 
 def test_the_variance_of_a_mean_is_the_textbooks():
