@@ -1,7 +1,7 @@
 """The answer in words: who is best in following, dross, roughness and time, by how much, and how sure that is."""
 
 import math
-from types import SimpleNamespace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -189,10 +189,8 @@ def _card(standing: Standing, look: dict[str, Look], labels: dict[str, str]) -> 
 def _against(standing: Standing, best: str, other: str, word: str, labels: dict[str, str]) -> str:
     """How much better the best is than another, on the same seeds, and how often in single runs."""
     r = standing.suite.results
-    pair = SimpleNamespace(
-        runs=r.runs[r.runs["controller"].isin([best, other])], controllers=[best, other],
-        scored=standing.suite.scored, metric=standing.metric, reference=other, exempt=standing.suite.exempt,
-    )  # fmt: skip
+    runs = r.runs[r.runs["controller"].isin([best, other])]
+    pair = replace(r, runs=runs, metric=standing.metric, reference=other)
     row = figures(pair, typical=False).loc[best]
     ratio, low, high = (float(row[c]) for c in ("ratio", "ratio_low", "ratio_high"))
     if not math.isfinite(ratio):

@@ -1,8 +1,7 @@
 """Who stands where in one metric: figures with intervals, ranks, ties (:func:`ranks.standings`)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -81,10 +80,7 @@ def all_of(suite: Suite) -> dict[str, Standing]:
     found = {suite.metric: Standing(suite, suite.metric, r.standings)}
     why = in_any_metric(r)
     for metric in (name for name, m in suite.metrics.items() if m.compared and name != suite.metric):
-        view = SimpleNamespace(
-            runs=r.runs, controllers=r.controllers, scenarios=r.scenarios, scored=suite.scored, meta=r.meta,
-            metric=metric, reference=suite.reference, exempt=suite.exempt,
-        )  # fmt: skip
+        view = replace(r, metric=metric)
         own = {name: [*reasons, *extrapolated(view, name)] for name, reasons in why.items()}
         found[metric] = Standing(suite, metric, standings(view, own, typical=False))
     return found

@@ -91,9 +91,8 @@ class Suite:
 
     @cached_property
     def scored(self) -> list[str]:
-        """The scenarios that make the score: the core ones that were run, or all if none of them was."""
-        ran = self.results.scenarios
-        return [s for s in self.results.core if s in ran] or ran
+        """The scenarios that make the score."""
+        return self.results.scored
 
     @property
     def scored_in_words(self) -> str:

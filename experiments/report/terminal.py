@@ -37,6 +37,7 @@ class Sheet:
         sections: groups of rows, apart because they are not ranked together.
         notes: sentences that explain it.
         shown: titles of columns that show a column of ``summary.csv``, and its name there.
+        words: which columns hold words; the others hold figures and are aligned at the right.
     """
 
     title: str
@@ -44,6 +45,7 @@ class Sheet:
     sections: list[list[list[str]]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     shown: dict[str, str] = field(default_factory=dict)
+    words: tuple[int, ...] = (0,)
 
     def show(self) -> None:
         """Prints it: in parts that fit a terminal, as wide as it is into a file or a pipe."""
@@ -73,7 +75,7 @@ class Sheet:
     def _table(self, part: list[int]) -> Table:
         table = Table(title=self.title if 1 in part or len(part) == 1 else None)
         for i in part:
-            table.add_column(self.titles[i], justify="right" if i else "left", no_wrap=True)
+            table.add_column(self.titles[i], justify="left" if i in self.words else "right", no_wrap=True)
         for section in self.sections:
             for row in section:
                 table.add_row(*(row[i] for i in part))
@@ -86,7 +88,7 @@ class Sheet:
         def line(cells: list[str]) -> str:
             return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
-        ruler = line(["---", *["---:"] * (len(self.titles) - 1)])
+        ruler = line(["---" if i in self.words else "---:" for i in range(len(self.titles))])
         rows = [line(row) for section in self.sections for row in section]
         notes = "\n".join(self.notes)
         return "\n".join([f"### {self.title}", "", line(self.titles), ruler, *rows, "", notes]).rstrip() + "\n"
@@ -308,43 +310,42 @@ def _seeds(results: Results | JobResults) -> str:
 
 def print_blame(shares: Any, headroom: Any) -> None:
     """Prints what each controller's error is made of, and how references with other information do."""
-    table = Table(title=f"shares of the mean-square true error, {shares['unit'].iloc[0]}, 95 % intervals over seeds")
-    for title in ("scenario", "controller", "stage", "share", "interval", "of all", "idealised alone", "interval"):
-        table.add_column(title, justify="left" if title in ("scenario", "controller", "stage") else "right")
-    several = shares["error"].nunique() > 1
+    several, sections = shares["error"].nunique() > 1, []
     for (scenario, controller, error), part in shares.groupby(["scenario", "controller", "error"], sort=False):
-        table.add_section()
         whole = part["share"].sum(skipna=False)
-        for i, row in enumerate(part.itertuples()):
-            where = f"{scenario}, {error}" if several else scenario
-            table.add_row(
-                *((where, controller) if i == 0 else ("", "")), row.stage, _number(row.share),
-                _ends(row.low, row.high), _number(100.0 * row.share / whole, "{:.1f} %"), _number(row.alone),
-                _ends(row.alone_low, row.alone_high),
-            )  # fmt: skip
-        table.add_row("", "", "all", _number(whole))
-    console = Console(width=max(Console().width, Console(width=1000).measure(table).maximum))
-    console.print(table)
-    table = Table(title="beside references with other information: RMS of the true error, and the factor between")
-    for title in ("scenario", "controller", "RMS, µm", "reference", "its RMS, µm", "factor", "interval"):
-        table.add_column(title, justify="left" if title in ("scenario", "controller", "reference") else "right")
-    for row in headroom.itertuples():
-        table.add_row(
-            row.scenario, row.controller, _number(row.rms), row.informed, _number(row.informed_rms), _number(row.ratio),
-            _ends(row.low, row.high),
-        )  # fmt: skip
-    console.print(table)
-    console.print(
-        "share: Shapley value of idealising the stage; all of a controller add up to its mean-square error;\n"
-        "law: what the fully idealised machine has left, law, supervisor and sampling, at these gains;\n"
-        "below 0, interval and all: the controller is tuned around this fault, and does worse without it;\n"
-        "references know the sheet ahead or the true gap; they are no bounds (below 1: closer than they are). Bounds:\n"
-        "docs/bounds.md."
-    )
+        rows = [
+            ["", "", row.stage, _number(row.share), _ends(row.low, row.high),
+             _number(100.0 * row.share / whole, "{:.1f} %"), _number(row.alone), _ends(row.alone_low, row.alone_high)]
+            for row in part.itertuples()
+        ]  # fmt: skip
+        rows[0][:2] = [f"{scenario}, {error}" if several else scenario, controller]
+        sections.append([*rows, ["", "", "all", _number(whole), "", "", "", ""]])
+    Sheet(
+        f"shares of the mean-square true error, {shares['unit'].iloc[0]}, 95 % intervals over seeds",
+        ["scenario", "controller", "stage", "share", "interval", "of all", "idealised alone", "interval"], sections,
+        words=(0, 1, 2),
+    ).show()  # fmt: skip
+    notes = [
+        "share: Shapley value of idealising the stage; all of a controller add up to its mean-square error;",
+        "law: what the fully idealised machine has left, law, supervisor and sampling, at these gains;",
+        "below 0, interval and all: the controller is tuned around this fault, and does worse without it;",
+        "references know the sheet ahead or the true gap; they are no bounds (below 1: closer than they are). Bounds:",
+        "docs/bounds.md.",
+    ]
     if shares["share"].isna().any():
-        console.print("–: a run failed, so there are no shares; which one stands in coalitions.parquet.")
+        notes.append("–: a run failed, so there are no shares; which one stands in coalitions.parquet.")
     elif shares["low"].isna().all():
-        console.print("–: intervals are over seeds, and need two of them.")
+        notes.append("–: intervals are over seeds, and need two of them.")
+    rows = [
+        [r.scenario, r.controller, _number(r.rms), r.informed, _number(r.informed_rms), _number(r.ratio),
+         _ends(r.low, r.high)]
+        for r in headroom.itertuples()
+    ]  # fmt: skip
+    Sheet(
+        "beside references with other information: RMS of the true error, and the factor between",
+        ["scenario", "controller", "RMS, µm", "reference", "its RMS, µm", "factor", "interval"], [rows], notes,
+        words=(0, 1, 3),
+    ).show()  # fmt: skip
 
 
 def _ends(low: float, high: float) -> str:
@@ -353,48 +354,32 @@ def _ends(low: float, high: float) -> str:
 
 def print_speed(tables: dict[str, Any]) -> None:
     """Prints the tables of a speed run, the promises last."""
-    console = Console(width=max(Console().width, 120))
-    rounds = int(tables["speed"].rounds.iloc[0])
-    table = Table(title=f"CPU time of a machine-step (1 ms of cutting), median of {rounds} interleaved rounds")
-    for title in ("", "machines", "threads", "ns", "range", "million/s", "× Pendulum-v1"):
-        table.add_column(title, justify="right" if title else "left", no_wrap=True)
-    group = None
-    for row in tables["speed"].itertuples():
-        if group not in (None, row.group):
-            table.add_section()
-        group = row.group
-        span = f"{row.ns_low:,.0f}–{row.ns_high:,.0f}"
-        table.add_row(
-            row.name, str(row.machines), str(row.threads), f"{row.ns_per_step:,.0f}", span,
-            f"{1e3 / row.ns_per_step:.3f}", f"{row.times_pendulum:.2f}",
-        )  # fmt: skip
-    console.print(table)
-
-    table = Table(title="the kernel by part, per machine and period")
-    for title in ("", "ns", "share", "ns per substep", "packed", "scalar", "widest register"):
-        table.add_column(title, justify="right" if title else "left")
-    for row in tables["stages"].itertuples():
-        substep = f"{row.ns / SUBSTEPS:.2f}" if "substeps" in row.stage else ""
-        counts = (
-            ["–"] * 3 if math.isnan(row.packed) else [f"{row.packed:.0f}", f"{row.scalar:.0f}", f"{row.bits:.0f} bit"]
-        )
-        table.add_row(row.stage, f"{row.ns:.1f}", f"{row.share:.0%}", substep, *counts)
-    console.print(table)
-
-    table = Table(title="start-up in fresh processes, and memory")
-    for title in ("", "CPU-s", "range"):
-        table.add_column(title, justify="right" if title else "left")
-    for row in tables["startup"].itertuples():
-        table.add_row(row.program, f"{row.cpu_seconds:.2f}", f"{row.low:.2f}–{row.high:.2f}")
-    for row in tables["memory"].itertuples():
-        table.add_row(f"{row.what}, bytes each", f"{row.bytes:.0f}", "")
-    console.print(table)
-
-    table = Table(title="what is promised")
-    for title in ("", "measured", "promised", "held"):
-        table.add_column(title, justify="right" if title else "left")
-    signs = {">=": "≥", "<=": "≤"}
-    for row in tables["ratios"].itertuples():
-        held = "not measured" if math.isnan(row.held) else ("yes" if row.held else "no")
-        table.add_row(row.ratio, _number(row.measured), f"{signs[row.sense]} {row.promised:g}", held)
-    console.print(table)
+    speed, stages, ratios = tables["speed"], tables["stages"], tables["ratios"]
+    Sheet(
+        f"CPU time of a machine-step (1 ms of cutting), median of {int(speed.rounds.iloc[0])} interleaved rounds",
+        ["", "machines", "threads", "ns", "range", "million/s", "× Pendulum-v1"],
+        [[
+            [r.name, str(r.machines), str(r.threads), f"{r.ns_per_step:,.0f}", f"{r.ns_low:,.0f}–{r.ns_high:,.0f}",
+             f"{1e3 / r.ns_per_step:.3f}", f"{r.times_pendulum:.2f}"]
+            for r in part.itertuples()
+        ] for _, part in speed.groupby("group", sort=False)],
+    ).show()  # fmt: skip
+    Sheet(
+        "the kernel by part, per machine and period",
+        ["", "ns", "share", "ns per substep", "packed", "scalar", "widest register"],
+        [[
+            [r.stage, f"{r.ns:.1f}", f"{r.share:.0%}", f"{r.ns / SUBSTEPS:.2f}" if "substeps" in r.stage else "",
+             _number(r.packed, "{:.0f}"), _number(r.scalar, "{:.0f}"), _number(r.bits, "{:.0f} bit")]
+            for r in stages.itertuples()
+        ]],
+    ).show()  # fmt: skip
+    Sheet("start-up in fresh processes, and memory", ["", "CPU-s", "range"], [[
+        *([r.program, f"{r.cpu_seconds:.2f}", f"{r.low:.2f}–{r.high:.2f}"] for r in tables["startup"].itertuples()),
+        *([f"{r.what}, bytes each", f"{r.bytes:.0f}", ""] for r in tables["memory"].itertuples()),
+    ]]).show()  # fmt: skip
+    signs, held = {">=": "≥", "<=": "≤"}, {True: "yes", False: "no"}
+    Sheet("what is promised", ["", "measured", "promised", "held"], [[
+        [r.ratio, _number(r.measured), f"{signs[r.sense]} {r.promised:g}",
+         "not measured" if math.isnan(r.held) else held[bool(r.held)]]
+        for r in ratios.itertuples()
+    ]]).show()  # fmt: skip

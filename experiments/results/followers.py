@@ -152,8 +152,9 @@ class Results(Comparison):
     blame: pd.DataFrame = field(default_factory=pd.DataFrame)
     headroom: pd.DataFrame = field(default_factory=pd.DataFrame)
     detuned: pd.DataFrame = field(default_factory=pd.DataFrame)
+    metric: str = "rms_true"
+    reference: str = REFERENCE
 
-    metric, reference = "rms_true", REFERENCE
     first = ("rms_reported", "p99_true", "max_true", "jitter", "dross", "roughness")
 
     def pooled(self, metric: str = "rms_true") -> pd.DataFrame:
@@ -242,11 +243,6 @@ class Results(Comparison):
     def machines(self) -> dict[str, list[str]]:
         """The machines of the run by their label, and the scenarios that have each; empty if that was not recorded."""
         return self.meta.get("machines") or {}
-
-    def collision_rates(self) -> pd.DataFrame:
-        """Share of runs with a collision, controllers × scenarios."""
-        rates = self.runs.groupby(["controller", "scenario"], sort=False)["collision"].mean().unstack()
-        return rates.reindex(index=self.controllers, columns=self.scenarios)
 
 
 def _of_machines(table: pd.DataFrame) -> pd.DataFrame:

@@ -14,7 +14,6 @@ import math
 import re
 from collections.abc import Iterable
 from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -133,11 +132,7 @@ def figures(results: Any, typical: bool = True) -> pd.DataFrame:
 def interval(results: Any, metric: str) -> pd.DataFrame:
     """Ends ``low`` and ``high`` of any metric over seeds and scenarios, by controller, of the runs that did not fail;
     NaN where there are none, as of a largest value."""
-    failed, known = failures(results), results.runs
-    view = SimpleNamespace(
-        runs=known.assign(failed=failed), scored=results.scored, controllers=results.controllers, metric=metric,
-        exempt=getattr(results, "exempt", ()),
-    )  # fmt: skip
+    view = replace(results, metric=metric, runs=results.runs.assign(failed=failures(results)))
     found, power = samples(view), pooling.power(metric)
     if pooling.declared(metric).zero and power == 1.0:
         names = [name for name, each in found.items() if np.isfinite(each.values).any(axis=1).all()]
@@ -322,7 +317,7 @@ def methods(results: Any) -> pd.DataFrame:
         replicates = replicate([whole, *base], pooled(power))
         score = _exp(replicates.interval([1.0, 0.0][: 1 + len(base)]))
         ratio = _exp(replicates.interval([-1.0, 1.0])) if base else Interval(math.nan)
-        each = [float(np.exp(pooled(power)(run[None], (None, None, None))[0][0])) for run in whole.values]
+        each = [float(np.exp(pooled(power)(run[None], (None, None))[0][0])) for run in whole.values]
         rows.append((method, members, *score, *ratio, min(each), max(each)))
     flat = [f"{figure}{end}" for figure in ("score", "ratio") for end in ("", "_low", "_high")]
     columns = ["method", "members", *flat, "best", "worst"]

@@ -152,7 +152,7 @@ def test_every_column_of_the_printed_tables_is_explained(made_up):
     found = made_up.following()
     for column in headings.of(found):
         assert f"`{column.title}`" in followers or column.title in ("", *found.scored), column.title
-    of_jobs = {m.title for m in job_metrics.METRICS.values() if m.shown} | {"ISO 9013", "evidence"}
+    of_jobs = {m.title for m in job_metrics.METRICS.values() if m.shown and m.shown.brief} | {"ISO 9013", "evidence"}
     for title in of_jobs:
         assert f"`{title}`" in jobs, title
 
@@ -168,14 +168,24 @@ def test_every_section_of_the_page_is_explained():
 # ------------------------------------------------------------------------------------------------------------- recipes
 
 
+def registered(name, registry):
+    """What the recipe's block with this metric registers, until the test is over."""
+    found = re.findall(r"(?ms)^```python\n(.*?)^```", page("add-a-metric.md"))
+    (block,) = [b for b in found if f"def {name}(" in b]
+    exec(block, {})
+    yield registry[name]
+    for names in (registry, EVERY):
+        names.pop(name)
+
+
 @pytest.fixture
 def within_20um():
-    """The metric that the recipe registers, until the test is over."""
-    (block,) = [b for b in re.findall(r"(?ms)^```python\n(.*?)^```", page("add-a-metric.md")) if "@metric" in b]
-    exec(block, {})
-    yield metrics.METRICS["within_20um"]
-    for registry in (metrics.METRICS, EVERY):
-        registry.pop("within_20um")
+    yield from registered("within_20um", metrics.METRICS)
+
+
+@pytest.fixture
+def energy_per_mm():
+    yield from registered("energy_per_mm", job_metrics.METRICS)
 
 
 def test_a_registered_metric_stands_in_every_table_with_unit_direction_and_interval(within_20um, made_up, tmp_path):
@@ -201,6 +211,25 @@ def test_a_registered_metric_stands_in_every_table_with_unit_direction_and_inter
     assert "%, higher is better" in head
     assert f'data-value="{summary.at["pid", "within_20um"]}"' in text
     assert f"{low:.1f}–{high:.1f}" in text
+    assert "<option>within_20um, %</option>" in text
+
+
+def test_so_does_a_metric_of_jobs(energy_per_mm, made_up, tmp_path):
+    sums = {"energy": np.array([300.0, 0.0]), "length": np.array([60.0, 0.0])}
+    machines = types.SimpleNamespace(sums=sums, mean=lambda name: sums[name][:1] / sums["length"][:1])
+    assert energy_per_mm.function(machines) == pytest.approx([5.0])
+    found = made_up.cutting()
+    found.runs["energy_per_mm"] = np.random.default_rng(0).uniform(4.0, 5.0, len(found.runs))
+    mean = found.runs[found.runs["controller"] == "fast"]["energy_per_mm"].mean()
+    sheet = terminal.sheets(found)[0]
+    cells = {row[0]: row[sheet.titles.index("J/mm")] for rows in sheet.sections for row in rows}
+    assert cells["fast"].startswith(f"{mean:.2f} (")
+    assert any(note.startswith(f"J/mm: {energy_per_mm.summary}; lower is better; ") for note in sheet.notes)
+    assert cells["fast"] in summary_page.markdown({"cutting": found}, made_up.record)
+    text = write_report(tmp_path, {"cutting": found}, made_up.record).read_text(encoding="utf-8")
+    assert re.search(r'data-shows="energy_per_mm"><button type="button">J/mm<small>J/mm, lower is better</small>', text)
+    (heading,) = re.findall(r'<th class="(g\d+) first" colspan="\d+" scope="colgroup">time</th>', text)
+    assert re.search(rf'<th class="{heading}"[^>]* data-shows="energy_per_mm"', text)
 
 
 def test_of_an_earlier_run_a_new_metric_has_no_column(within_20um, made_up):
