@@ -10,7 +10,7 @@ from ..plots.palette import Look
 from ..statistics.comparison import figures
 from ..statistics.pooling import declared
 from .headings import HOW
-from .numbers import fixed, known, listed, number, percent, span, times
+from .numbers import ends, fixed, known, listed, number, percent, span, times
 from .standing import Standing
 from .suite import KNOWS, Suite
 
@@ -51,9 +51,8 @@ def headline(standing: Standing, labels: dict[str, str]) -> str:
 
 def estimate(standing: Standing, name: str) -> str:
     """A figure with its unit."""
-    row = standing.frame.loc[name]
-    places = known(float(row["score_low"]), float(row["score_high"]), float(row["score"]))
-    return f"{fixed(float(row['score']), places)}\u00a0{standing.unit}"
+    low, value, high = ends(standing.frame.loc[name], "score")
+    return f"{fixed(value, known(low, high, value))}\u00a0{standing.unit}"
 
 
 def remarks(suite: Suite, standing: Standing, labels: dict[str, str], limit_ms: float) -> list[str]:
@@ -168,7 +167,7 @@ def _card(standing: Standing, look: dict[str, Look], labels: dict[str, str]) -> 
         card["lines"].append(f"Not ranked: {why.pop()}." if outside else "Nobody that may be ranked has a figure.")
         return card | {"bars": _bars(standing, look, labels)}
     row = standing.frame.loc[best]
-    low, high, value = (float(row[c]) for c in ("score_low", "score_high", "score"))
+    low, value, high = ends(row, "score")
     places = known(low, high, value)
     card |= {
         "best": labels[best], "name": best, "colour": look[best].colour, "value": fixed(value, places),
@@ -192,7 +191,7 @@ def _against(standing: Standing, best: str, other: str, word: str, labels: dict[
     runs = r.runs[r.runs["controller"].isin([best, other])]
     pair = replace(r, runs=runs, metric=standing.metric, reference=other)
     row = figures(pair, typical=False).loc[best]
-    ratio, low, high = (float(row[c]) for c in ("ratio", "ratio_low", "ratio_high"))
+    low, ratio, high = ends(row, "ratio")
     if not math.isfinite(ratio):
         return ""
     there = labels[other] + (", the next" if other != standing.suite.reference else "")

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 from ...envs.figures.quality import iso_range
 from ...envs.figures.registered import Metric
@@ -11,7 +10,7 @@ from ...envs.scenarios.material import material
 from ..measure.stability import LIMIT_MS
 from ..statistics.budgets import MARKS
 from ..statistics.intervals import wilson
-from .numbers import fixed, known, number, part, percent, share_of_period, span
+from .numbers import ends, fixed, known, number, part, percent, share_of_period, span
 from .standing import Standing
 from .suite import Suite
 
@@ -29,12 +28,6 @@ class Cell:
 
 Cells = dict[str, Cell]
 """By controller."""
-
-
-def ends(row: Any, name: str) -> tuple[float, float, float]:
-    """The lower end of a figure, itself, and its upper end; NaN where there are none."""
-    low, value, high = (float(row.get(f"{name}{end}", math.nan)) for end in ("_low", "", "_high"))
-    return low, value, high
 
 
 def of_summary(

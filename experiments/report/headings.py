@@ -255,15 +255,13 @@ def core(results: Results) -> list[str]:
 
 def in_scenario(results: Results) -> Callable[[str, Any], str]:
     """From a scenario and a controller's row to the figure, and behind it how many runs failed, if any did."""
-    pooled = results.pooled()
-    groups = results.failures.groupby([results.runs["controller"], results.runs["scenario"]], sort=False)
-    lost, count = groups.sum(), groups.size()
+    pooled, suite = results.pooled(), Suite("", results)
+    lost, count = suite.lost, suite.count
 
     def text(scenario: str, row: Any) -> str:
-        name = row.name
-        failed = int(lost.get((name, scenario), 0))
-        behind = f" ({failed}/{count[name, scenario]} failed)" if failed else ""
-        return number(pooled.at[name, scenario], "{:.1f}") + behind
+        at = row.name, scenario
+        behind = f" ({lost.at[at]}/{count.at[at]} failed)" if lost.at[at] else ""
+        return number(pooled.at[at], "{:.1f}") + behind
 
     return text
 

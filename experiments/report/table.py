@@ -6,7 +6,7 @@ from typing import Any
 from ..measure.stability import LIMIT_MS
 from ..statistics import comparison
 from . import cells, headings
-from .numbers import fixed, known, listed, number, span
+from .numbers import ends, fixed, known, listed, number, span
 from .standing import Standing
 from .suite import Suite
 
@@ -56,13 +56,13 @@ def methods(suite: Suite) -> list[dict[str, str]]:
     """Rows of the methods that were trained or tuned several times, with all their trainings together."""
     rows = []
     for row in comparison.methods(suite.results).to_dict("records"):
-        ends = {}
+        shown = {}
         for name in ("score", "ratio"):
-            low, value, high = cells.ends(row, name)
+            low, value, high = ends(row, name)
             places = known(low, high, value)
-            ends[name], ends[f"{name}_span"] = fixed(value, places), span(low, high, places)
+            shown[name], shown[f"{name}_span"] = fixed(value, places), span(low, high, places)
         rows.append({
-            "method": str(row["method"]), "members": str(len(row["members"])), **ends, "best": number(row["best"]),
+            "method": str(row["method"]), "members": str(len(row["members"])), **shown, "best": number(row["best"]),
             "worst": number(row["worst"]),
         })  # fmt: skip
     return rows
