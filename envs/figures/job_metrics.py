@@ -1,6 +1,5 @@
 """Figures of jobs: contour, height, quality and time, from what the machines have added up. Lengths of cut weigh."""
 
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +8,7 @@ from ..paths.job import Job
 from ..plant.fleet import Fleet
 from ..plant.gantry import Sums
 from ..plant.published import Excess
+from .registered import Called, Registry, Shown
 
 DONE = 0.98
 """Share of a job that must be cut."""
@@ -41,37 +41,17 @@ class Jobs:
             return self.sums[name] / self.sums["length"]
 
 
-@dataclass(frozen=True)
-class Metric:
-    """A figure of a job."""
+METRICS = Registry()
+metric = METRICS.metric
 
-    name: str
-    unit: str
-    better: str
-    summary: str
-    function: Callable[[Jobs], np.ndarray]
-
-
-METRICS: dict[str, Metric] = {}
-
-
-def metric(unit: str, better: str = "lower") -> Callable[[Callable[[Jobs], np.ndarray]], Callable[[Jobs], np.ndarray]]:
-    """Registers a function (jobs → one number per machine) under its name; its docstring is shown."""
-
-    def register(function: Callable[[Jobs], np.ndarray]) -> Callable[[Jobs], np.ndarray]:
-        name = function.__name__
-        METRICS[name] = Metric(name, unit, better, (function.__doc__ or "").strip(), function)
-        return function
-
-    return register
+CONTOUR, GAP, CUT, TIME = "contour error", "true gap error", "cut", "time"
 
 
 def evaluate(jobs: Jobs) -> dict[str, np.ndarray]:
-    """Every metric by name; a failed run has no figure but its collision and what it covered."""
+    """Every metric by name; a failed run has none but those that are always known."""
     lost = failed(jobs)
-    kept = ("collision", "covered")
     figures = {name: each.function(jobs) for name, each in METRICS.items()}
-    return {name: f if name in kept else np.where(lost, np.nan, f) for name, f in figures.items()}
+    return {name: f if METRICS[name].always else np.where(lost, np.nan, f) for name, f in figures.items()}
 
 
 def evidence(jobs: Jobs) -> dict[str, np.ndarray]:
@@ -91,109 +71,116 @@ def failed(jobs: Jobs) -> np.ndarray:
     return broken(jobs) | jobs.collided
 
 
-@metric("µm")
+@metric(
+    "µm", pooled="rms", shown=Shown("contour RMS", "{:.1f}", "", CONTOUR, "RMS", brief=True, manual=True),
+    called=Called("contour error", "closer", "contour error, RMS"),
+)  # fmt: skip
 def contour_rms(jobs: Jobs) -> np.ndarray:
     """RMS distance of the actual from the commanded path while cutting"""
     return 1e3 * np.sqrt(jobs.mean("contour2"))
 
 
-@metric("µm")
+@metric(
+    "µm", pooled="largest", shown=Shown("contour max", "{:.0f}", "", CONTOUR, "max", brief=True, manual=True),
+    called=Called(exact="contour error, largest"),
+)  # fmt: skip
 def contour_max(jobs: Jobs) -> np.ndarray:
     """Largest distance of the actual from the commanded path while cutting"""
     return 1e3 * jobs.sums["contour_worst"]
 
 
-@metric("µm")
+@metric(
+    "µm", pooled="rms", shown=Shown("gap RMS", "{:.1f}", "", GAP, "RMS", brief=True, manual=True),
+    called=Called("standoff error", "closer", "standoff error, RMS", "following error"),
+)  # fmt: skip
 def gap_rms(jobs: Jobs) -> np.ndarray:
     """RMS of the true standoff error while cutting"""
     return 1e3 * np.sqrt(jobs.mean("gap2"))
 
 
-@metric("µm")
+@metric("µm", pooled="largest", shown=Shown("gap max", "{:.0f}", "", GAP, "max", brief=True))
 def gap_max(jobs: Jobs) -> np.ndarray:
     """Largest true standoff error while cutting"""
     return 1e3 * jobs.sums["gap_worst"]
 
 
-@metric("mm")
+@metric("mm", shown=Shown("dross", "{:.3f}", "", CUT, brief=True, manual=True), called=Called("dross", "less"))
 def dross(jobs: Jobs) -> np.ndarray:
     """Height of the dross, mean along the cut"""
     return jobs.mean("dross")
 
 
-@metric("µm")
+@metric("µm", shown=Shown("Rz", "{:.1f}", "", CUT, brief=True, manual=True), called=Called("roughness Rz", "smoother"))
 def roughness(jobs: Jobs) -> np.ndarray:
     """Roughness Rz, mean along the cut"""
     return 1e3 * jobs.mean("roughness")
 
 
-@metric("1", "higher")
+@metric("1", "higher", zero=True, shown=Shown("through", "{:.2f}", "", CUT, brief=True, seldom=True))
 def through(jobs: Jobs) -> np.ndarray:
     """Share of the cut that goes through the sheet"""
     return jobs.mean("through")
 
 
-@metric("mm")
+@metric("mm", shown=Shown("kerf", "{:.3f}", "", CUT, brief=True, seldom=True))
 def kerf(jobs: Jobs) -> np.ndarray:
     """Width of the kerf at the top, mean along the cut"""
     return jobs.mean("kerf")
 
 
-@metric("mm")
+@metric("mm", shown=Shown("u", "{:.3f}", "", CUT, brief=True, compared=True))
 def taper(jobs: Jobs) -> np.ndarray:
     """Perpendicularity u, mean along the cut"""
     return jobs.mean("taper")
 
 
-@metric("s")
+@metric(
+    "s", shown=Shown("time", "{:.2f}", "", TIME, "job", brief=True, manual=True),
+    called=Called("time of the job", "faster"),
+)  # fmt: skip
 def time(jobs: Jobs) -> np.ndarray:
     """Time of the whole job: rapids, piercing, cutting"""
     return jobs.sums["time"]
 
 
-@metric("s")
+@metric("s", shown=None)
 def cutting_time(jobs: Jobs) -> np.ndarray:
     """Time spent in lead-ins and cuts"""
     return jobs.sums["cutting"]
 
 
-@metric("mm/s", "higher")
+@metric("mm/s", "higher", shown=Shown("feed", "{:.1f}", "", TIME, brief=True))
 def mean_feed(jobs: Jobs) -> np.ndarray:
     """Length cut over the time spent cutting"""
     with np.errstate(invalid="ignore", divide="ignore"):
         return jobs.sums["length"] / jobs.sums["cutting"]
 
 
-@metric("kJ")
+@metric("kJ", shown=Shown("energy", "{:.2f}", "", TIME, brief=True, compared=True))
 def energy(jobs: Jobs) -> np.ndarray:
     """Energy of the beam"""
     return 1e-3 * jobs.sums["energy"]
 
 
-@metric("W")
+@metric("W", pooled="largest", shown=None)
 def power_max(jobs: Jobs) -> np.ndarray:
     """Largest power of the beam while cutting"""
     return jobs.sums["power_most"]
 
 
-@metric("mm")
+@metric("mm", pooled="largest", shown=None)
 def dither_max(jobs: Jobs) -> np.ndarray:
     """Largest amplitude that the galvo realised while cutting"""
     return jobs.sums["dither_most"]
 
 
-@metric("1", "higher")
+@metric("1", "higher", zero=True, always=True, shown=None)
 def covered(jobs: Jobs) -> np.ndarray:
     """Share of the job's cuts that was travelled"""
     return jobs.covered
 
 
-@metric("1")
+@metric("1", zero=True, always=True, shown=None)
 def collision(jobs: Jobs) -> np.ndarray:
     """1 if the nozzle touched the sheet"""
     return jobs.collided.astype(float)
-
-
-def names() -> Iterable[str]:
-    """Names of the metrics, in order."""
-    return METRICS.keys()

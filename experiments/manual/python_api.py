@@ -40,6 +40,7 @@ PUBLIC: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
             "experiments.measure.rollout": ("roll",),
             "envs.figures.recording": ("Recording", "Recording.error", "Recording.reported_error", "Recording.scored"),
             "envs.figures.metrics": ("metric", "evaluate"),
+            "envs.figures.job_metrics": ("Jobs", "metric"), "envs.figures.registered": ("Shown", "Called"),
         },
     ),
     "Stored runs": (

@@ -11,6 +11,8 @@ from typing import Any
 from ...envs import scenarios
 from ...envs.control import stack as stacks
 from ...envs.engine.quantity import InvalidInput, did_you_mean
+from ...envs.figures import job_metrics, metrics
+from ...envs.figures.registered import Registry
 from ..store import markdown
 from ..studies import recorded
 from ..studies.marks import written
@@ -18,9 +20,15 @@ from ..studies.marks import written
 MADE: dict[str, Callable[[], str]] = {}
 """Tables by the name that stands in a mark."""
 
+
+def in_manual(registry: Registry) -> list[str]:
+    """Patterns of the titles of the metrics that say that the manual's tables have them."""
+    return [re.escape(m.title) for m in registry.values() if m.shown and m.shown.manual]
+
+
 FOLLOWERS = (
-    "controller", "rank", "failed", "score.*", "× xi2023-tuned", "wins", "Ms.*", "gain", "delay, ms", "jitter",
-    "collisions", "budget",
+    "controller", "rank", "failed", "score.*", "× xi2023-tuned", "wins", "Ms.*", "gain", "delay, ms",
+    *in_manual(metrics.METRICS), "collisions", "budget",
 )  # fmt: skip
 """Columns of followers' suites, as patterns of their titles."""
 
@@ -30,10 +38,7 @@ SHORT = ("controller", "score.*", "× xi2023-tuned", "Ms.*", "delay, ms", "faile
 MARGINS = ("Ms.*", "gain", "delay, ms")
 """What only the following suite's runs measure."""
 
-JOBS = (
-    "wins", "failed", "contour rms, µm", "(contour )?max, µm", "gap rms, µm", "dross, mm", "Rz, µm", "time, s",
-    "collisions", "budget", "evidence",
-)  # fmt: skip
+JOBS = ("wins", "failed", *in_manual(job_metrics.METRICS), "collisions", "budget", "evidence")
 """Columns of the suites of jobs, behind rank, score and ratio, which are called after metric and reference."""
 
 MAY_LACK = ("failed", "evidence")

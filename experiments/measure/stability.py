@@ -33,6 +33,9 @@ from ...envs.scenarios import Scenario, noise_keys
 from . import rollout
 from .plants import STANDARD, Machine
 
+LIMIT_MS = 2.0
+"""Largest Ms that tuning allows."""
+
 AMPLITUDE = 0.020
 """mm"""
 

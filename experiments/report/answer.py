@@ -1,30 +1,24 @@
 """The answer in words: who is best in following, dross, roughness and time, by how much, and how sure that is."""
 
 import math
-from types import SimpleNamespace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ..plots.palette import Look
 from ..statistics.comparison import figures
-from ..statistics.pooling import kind
-from .numbers import fixed, known, listed, number, percent, span, times
-from .standing import CARDS, Standing
+from ..statistics.pooling import declared
+from .headings import HOW
+from .numbers import ends, fixed, known, listed, number, percent, span, times
+from .standing import Standing
 from .suite import KNOWS, Suite
+
+FIRST = ("following error", "contour error")
+"""Columns that stand first in the answer for several suites."""
 
 BARS = 6
 """Controllers in a card's picture, at most."""
-
-MATRIX = {
-    "following error": ("rms_true", "gap_rms"), "contour error": ("contour_rms",), "dross": ("dross",),
-    "roughness Rz": ("roughness",), "time": ("time",),
-}  # fmt: skip
-"""Columns of the answer for several suites, and the metrics that answer them."""
-
-
-HOW = {"rms": "RMS", "mean": "mean", "largest": "the largest", "smallest": "the smallest"}
-"""How a metric is pooled over the seeds, in words."""
 
 _ENDS = ("score_low", "score_high", "score")
 
@@ -35,7 +29,7 @@ def headline(standing: Standing, labels: dict[str, str]) -> str:
     if best is None:
         return "No controller that may be ranked has a score, so there is nothing to compare."
     name, score = labels[best], estimate(standing, best)
-    does = "follows" if suite.following else f"has the smallest {CARDS.get(standing.metric, (standing.metric,))[0]}"
+    does = "follows" if suite.following else f"has the smallest {suite.metrics[standing.metric].spoken}"
     if len(standing.ranked) == 1 and suite.reference not in standing.order:
         return f"{name} {does} with an error of {score}." if suite.following else f"{name}: {score}."
     if standing.tied:
@@ -47,7 +41,7 @@ def headline(standing: Standing, labels: dict[str, str]) -> str:
     ratio = float(standing.frame.at[best, "ratio"])
     if best == suite.reference or not math.isfinite(ratio):
         return f"{lead}."
-    word = CARDS.get(standing.metric, ("", "better"))[1]
+    word = standing.less
     if abs(ratio - 1) < 0.005:
         return f"{lead}, as {labels[suite.reference]}."
     if ratio < 1:
@@ -57,16 +51,15 @@ def headline(standing: Standing, labels: dict[str, str]) -> str:
 
 def estimate(standing: Standing, name: str) -> str:
     """A figure with its unit."""
-    row = standing.frame.loc[name]
-    places = known(float(row["score_low"]), float(row["score_high"]), float(row["score"]))
-    return f"{fixed(float(row['score']), places)}\u00a0{standing.unit}"
+    low, value, high = ends(standing.frame.loc[name], "score")
+    return f"{fixed(value, known(low, high, value))}\u00a0{standing.unit}"
 
 
 def remarks(suite: Suite, standing: Standing, labels: dict[str, str], limit_ms: float) -> list[str]:
     """Sentences that belong to the headline: what it rests on, what speaks against it, what is missing."""
     out, best, summary = [], standing.best, suite.summary
     what = "the true gap" if suite.following else "the runs"
-    out.append(f"Figures are of {what}, {HOW[kind(standing.metric)]} over {len(suite.seeds)} "
+    out.append(f"Figures are of {what}, {HOW[declared(standing.metric).pooled]} over {len(suite.seeds)} "
                f"seed{'s' * (len(suite.seeds) != 1)}, {suite.scored_in_words}, without those that failed.")  # fmt: skip
     if best is not None and suite.following is not None:
         row = summary.loc[best]
@@ -115,7 +108,7 @@ def caveats(suite: Suite, standing: Standing, labels: dict[str, str], limit_ms: 
     broken = int(row["failed"]) - touched
     if broken > 0:
         out.append(f"{broken} of its {int(row['runs'])} runs hold no figure or were not finished")
-    word = CARDS.get(standing.metric, ("", "better"))[1]
+    word = standing.less
     informed = suite.summary.at[best, "information"]
     reasons: dict[str, list[str]] = {}
     for name in standing.order[: standing.order.index(best)]:
@@ -149,27 +142,24 @@ def cards(
     suite: Suite, standings: dict[str, Standing], look: dict[str, Look], labels: dict[str, str]
 ) -> list[dict[str, Any]]:
     """One for each metric that the page answers for and in which the controllers differ; the suite's own first."""
-    wanted = [m for m in (suite.metric, *(c for c in CARDS if c != suite.metric)) if m in standings and m in CARDS]
-    return [_card(standings[m], look, labels) for m in wanted[:5] if standings[m].varies or m == suite.metric]
+    first = [suite.metric, *(name for name in suite.metrics if name != suite.metric)]
+    wanted = [standings[m] for m in first if m in standings and suite.metrics[m].called.less]
+    return [_card(s, look, labels) for s in wanted[:5] if s.varies or s.metric == suite.metric]
 
 
 def matrix(cards_by_suite: dict[str, list[dict[str, Any]]]) -> tuple[list[str], dict[str, list[dict[str, Any] | None]]]:
     """Cards of several suites in rows: the columns that any of them has, and each suite's card in every column."""
-    rows = {
-        suite: [next((c for c in found if c["metric"] in metrics), None) for metrics in MATRIX.values()]
-        for suite, found in cards_by_suite.items()
-    }
-    there = [any(row[i] for row in rows.values()) for i in range(len(MATRIX))]
-    columns = [name for name, any_ in zip(MATRIX, there, strict=True) if any_]
-    return columns, {s: [c for c, any_ in zip(row, there, strict=True) if any_] for s, row in rows.items()}
+    found = {suite: {c["question"]: c for c in reversed(of_suite)} for suite, of_suite in cards_by_suite.items()}
+    asked = dict.fromkeys(c["question"] for of_suite in cards_by_suite.values() for c in of_suite)
+    columns = sorted(asked, key=lambda name: FIRST.index(name) if name in FIRST else len(FIRST))
+    return columns, {suite: [of_suite.get(name) for name in columns] for suite, of_suite in found.items()}
 
 
 def _card(standing: Standing, look: dict[str, Look], labels: dict[str, str]) -> dict[str, Any]:
-    title, word = CARDS[standing.metric]
-    best = standing.best
+    metric, word, best = standing.suite.metrics[standing.metric], standing.less, standing.best
     card: dict[str, Any] = {
-        "metric": standing.metric, "title": title, "unit": standing.unit, "best": None, "lines": [],
-        "summary": standing.suite.metrics[standing.metric].summary, "bars": [], "tied": [],
+        "question": metric.called.question or metric.spoken, "title": metric.spoken, "unit": metric.unit, "best": None,
+        "lines": [], "summary": metric.summary, "bars": [], "tied": [],
     }  # fmt: skip
     if best is None:
         why = {reason for reasons in standing.frame["reasons"] for reason in reasons}
@@ -177,7 +167,7 @@ def _card(standing: Standing, look: dict[str, Look], labels: dict[str, str]) -> 
         card["lines"].append(f"Not ranked: {why.pop()}." if outside else "Nobody that may be ranked has a figure.")
         return card | {"bars": _bars(standing, look, labels)}
     row = standing.frame.loc[best]
-    low, high, value = (float(row[c]) for c in ("score_low", "score_high", "score"))
+    low, value, high = ends(row, "score")
     places = known(low, high, value)
     card |= {
         "best": labels[best], "name": best, "colour": look[best].colour, "value": fixed(value, places),
@@ -198,12 +188,10 @@ def _card(standing: Standing, look: dict[str, Look], labels: dict[str, str]) -> 
 def _against(standing: Standing, best: str, other: str, word: str, labels: dict[str, str]) -> str:
     """How much better the best is than another, on the same seeds, and how often in single runs."""
     r = standing.suite.results
-    pair = SimpleNamespace(
-        runs=r.runs[r.runs["controller"].isin([best, other])], controllers=[best, other],
-        scored=standing.suite.scored, metric=standing.metric, reference=other, exempt=standing.suite.exempt,
-    )  # fmt: skip
+    runs = r.runs[r.runs["controller"].isin([best, other])]
+    pair = replace(r, runs=runs, metric=standing.metric, reference=other)
     row = figures(pair, typical=False).loc[best]
-    ratio, low, high = (float(row[c]) for c in ("ratio", "ratio_low", "ratio_high"))
+    low, ratio, high = ends(row, "ratio")
     if not math.isfinite(ratio):
         return ""
     there = labels[other] + (", the next" if other != standing.suite.reference else "")

@@ -13,11 +13,6 @@ from .numbers import number
 from .standing import Standing
 from .suite import Suite
 
-NAMES = {
-    "rms_true": "following error", "gap_rms": "standoff error", "contour_rms": "contour error", "dross": "dross",
-    "roughness": "roughness Rz", "time": "time", "jitter": "command jitter",
-}  # fmt: skip
-
 PAIRS = (
     ("time", "roughness"), ("time", "dross"), ("time", "contour_rms"), ("time", "gap_rms"), ("rms_true", "dross"),
     ("rms_true", "roughness"), ("gap_rms", "dross"), ("gap_rms", "roughness"),
@@ -47,7 +42,7 @@ def figure(
         if not all(m in standings and standings[m].varies for m in pair):
             continue
         view, on = _view(suite, standings, pair, look, labels)
-        views[f"{NAMES[pair[0]]} – {NAMES[pair[1]]}"] = view
+        views[" – ".join(suite.metrics[m].spoken for m in pair)] = view
         sound.append(on)
     if not views or len(suite.ranked) < 2:
         return None
@@ -95,7 +90,7 @@ def _view(
             hovertemplate=f"{number(x)} {suite.metrics[pair[0]].unit}, {number(y)} {suite.metrics[pair[1]].unit}",
         )  # fmt: skip
     axes = [
-        {"title": f"{NAMES[m]} ({suite.metrics[m].unit})", **_scale(table)}
+        {"title": f"{suite.metrics[m].spoken} ({suite.metrics[m].unit})", **_scale(table)}
         for m, table in zip(pair, tables, strict=True)
     ]
     plot.update_layout(xaxis=axes[0], yaxis=axes[1], hovermode="closest")

@@ -10,13 +10,6 @@ from .figure import Figure
 from .numbers import number
 from .suite import Suite
 
-SHOWN = {
-    "rms_true": "true gap error, RMS", "max_true": "true gap error, largest", "rms_reported": "reported error, RMS",
-    "contour_rms": "contour error, RMS", "contour_max": "contour error, largest", "gap_rms": "standoff error, RMS",
-    "dross": "dross", "roughness": "roughness Rz", "time": "time of the job", "jitter": "command jitter",
-}  # fmt: skip
-"""Metrics that may be chosen, and their names."""
-
 FURTHEST = 3.0
 """Doublings at the ends of the colours: eight times better or worse."""
 
@@ -25,9 +18,9 @@ def figure(suite: Suite, labels: dict[str, str]) -> Figure | None:
     """The map of every metric, and of the share of runs with a collision; None for a single scenario."""
     if len(suite.scenarios) < 2:
         return None
-    first = [suite.metric, *(m for m in SHOWN if m != suite.metric)]
-    wanted = [m for m in first if m in suite.metrics]
-    views = {f"{SHOWN[m]}, {suite.metrics[m].unit}": _errors(suite, m, labels) for m in wanted}
+    own = suite.metrics[suite.metric]
+    wanted = [own, *(m for m in suite.metrics.values() if m.exact and m != own)]
+    views = {f"{m.exact or m.name}, {m.unit}": _errors(suite, m.name, labels) for m in wanted}
     if (suite.results.runs["collision"] > 0).any():
         views["collisions, share of runs"] = _collisions(suite, labels)
     against = f"{suite.reference} in the same scenario" if suite.reference in suite.ranked else "the scenario's median"

@@ -43,6 +43,12 @@ def known(low: float, high: float, value: float) -> int:
     return min(max(decimals(half, 2), decimals(value, 2)), decimals(value, 4))
 
 
+def ends(row: Any, name: str) -> tuple[float, float, float]:
+    """The lower end of a figure, itself, and its upper end; NaN where there are none."""
+    low, value, high = (float(row.get(f"{name}{end}", math.nan)) for end in ("_low", "", "_high"))
+    return low, value, high
+
+
 def span(low: float, high: float, places: int) -> str:
     """An interval: ``7.6–8.2``; with signs ``−0.4 to 0.3``; a dash if there is none."""
     if math.isnan(low) or math.isnan(high):

@@ -15,6 +15,7 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from ...envs.scenarios import SPLITS
+from ..measure.stability import LIMIT_MS
 from ..plots.palette import looks
 from ..results.followers import Results
 from ..results.jobs import JobResults
@@ -24,6 +25,7 @@ from . import (  # fmt: skip
     blame,
     cut_quality,
     fronts,
+    headings,
     heat,
     kerfs,
     limits,
@@ -145,11 +147,11 @@ def _chapter(suite: Suite, standings: dict[str, Standing], look: dict, labels: d
         fronts.figure(suite, standings, look, labels),
     ]  # fmt: skip
     return Chapter(
-        suite, answer.headline(own, labels), answer.remarks(suite, own, labels, sensitivity.LIMIT_MS),
-        answer.caveats(suite, own, labels, sensitivity.LIMIT_MS),
+        suite, answer.headline(own, labels), answer.remarks(suite, own, labels, LIMIT_MS),
+        answer.caveats(suite, own, labels, LIMIT_MS),
         answer.cards(suite, standings, look, labels), table.groups(suite, standings),
         {name: list(why) for name, why in own.frame["reasons"].items() if why}, table.methods(suite),
-        table.ranked_by(suite), table.by_machine(suite), table.unmeasured(suite), _there(figures),
+        headings.ranked_by(suite), table.by_machine(suite), table.unmeasured(suite), _there(figures),
     )  # fmt: skip
 
 

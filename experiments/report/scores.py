@@ -9,7 +9,6 @@ import plotly.graph_objects as go
 from ..bounds.stored import LABEL, LINEAR
 from ..plots.palette import INK, QUIET, Look
 from .figure import Figure, logarithmic
-from .heat import SHOWN
 from .numbers import fixed, known, number, span
 from .standing import Standing
 from .suite import Suite
@@ -78,7 +77,7 @@ def figure(standing: Standing, look: dict[str, Look], labels: dict[str, str]) ->
         annotations.append({**_text(math.log10(bound), place, f"{label}: {number(bound)}", 6)})
     bottom -= 0.45 * max(len(limits) - 1, 0)
     plot.update_layout(
-        xaxis={**logarithmic(low, high), "title": f"{SHOWN.get(metric.name, metric.name)} ({metric.unit}, log scale)",
+        xaxis={**logarithmic(low, high), "title": f"{metric.exact or metric.name} ({metric.unit}, log scale)",
                "fixedrange": True},
         yaxis={"tickvals": list(at.values()), "ticktext": [labels[n] for n in at], "range": [bottom + 0.4, 0.7],
                "showgrid": False, "ticks": "", "fixedrange": True, "showline": False},

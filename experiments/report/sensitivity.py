@@ -4,12 +4,10 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
+from ..measure.stability import LIMIT_MS
 from ..plots.palette import INK, QUIET, Look
 from .figure import Figure, line, logarithmic
 from .suite import Suite
-
-LIMIT_MS = 2.0
-"""Largest Ms that tuning allows."""
 
 SIGNALS = {"sine": "one sine at a time", "noise": "noise, all frequencies at once"}
 """What is injected (:mod:`..stability`), in words."""

@@ -1,24 +1,13 @@
 """Who stands where in one metric: figures with intervals, ranks, ties (:func:`ranks.standings`)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 
 from ..statistics.ranks import extrapolated, in_any_metric, order, standings
 from .suite import Suite
-
-CARDS = {
-    "rms_true": ("following error", "closer"), "contour_rms": ("contour error", "closer"),
-    "gap_rms": ("standoff error", "closer"), "dross": ("dross", "less"), "roughness": ("roughness Rz", "smoother"),
-    "time": ("time of the job", "faster"),
-}  # fmt: skip
-"""Metrics that the page answers for: their names, and the word for less of them."""
-
-BESIDE = ("rms_reported", "jitter", "taper", "energy")
-"""Others whose intervals the table shows."""
 
 SAME = 0.005
 """Metrics in which all are within this share of each other say nothing."""
@@ -36,6 +25,11 @@ class Standing:
     def unit(self) -> str:
         """Of the metric."""
         return self.suite.metrics[self.metric].unit
+
+    @property
+    def less(self) -> str:
+        """The word for less of it."""
+        return self.suite.metrics[self.metric].called.less or "better"
 
     @cached_property
     def ranked(self) -> list[str]:
@@ -82,15 +76,11 @@ class Standing:
 
 def all_of(suite: Suite) -> dict[str, Standing]:
     """Standings of the suite's metric, and of the others that the page compares."""
-    wanted = [suite.metric, *(m for m in (*CARDS, *BESIDE) if m != suite.metric and m in suite.metrics)]
     r = suite.results
     found = {suite.metric: Standing(suite, suite.metric, r.standings)}
     why = in_any_metric(r)
-    for metric in wanted[1:]:
-        view = SimpleNamespace(
-            runs=r.runs, controllers=r.controllers, scenarios=r.scenarios, scored=suite.scored, meta=r.meta,
-            metric=metric, reference=suite.reference, exempt=suite.exempt,
-        )  # fmt: skip
+    for metric in (name for name, m in suite.metrics.items() if m.compared and name != suite.metric):
+        view = replace(r, metric=metric)
         own = {name: [*reasons, *extrapolated(view, name)] for name, reasons in why.items()}
         found[metric] = Standing(suite, metric, standings(view, own, typical=False))
     return found

@@ -5,9 +5,9 @@ from functools import cached_property
 
 import pandas as pd
 
-from ...envs.figures import job_metrics, metrics
+from ...envs.figures.registered import Metric
 from ...envs.plant.controller import INFORMATION
-from ..results.followers import INFORMED, REFERENCE, Results
+from ..results.followers import INFORMED, Results
 from ..results.jobs import JobResults
 from ..statistics.ranks import order
 
@@ -49,12 +49,12 @@ class Suite:
     @property
     def metric(self) -> str:
         """What is scored."""
-        return self.results.metric if isinstance(self.results, JobResults) else "rms_true"
+        return self.results.metric
 
     @property
     def reference(self) -> str:
         """Against whom ratios are taken."""
-        return self.results.reference if isinstance(self.results, JobResults) else REFERENCE
+        return self.results.reference
 
     @property
     def informed(self) -> str:
@@ -62,10 +62,9 @@ class Suite:
         return "" if self.jobs else INFORMED
 
     @cached_property
-    def metrics(self) -> dict[str, metrics.Metric | job_metrics.Metric]:
+    def metrics(self) -> dict[str, Metric]:
         """The metrics that its runs have."""
-        registered = job_metrics.METRICS.values() if self.jobs else metrics.METRICS.values()
-        return {metric.name: metric for metric in registered if metric.name in self.results.runs}
+        return {name: metric for name, metric in self.results.registered.items() if name in self.results.runs}
 
     @cached_property
     def summary(self) -> pd.DataFrame:
@@ -78,6 +77,11 @@ class Suite:
         return self.results.exempt if isinstance(self.results, Results) else ()
 
     @cached_property
+    def stability(self) -> pd.DataFrame:
+        """Ms and margins by controller and machine; empty of jobs."""
+        return self.results.stability if isinstance(self.results, Results) else pd.DataFrame()
+
+    @cached_property
     def scenarios(self) -> list[str]:
         """Core scenarios, then the ordinary, then those in which collisions are expected."""
         names = self.results.scenarios
@@ -87,9 +91,8 @@ class Suite:
 
     @cached_property
     def scored(self) -> list[str]:
-        """The scenarios that make the score: the core ones that were run, or all if none of them was."""
-        ran = self.results.scenarios
-        return [s for s in self.results.core if s in ran] or ran
+        """The scenarios that make the score."""
+        return self.results.scored
 
     @property
     def scored_in_words(self) -> str:

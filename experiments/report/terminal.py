@@ -1,7 +1,6 @@
 """A benchmark's tables in words: what the terminal prints and what ``summary.md`` holds."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -10,22 +9,20 @@ from rich.console import Console
 from rich.table import Table
 
 from ...envs.figures import evidence
-from ...envs.figures.job_metrics import METRICS
 from ...envs.plant.controller import INFORMATION, PERIOD
 from ...envs.plant.machine import SUBSTEPS
 from ...envs.scenarios.material import material
 from ..bounds.stored import LABEL, LINEAR
-from ..measure.margins import DELAYS, GAINS
-from ..measure.margins import in_words as margin
-from ..results.followers import REFERENCE, STABILITY, Results
+from ..results.followers import REFERENCE, Results
 from ..results.jobs import JobResults
-from ..statistics.budgets import MARKS, in_words
+from ..statistics.budgets import MARKS
 from ..statistics.comparison import by_scenario, methods, relative
+from ..statistics.pooling import declared
 from ..statistics.ranks import order
-
-BESIDE = 8
-"""Scenarios that have a column beside the score; more of them get a table of their own."""
-
+from . import headings
+from .headings import figure as _figure
+from .headings import number as _number
+from .suite import Suite
 
 _WIDEST = 1000
 
@@ -40,6 +37,7 @@ class Sheet:
         sections: groups of rows, apart because they are not ranked together.
         notes: sentences that explain it.
         shown: titles of columns that show a column of ``summary.csv``, and its name there.
+        words: which columns hold words; the others hold figures and are aligned at the right.
     """
 
     title: str
@@ -47,14 +45,15 @@ class Sheet:
     sections: list[list[list[str]]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     shown: dict[str, str] = field(default_factory=dict)
+    words: tuple[int, ...] = (0,)
 
     def show(self) -> None:
         """Prints it: in parts that fit a terminal, as wide as it is into a file or a pipe."""
         console = Console()
         if not console.is_terminal:
             console = Console(width=max(console.width, _WIDEST))
-        for columns in self.parts(console.width):
-            console.print(self._table(columns))
+        for part in self.parts(console.width):
+            console.print(self._table(part))
         for note in self.notes:
             console.print(note, highlight=False, markup=False)
 
@@ -73,13 +72,13 @@ class Sheet:
             room -= own
         return parts
 
-    def _table(self, columns: list[int]) -> Table:
-        table = Table(title=self.title if 1 in columns or len(columns) == 1 else None)
-        for i in columns:
-            table.add_column(self.titles[i], justify="right" if i else "left", no_wrap=True)
+    def _table(self, part: list[int]) -> Table:
+        table = Table(title=self.title if 1 in part or len(part) == 1 else None)
+        for i in part:
+            table.add_column(self.titles[i], justify="left" if i in self.words else "right", no_wrap=True)
         for section in self.sections:
             for row in section:
-                table.add_row(*(row[i] for i in columns))
+                table.add_row(*(row[i] for i in part))
             table.add_section()
         return table
 
@@ -89,7 +88,7 @@ class Sheet:
         def line(cells: list[str]) -> str:
             return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
-        ruler = line(["---", *["---:"] * (len(self.titles) - 1)])
+        ruler = line(["---" if i in self.words else "---:" for i in range(len(self.titles))])
         rows = [line(row) for section in self.sections for row in section]
         notes = "\n".join(self.notes)
         return "\n".join([f"### {self.title}", "", line(self.titles), ruler, *rows, "", notes]).rstrip() + "\n"
@@ -104,30 +103,6 @@ def budget_note(summary: Any) -> str:
     """Which ratios are at equal budgets, in a sentence."""
     marked = [f"{mark}: {MARKS[mark]}" for mark in MARKS if (summary["budget"] == mark).any()]
     return f"Ratios not at equal budgets: {'; '.join(marked)}." if marked else "All ratios are at equal budgets."
-
-
-def _number(value: float, form: str = "{:.2f}") -> str:
-    return "–" if value is None or math.isnan(value) else form.format(value)
-
-
-def _between(value: float, low: float, high: float, form: str = "{:.2f}") -> str:
-    """A figure with its interval, such as ``2.42 (2.27 … 2.54)``; alone where there is none or it is exact."""
-    ends = "" if math.isnan(low) or low == high else f" ({form.format(low)} … {form.format(high)})"
-    return _number(value, form) + ends
-
-
-def _figure(row: Any, name: str, form: str = "{:.2f}") -> str:
-    return _between(row[name], row[f"{name}_low"], row[f"{name}_high"], form)
-
-
-def _rank(row: Any) -> str:
-    """``1``, ``1=`` if it is shared, a dash without one."""
-    return "–" if math.isnan(row["rank"]) else f"{row['rank']:.0f}{'=' * bool(row['tied'])}"
-
-
-def _wins(row: Any) -> str:
-    """How often it beats the reference; a dash for the reference itself."""
-    return _number(row["wins"] if row["wins_low"] < row["wins_high"] else math.nan, "{:.0%}")
 
 
 def _ranking(summary: Any, reference: str) -> list[str]:
@@ -145,69 +120,25 @@ def _ranking(summary: Any, reference: str) -> list[str]:
     return lines + [f"{name}: {row['note']}." for name, row in summary.iterrows() if row["note"]]
 
 
-def _cell(table: Any, row: Any, column: str) -> float:
-    return float(table.at[row, column])
-
-
-def _classes(summary: Any, cells: Callable[[Any, Any], list[str]]) -> list[list[list[str]]]:
-    """Rows of each information class, in the order of :func:`ranks.order`."""
-    names = order(summary)
+def _sheet(results: Results | JobResults, title: str, summary: Any) -> Sheet:
+    """A row a controller under every column that is printed, classes apart, in the order of :func:`ranks.order`."""
+    shown, names = [column for column in headings.of(results) if column.title], order(summary)
     groups = [[name for name in names if summary.at[name, "information"] == each] for each in INFORMATION]
-    return [[cells(name, summary.loc[name]) for name in group] for group in groups if group]
-
-
-FOLLOWING: dict[str, tuple[str, Callable[[Any], str]]] = {
-    "rank": ("rank", lambda row: _rank(row)),
-    "failed": ("failed", lambda row: f"{row['failed']}/{row['runs']}"),
-    "score, µm": ("score", lambda row: _figure(row, "score")),
-    f"× {REFERENCE}": ("ratio", lambda row: _figure(row, "ratio")),
-    "wins": ("wins", lambda row: _wins(row)),
-    "reported, µm": ("reported", lambda row: _number(row["reported"])),
-    "P99, µm": ("p99", lambda row: _number(row["p99"], "{:.1f}")),
-    "max, µm": ("max", lambda row: _number(row["max"], "{:.0f}")),
-    "Ms sine": ("ms", lambda row: _number(row["ms"])),
-    "Ms noise": ("ms_noise", lambda row: _figure(row, "ms_noise")),
-    "gain": ("gain_margin", lambda row: margin(row["gain_margin"], GAINS[-1])),
-    "delay, ms": ("delay_margin", lambda row: margin(row["delay_margin"], DELAYS[-1])),
-    "jitter": ("jitter", lambda row: _number(row["jitter"])),
-    "dross, mm": ("dross", lambda row: _number(row["dross"], "{:.4f}")),
-    "Rz, µm": ("roughness", lambda row: _number(row["roughness"])),
-    "collisions": ("collisions", lambda row: f"{row['collisions']}/{row['runs']}"),
-}
-"""Columns of followers that show a column of the summary: their titles, its name, and how it is written."""
+    return Sheet(
+        f"{title} · {_seeds(results)}", ["controller", *(column.title for column in shown)],
+        [[[str(n), *(column.text(summary.loc[n]) for column in shown)] for n in group] for group in groups if group],
+        shown={column.title: column.shows for column in shown if column.shows},
+    )  # fmt: skip
 
 
 def _following(results: Results) -> list[Sheet]:
-    summary, pooled, costs = results.summary(), results.pooled(), results.decisions()
-    scored = results.scored
-    core = scored if len(scored) <= BESIDE else []
-    sheet = Sheet(
-        f"RMS of the true gap error, µm · {_seeds(results)}",
-        ["controller", *FOLLOWING, *core, "decision, µs", "its P99, µs", "budget", "class"],
-        shown={title: column for title, (column, _) in FOLLOWING.items()},
-    )
-    lost = results.failures.groupby([results.runs["controller"], results.runs["scenario"]], sort=False).sum()
-    count = results.runs.groupby(["controller", "scenario"], sort=False).size()
-
-    def of_scenario(name: Any, scenario: str) -> str:
-        """A figure, and behind it how many runs failed, if any did."""
-        failed = int(lost.get((name, scenario), 0))
-        text = _number(_cell(pooled, name, scenario), "{:.1f}")
-        return f"{text} ({failed}/{count[name, scenario]} failed)" if failed else text
-
-    sheet.sections = _classes(summary, lambda name, row: [
-        str(name), *(form(row) for _, form in FOLLOWING.values()), *(of_scenario(name, s) for s in core),
-        _number(_cell(costs, name, "median_us")), _number(_cell(costs, name, "p99_us")), in_words(row),
-        row["information"],
-    ])  # fmt: skip
-    known = results.bounds if core else {}
-    if known:
-        limits = []
-        for label, score, at in ((LABEL, results.bound, known), (LINEAR, results.linear_bound, results.linear)):
-            cells = {"score, µm": score, **at}
-            row = [_number(cells[title]) if title in cells else "–" for title in sheet.titles]
-            limits += [[label, *row[1:]]] * bool(at)
-        sheet.sections.append(limits)
+    summary = results.summary().join(results.decisions()[["median_us", "p99_us"]])
+    scored, core = results.scored, headings.core(results)
+    sheet = _sheet(results, "RMS of the true gap error, µm", summary)
+    limits = ((LABEL, results.bound, results.bounds), (LINEAR, results.linear_bound, results.linear))
+    if core and results.bounds:
+        at = [(label, {"score, µm": score, **bounds}) for label, score, bounds in limits if bounds]
+        sheet.sections.append([[label, *(_number(b.get(t)) for t in sheet.titles[1:])] for label, b in at])
     exempt = f" ({', '.join(results.exempt)} left out)" if results.exempt else ""
     explained = [
         *_ranking(summary, REFERENCE),
@@ -220,23 +151,22 @@ def _following(results: Results) -> list[Sheet]:
         *_machines(results),
         f"decision: CPU time, median and 99th percentile, in a period of {1e6 * PERIOD:.0f} µs;",
         f"budget: trials and simulated steps of tuning. {budget_note(summary)}",
-    ]
-    if known:
-        explained += _limits(results)
-    more = _by_machine(results)
+        *headings.explained(results), *(_limits(results) if results.bounds else ()),
+    ]  # fmt: skip
     if core:
         sheet.notes = explained
-        return [sheet, *more]
-    names = [row[0] for section in sheet.sections for row in section]
-    rows = [[s, *(of_scenario(name, s) for name in names)] for s in scored]
-    if results.bounds:
-        rows = [[*row, _number(results.bounds.get(row[0], math.nan))] for row in rows]
-        explained += _limits(results)
-    last = [LABEL] * bool(results.bounds)
-    if results.bounds and results.linear:
-        rows = [[*row, _number(results.linear.get(row[0], math.nan))] for row in rows]
-        last.append(LINEAR)
-    return [sheet, Sheet("by scenario, µm", ["scenario", *names, *last], [rows], explained), *more]
+        return [sheet, *_by_machine(results)]
+    there, names = headings.in_scenario(results), [row[0] for section in sheet.sections for row in section]
+    known = {label: bounds for label, _, bounds in limits if bounds and results.bounds}
+    rows = [
+        [
+            s,
+            *(there(s, summary.loc[n]) for n in names),
+            *(_number(bounds.get(s, math.nan)) for bounds in known.values()),
+        ]
+        for s in scored
+    ]
+    return [sheet, Sheet("by scenario, µm", ["scenario", *names, *known], [rows], explained), *_by_machine(results)]
 
 
 def _limits(results: Results) -> list[str]:
@@ -268,46 +198,19 @@ def _by_machine(results: Results) -> list[Sheet]:
     measured = results.stability
     if not len(measured) or measured["machine"].nunique() < 2:
         return []
-    columns = [title for title, (column, _) in FOLLOWING.items() if column in STABILITY]
+    shown = headings.stable(Suite("", results))
     sections = [
-        [
-            [machine, str(row["controller"]), *(FOLLOWING[title][1](row) for title in columns)]
-            for _, row in rows.iterrows()
-        ]
+        [[machine, str(row["controller"]), *(column.text(row) for column in shown)] for _, row in rows.iterrows()]
         for machine, rows in measured.groupby("machine", sort=False)
     ]
     notes = [f"{machine}: {', '.join(names)}." for machine, names in results.machines.items()]
-    return [Sheet("Ms and margins by machine", ["machine", "controller", *columns], sections, notes)]
-
-
-def _formed(name: str, form: str) -> Callable[[Any], str]:
-    return lambda row: _number(row[name], form)
+    titles = ["machine", "controller", *(column.title for column in shown)]
+    return [Sheet("Ms and margins by machine", titles, sections, notes)]
 
 
 def _jobs(results: JobResults) -> list[Sheet]:
-    summary, metric = results.summary(), METRICS[results.metric]
-    titles: dict[str, tuple[str, Callable[[Any], str]]] = {
-        "rank": ("rank", _rank),
-        "failed": ("failed", lambda row: f"{row['failed']}/{row['runs']}"),
-        f"{TITLES.get(metric.name, metric.name)}, {metric.unit}": (metric.name, lambda row: _figure(row, "score")),
-        f"× {results.reference}": ("ratio", lambda row: _figure(row, "ratio")),
-        "wins": ("wins", _wins),
-    }
-    for name, form in FORMS.items():
-        if name != metric.name:
-            title = f"{TITLES.get(name, name)}, {METRICS[name].unit}".removesuffix(", 1")
-            titles[title] = (name, _formed(name, form))
-        if name == "roughness":
-            titles["ISO 9013"] = ("iso_roughness", lambda row: str(row["iso_roughness"]))
-    titles["collisions"] = ("collisions", lambda row: f"{row['collisions']}/{row['runs']}")
-    sheet = Sheet(
-        f"jobs · {_seeds(results)}", ["controller", *titles, "budget", "evidence"],
-        shown={title: column for title, (column, _) in titles.items()},
-    )  # fmt: skip
-    sheet.sections = _classes(
-        summary,
-        lambda name, row: [str(name), *(form(row) for _, form in titles.values()), in_words(row), _evidence(row)],
-    )
+    summary = results.summary()
+    sheet = _sheet(results, "jobs", summary)
     sheet.notes = [
         *_ranking(summary, results.reference),
         f"figures: over seeds the RMS of an RMS, the largest of a maximum, else the mean; then over "
@@ -315,31 +218,11 @@ def _jobs(results: JobResults) -> list[Sheet]:
         f"budget: trials and steps of tuning, all slots together. {budget_note(summary)}",
         *(f"quality: {label}." for label in results.labels),
         *_outside(results),
+        *headings.explained(results),
     ]
     several = results.reference in results.controllers and len(results.controllers) > 1
     known = {*WEIGHED, "power_max", "dither_max"} <= set(results.runs)  # runs of earlier versions do not have all
     return [sheet, _trades(results)] if several and known else [sheet]
-
-
-TITLES = {
-    "contour_rms": "contour RMS", "contour_max": "contour max", "gap_rms": "gap RMS", "gap_max": "gap max",
-    "roughness": "Rz", "taper": "u", "mean_feed": "feed",
-}  # fmt: skip
-"""Metrics of jobs that a table calls otherwise."""
-
-FORMS = {
-    "contour_rms": "{:.1f}", "contour_max": "{:.0f}", "gap_rms": "{:.1f}", "gap_max": "{:.0f}", "dross": "{:.3f}",
-    "roughness": "{:.1f}", "through": "{:.2f}", "kerf": "{:.3f}", "taper": "{:.3f}", "time": "{:.2f}",
-    "mean_feed": "{:.1f}", "energy": "{:.2f}",
-}  # fmt: skip
-"""Metrics of jobs that the table shows, and with how many decimals."""
-
-
-def _evidence(row: Any) -> str:
-    """Whether the cut's figures stand on what was calibrated."""
-    if not row["extrapolated"] > 0:
-        return "–" if math.isnan(row["extrapolated"]) else "inside"
-    return "extrapolated" if row["extrapolated"] >= 0.995 else f"extrapolated, {row['extrapolated']:.0%} of the cut"
 
 
 def _outside(results: JobResults) -> list[str]:
@@ -388,9 +271,8 @@ def _trades(results: JobResults) -> Sheet:
                 worse.append(title)
             elif len(there):
                 worse.append(f"{title} ({', '.join(there)})")
-        limits = [
-            f"{most.loc[name, 'power_max']:.0f}", f"{most.loc[name, 'dither_max']:.3f}", _evidence(summary.loc[name]),
-        ]  # fmt: skip
+        limits = [f"{most.loc[name, 'power_max']:.0f}", f"{most.loc[name, 'dither_max']:.3f}"]
+        limits.append(headings.evidence(summary.loc[name]))
         rows.append([str(name), *cells, ", ".join(better) or "–", ", ".join(worse) or "–", *limits])
     base = most.loc[results.reference]
     sheet.sections = [rows]
@@ -408,7 +290,7 @@ def _methods(results: Results | JobResults) -> list[Sheet]:
     found = methods(results)
     if not len(found):
         return []
-    what = TITLES.get(results.metric, results.metric) if isinstance(results, JobResults) else "score"
+    what = declared(results.metric).label if isinstance(results, JobResults) else "score"
     titles = ["method", "members", what, f"× {results.reference}", "best", "worst"]
     rows = [
         [
@@ -428,43 +310,42 @@ def _seeds(results: Results | JobResults) -> str:
 
 def print_blame(shares: Any, headroom: Any) -> None:
     """Prints what each controller's error is made of, and how references with other information do."""
-    table = Table(title=f"shares of the mean-square true error, {shares['unit'].iloc[0]}, 95 % intervals over seeds")
-    for title in ("scenario", "controller", "stage", "share", "interval", "of all", "idealised alone", "interval"):
-        table.add_column(title, justify="left" if title in ("scenario", "controller", "stage") else "right")
-    several = shares["error"].nunique() > 1
+    several, sections = shares["error"].nunique() > 1, []
     for (scenario, controller, error), part in shares.groupby(["scenario", "controller", "error"], sort=False):
-        table.add_section()
         whole = part["share"].sum(skipna=False)
-        for i, row in enumerate(part.itertuples()):
-            where = f"{scenario}, {error}" if several else scenario
-            table.add_row(
-                *((where, controller) if i == 0 else ("", "")), row.stage, _number(row.share),
-                _ends(row.low, row.high), _number(100.0 * row.share / whole, "{:.1f} %"), _number(row.alone),
-                _ends(row.alone_low, row.alone_high),
-            )  # fmt: skip
-        table.add_row("", "", "all", _number(whole))
-    console = Console(width=max(Console().width, Console(width=1000).measure(table).maximum))
-    console.print(table)
-    table = Table(title="beside references with other information: RMS of the true error, and the factor between")
-    for title in ("scenario", "controller", "RMS, µm", "reference", "its RMS, µm", "factor", "interval"):
-        table.add_column(title, justify="left" if title in ("scenario", "controller", "reference") else "right")
-    for row in headroom.itertuples():
-        table.add_row(
-            row.scenario, row.controller, _number(row.rms), row.informed, _number(row.informed_rms), _number(row.ratio),
-            _ends(row.low, row.high),
-        )  # fmt: skip
-    console.print(table)
-    console.print(
-        "share: Shapley value of idealising the stage; all of a controller add up to its mean-square error;\n"
-        "law: what the fully idealised machine has left, law, supervisor and sampling, at these gains;\n"
-        "below 0, interval and all: the controller is tuned around this fault, and does worse without it;\n"
-        "references know the sheet ahead or the true gap; they are no bounds (below 1: closer than they are). Bounds:\n"
-        "docs/bounds.md."
-    )
+        rows = [
+            ["", "", row.stage, _number(row.share), _ends(row.low, row.high),
+             _number(100.0 * row.share / whole, "{:.1f} %"), _number(row.alone), _ends(row.alone_low, row.alone_high)]
+            for row in part.itertuples()
+        ]  # fmt: skip
+        rows[0][:2] = [f"{scenario}, {error}" if several else scenario, controller]
+        sections.append([*rows, ["", "", "all", _number(whole), "", "", "", ""]])
+    Sheet(
+        f"shares of the mean-square true error, {shares['unit'].iloc[0]}, 95 % intervals over seeds",
+        ["scenario", "controller", "stage", "share", "interval", "of all", "idealised alone", "interval"], sections,
+        words=(0, 1, 2),
+    ).show()  # fmt: skip
+    notes = [
+        "share: Shapley value of idealising the stage; all of a controller add up to its mean-square error;",
+        "law: what the fully idealised machine has left, law, supervisor and sampling, at these gains;",
+        "below 0, interval and all: the controller is tuned around this fault, and does worse without it;",
+        "references know the sheet ahead or the true gap; they are no bounds (below 1: closer than they are). Bounds:",
+        "docs/bounds.md.",
+    ]
     if shares["share"].isna().any():
-        console.print("–: a run failed, so there are no shares; which one stands in coalitions.parquet.")
+        notes.append("–: a run failed, so there are no shares; which one stands in coalitions.parquet.")
     elif shares["low"].isna().all():
-        console.print("–: intervals are over seeds, and need two of them.")
+        notes.append("–: intervals are over seeds, and need two of them.")
+    rows = [
+        [r.scenario, r.controller, _number(r.rms), r.informed, _number(r.informed_rms), _number(r.ratio),
+         _ends(r.low, r.high)]
+        for r in headroom.itertuples()
+    ]  # fmt: skip
+    Sheet(
+        "beside references with other information: RMS of the true error, and the factor between",
+        ["scenario", "controller", "RMS, µm", "reference", "its RMS, µm", "factor", "interval"], [rows], notes,
+        words=(0, 1, 3),
+    ).show()  # fmt: skip
 
 
 def _ends(low: float, high: float) -> str:
@@ -473,48 +354,32 @@ def _ends(low: float, high: float) -> str:
 
 def print_speed(tables: dict[str, Any]) -> None:
     """Prints the tables of a speed run, the promises last."""
-    console = Console(width=max(Console().width, 120))
-    rounds = int(tables["speed"].rounds.iloc[0])
-    table = Table(title=f"CPU time of a machine-step (1 ms of cutting), median of {rounds} interleaved rounds")
-    for title in ("", "machines", "threads", "ns", "range", "million/s", "× Pendulum-v1"):
-        table.add_column(title, justify="right" if title else "left", no_wrap=True)
-    group = None
-    for row in tables["speed"].itertuples():
-        if group not in (None, row.group):
-            table.add_section()
-        group = row.group
-        span = f"{row.ns_low:,.0f}–{row.ns_high:,.0f}"
-        table.add_row(
-            row.name, str(row.machines), str(row.threads), f"{row.ns_per_step:,.0f}", span,
-            f"{1e3 / row.ns_per_step:.3f}", f"{row.times_pendulum:.2f}",
-        )  # fmt: skip
-    console.print(table)
-
-    table = Table(title="the kernel by part, per machine and period")
-    for title in ("", "ns", "share", "ns per substep", "packed", "scalar", "widest register"):
-        table.add_column(title, justify="right" if title else "left")
-    for row in tables["stages"].itertuples():
-        substep = f"{row.ns / SUBSTEPS:.2f}" if "substeps" in row.stage else ""
-        counts = (
-            ["–"] * 3 if math.isnan(row.packed) else [f"{row.packed:.0f}", f"{row.scalar:.0f}", f"{row.bits:.0f} bit"]
-        )
-        table.add_row(row.stage, f"{row.ns:.1f}", f"{row.share:.0%}", substep, *counts)
-    console.print(table)
-
-    table = Table(title="start-up in fresh processes, and memory")
-    for title in ("", "CPU-s", "range"):
-        table.add_column(title, justify="right" if title else "left")
-    for row in tables["startup"].itertuples():
-        table.add_row(row.program, f"{row.cpu_seconds:.2f}", f"{row.low:.2f}–{row.high:.2f}")
-    for row in tables["memory"].itertuples():
-        table.add_row(f"{row.what}, bytes each", f"{row.bytes:.0f}", "")
-    console.print(table)
-
-    table = Table(title="what is promised")
-    for title in ("", "measured", "promised", "held"):
-        table.add_column(title, justify="right" if title else "left")
-    signs = {">=": "≥", "<=": "≤"}
-    for row in tables["ratios"].itertuples():
-        held = "not measured" if math.isnan(row.held) else ("yes" if row.held else "no")
-        table.add_row(row.ratio, _number(row.measured), f"{signs[row.sense]} {row.promised:g}", held)
-    console.print(table)
+    speed, stages, ratios = tables["speed"], tables["stages"], tables["ratios"]
+    Sheet(
+        f"CPU time of a machine-step (1 ms of cutting), median of {int(speed.rounds.iloc[0])} interleaved rounds",
+        ["", "machines", "threads", "ns", "range", "million/s", "× Pendulum-v1"],
+        [[
+            [r.name, str(r.machines), str(r.threads), f"{r.ns_per_step:,.0f}", f"{r.ns_low:,.0f}–{r.ns_high:,.0f}",
+             f"{1e3 / r.ns_per_step:.3f}", f"{r.times_pendulum:.2f}"]
+            for r in part.itertuples()
+        ] for _, part in speed.groupby("group", sort=False)],
+    ).show()  # fmt: skip
+    Sheet(
+        "the kernel by part, per machine and period",
+        ["", "ns", "share", "ns per substep", "packed", "scalar", "widest register"],
+        [[
+            [r.stage, f"{r.ns:.1f}", f"{r.share:.0%}", f"{r.ns / SUBSTEPS:.2f}" if "substeps" in r.stage else "",
+             _number(r.packed, "{:.0f}"), _number(r.scalar, "{:.0f}"), _number(r.bits, "{:.0f} bit")]
+            for r in stages.itertuples()
+        ]],
+    ).show()  # fmt: skip
+    Sheet("start-up in fresh processes, and memory", ["", "CPU-s", "range"], [[
+        *([r.program, f"{r.cpu_seconds:.2f}", f"{r.low:.2f}–{r.high:.2f}"] for r in tables["startup"].itertuples()),
+        *([f"{r.what}, bytes each", f"{r.bytes:.0f}", ""] for r in tables["memory"].itertuples()),
+    ]]).show()  # fmt: skip
+    signs, held = {">=": "≥", "<=": "≤"}, {True: "yes", False: "no"}
+    Sheet("what is promised", ["", "measured", "promised", "held"], [[
+        [r.ratio, _number(r.measured), f"{signs[r.sense]} {r.promised:g}",
+         "not measured" if math.isnan(r.held) else held[bool(r.held)]]
+        for r in ratios.itertuples()
+    ]]).show()  # fmt: skip

@@ -8,9 +8,9 @@ import plotly.graph_objects as go
 from ...envs.engine.quantity import InvalidInput
 from ...envs.safety import files
 from ..plots.palette import COLOURS, INK
+from ..statistics.pooling import declared
 from ..store import runs, tabular
 from .figure import Figure
-from .heat import SHOWN
 from .numbers import fixed
 from .suite import Suite
 
@@ -89,7 +89,7 @@ def _view(frame: pd.DataFrame) -> go.Figure:
     plot.update_layout(
         barmode="group",
         bargap=0.35,
-        xaxis={"title": f"change of the {SHOWN.get(metric, metric)} (%)"},
+        xaxis={"title": f"change of the {declared(metric).exact or metric} (%)"},
         height=_height(frame),
         yaxis={"autorange": "reversed"},
         hovermode="closest",

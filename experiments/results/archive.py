@@ -36,6 +36,11 @@ TABLES = {
 }  # fmt: skip
 """Tables of a grid of either kind, beside ``runs``; each may be absent."""
 
+RESTS = {
+    "following": ("exempt", "summaries"), "jobs": ("metric", "reference", "labels", "materials", "summaries"),
+}  # fmt: skip
+"""What is in the results of either kind and in no table."""
+
 
 @dataclass(frozen=True)
 class Archive:
@@ -82,7 +87,8 @@ def save_tables(
             with runs.atomic(at / "scenarios" / f"{scenario}.toml") as part:
                 part.write_text(text, encoding="utf-8")
         own = {key: value for key, value in results.meta.items() if key not in meta or meta[key] != value}
-        entries[name] = {"kind": kind, "folder": str(at.relative_to(folder)), **own, **_rest(results)}
+        rest = {key: getattr(results, key) for key in RESTS[kind]}
+        entries[name] = {"kind": kind, "folder": str(at.relative_to(folder)), **own, **rest}
     return {"format": FORMAT, **meta, "grids": entries}
 
 
@@ -98,19 +104,6 @@ def named(results: Results | JobResults) -> pd.DataFrame:
 def _hash(file: Path) -> str:
     with file.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
-
-
-def _rest(results: Results | JobResults) -> dict[str, Any]:
-    """What is in the results and in no table."""
-    if isinstance(results, Results):
-        return {"exempt": results.exempt, "summaries": results.summaries}
-    return {
-        "metric": results.metric, "reference": results.reference, "labels": results.labels,
-        "materials": results.materials, "summaries": results.summaries,
-    }  # fmt: skip
-
-
-_RESTS = ("kind", "folder", "exempt", "summaries", "metric", "reference", "labels", "materials")
 
 
 # ---------------------------------------------------------------------------------------------------------- reading
@@ -215,22 +208,21 @@ def _grid(folder: Path, name: str, entry: Any, meta: dict[str, Any], notes: list
         twice = rows.loc[rows.duplicated(["controller", "scenario", "seed"]), ["controller", "scenario", "seed"]]
         for controller, scenario, seed in twice.head(1).itertuples(index=False):
             raise InvalidInput(f"'{at / 'runs.parquet'}' has {controller} in {scenario} with seed {seed} twice")
-        own = {**meta, **{key: value for key, value in entry.items() if key not in _RESTS}}
+        rests = {"kind", "folder", *RESTS["following"], *RESTS["jobs"]}
+        own = {**meta, **{key: value for key, value in entry.items() if key not in rests}}
         core = tuple(c for c in entry["core"] if c in entry["scenarios"])
-        if kind == "jobs":
-            return JobResults(
-                rows, frames["traces"], own, entry["metric"], entry["reference"], core, tuple(entry["labels"]),
-                tuple((material, thickness) for material, thickness in entry["materials"]), entry["summaries"],
-                frames["plans"],
-            )  # fmt: skip
-        return Results(
-            rows, frames["traces"], frames["sensitivity"], own, core, tuple(entry["exempt"]), entry["summaries"],
-            frames["margins"], frames["blame"], frames["headroom"], frames["detuned"],
-        )  # fmt: skip
+        rest = {key: entry[key] for key in RESTS[kind]}
+        rest |= {key: tuple(map(_fixed, value)) for key, value in rest.items() if isinstance(value, list | tuple)}
+        return (JobResults if kind == "jobs" else Results)(runs=rows, meta=own, core=core, **frames, **rest)
     except (KeyError, TypeError, ValueError) as error:
         if isinstance(error, InvalidInput):
             raise
         raise InvalidInput(f"the record of suite '{name}' in '{folder / 'run.json'}' lacks {error}") from None
+
+
+def _fixed(value: Any) -> Any:
+    """A list as a tuple."""
+    return tuple(value) if isinstance(value, list) else value
 
 
 def _texts(folder: Path, name: str) -> dict[str, str]:

@@ -10,25 +10,21 @@ which has other information and is no bound, has more than 1. Rankings never mix
 """
 
 import functools
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from ...envs.figures import metrics
+from ...envs.figures.registered import Metric, Registry
 from ..measure.plants import STANDARD
-from ..statistics import pooling
+from ..statistics import comparison, pooling
 from ..statistics.budgets import budgets
-from ..statistics.comparison import failures
 from ..statistics.ranks import standings
 
 REFERENCE, INFORMED = "xi2023-tuned", "preview-5ms"
-
-SHOWN = {
-    "reported": "rms_reported", "p99": "p99_true", "max": "max_true", "jitter": "jitter", "dross": "dross",
-    "roughness": "roughness",
-}  # fmt: skip
-"""Columns of a follower's summary, and the metric of each."""
 
 STABILITY = ("ms", "ms_noise", "ms_noise_low", "ms_noise_high", "gain_margin", "delay_margin")
 """Columns of :attr:`Results.stability`."""
@@ -42,6 +38,8 @@ class Comparison:
     core: tuple[str, ...]
     metric: str
     reference: str
+    first: tuple[str, ...] = ()
+    """Metrics that stand in front of the others in tables."""
 
     @property
     def controllers(self) -> list[str]:
@@ -60,13 +58,24 @@ class Comparison:
         return [s for s in self.core if s in ran] or ran
 
     @property
+    def registered(self) -> Registry:
+        """The metrics of its kind."""
+        return metrics.METRICS
+
+    @property
+    def shown(self) -> list[Metric]:
+        """The metrics that tables show, in order, without those that its runs do not have unless they are brief."""
+        found = [m for m in self.registered.values() if m.shown and (m.shown.brief or m.name in self.runs)]
+        return sorted(found, key=lambda m: self.first.index(m.name) if m.name in self.first else len(self.first))
+
+    @property
     def failures(self) -> pd.Series:
         """Whether each run failed, see :func:`comparison.failures`."""
-        return failures(self)
+        return comparison.failures(self)
 
     def pooled(self, metric: str) -> pd.DataFrame:
         """A metric over the seeds (:mod:`pooling`), controllers × scenarios; NaN where no run is without failure."""
-        sound = self.runs if metric in pooling.RATES else self.runs[~self.failures]
+        sound = self.runs if pooling.declared(metric).always else self.runs[~self.failures]
         groups = sound.groupby(["controller", "scenario"], sort=False)[metric]
         table = groups.apply(lambda values: pooling.over_seeds(metric, values)).unstack()
         return table.reindex(index=self.controllers, columns=self.scenarios)
@@ -77,6 +86,16 @@ class Comparison:
             return pd.Series(np.nan, index=self.controllers)
         table = self.pooled(metric)[self.scored]
         return table.apply(lambda row: pooling.over_scenarios(metric, row), axis=1)
+
+    def estimated(self, frame: pd.DataFrame, wanted: Iterable[Metric]) -> pd.DataFrame:
+        """A summary with these metrics, and the intervals of those that have one beside them in the tables."""
+        for metric in wanted:
+            frame[metric.column] = self.over(metric.name)
+            told = metric.shown and not metric.shown.brief and metric.name in self.runs
+            if told and metric.name != self.metric:  # what is ranked has its interval with the ranks
+                ends = comparison.interval(self, metric.name).where(np.isfinite(frame[metric.column]))
+                frame[[f"{metric.column}_low", f"{metric.column}_high"]] = ends
+        return frame
 
     def counts(self, frame: pd.DataFrame) -> pd.DataFrame:
         """A summary with the ``runs`` in which nobody should touch the sheet, and of them those that touched it
@@ -133,8 +152,10 @@ class Results(Comparison):
     blame: pd.DataFrame = field(default_factory=pd.DataFrame)
     headroom: pd.DataFrame = field(default_factory=pd.DataFrame)
     detuned: pd.DataFrame = field(default_factory=pd.DataFrame)
+    metric: str = "rms_true"
+    reference: str = REFERENCE
 
-    metric, reference = "rms_true", REFERENCE
+    first = ("rms_reported", "p99_true", "max_true", "jitter", "dross", "roughness")
 
     def pooled(self, metric: str = "rms_true") -> pd.DataFrame:
         """A metric over the seeds, see :meth:`Comparison.pooled`; that of the score unless another is named."""
@@ -202,8 +223,7 @@ class Results(Comparison):
         standing = self.standings
         frame = pd.DataFrame({"score": standing["score"].replace(np.inf, np.nan), "ratio": standing["ratio"]})
         frame["scale"] = np.log(frame["ratio"]) / np.log(frame["ratio"].get(INFORMED, np.nan))
-        for column, metric in SHOWN.items():
-            frame[column] = self.over(metric)
+        frame = self.estimated(frame, self.shown)
         frame = frame.join(_worst(self.stability).reindex(frame.index))
         frame = frame.join(budgets(self.meta.get("tuning") or {}, frame.index, REFERENCE))
         frame["information"] = standing["information"]
@@ -223,11 +243,6 @@ class Results(Comparison):
     def machines(self) -> dict[str, list[str]]:
         """The machines of the run by their label, and the scenarios that have each; empty if that was not recorded."""
         return self.meta.get("machines") or {}
-
-    def collision_rates(self) -> pd.DataFrame:
-        """Share of runs with a collision, controllers × scenarios."""
-        rates = self.runs.groupby(["controller", "scenario"], sort=False)["collision"].mean().unstack()
-        return rates.reindex(index=self.controllers, columns=self.scenarios)
 
 
 def _of_machines(table: pd.DataFrame) -> pd.DataFrame:

@@ -12,6 +12,7 @@ import pandas as pd
 from ...envs.control.stack import Team
 from ...envs.figures import evidence, job_metrics
 from ...envs.figures.quality import iso_range, iso_taper
+from ...envs.figures.registered import Registry
 from ...envs.plant import gantry, machine
 from ...envs.plant.controller import PERIOD
 from ...envs.plant.fleet import Fleet
@@ -129,6 +130,11 @@ class JobResults(Comparison):
     summaries: dict[str, str] = field(default_factory=dict)
     plans: pd.DataFrame = field(default_factory=pd.DataFrame)  # how the parts are cut, see plans.table
 
+    @property
+    def registered(self) -> Registry:
+        """The metrics of its kind."""
+        return job_metrics.METRICS
+
     def summary(self) -> pd.DataFrame:
         """One row per controller: score (the suite's metric, so the same as the column of its name) and ratio of the
         reference over it with intervals, every metric over the core, collision and failure counts, budget, standing
@@ -136,8 +142,7 @@ class JobResults(Comparison):
         standing = self.standings
         frame = pd.DataFrame({"score": standing["score"].replace(np.inf, np.nan), "ratio": standing["ratio"]})
         frame["information"] = standing["information"]
-        for name in job_metrics.METRICS:
-            frame[name] = self.over(name)
+        frame = self.estimated(frame, self.registered.values())
         frame = self.counts(frame)
         core = self.runs[self.runs["scenario"].isin(self.scored) & ~self.failures].groupby("controller", sort=False)
         known = "extrapolated" in self.runs  # runs of earlier versions do not know

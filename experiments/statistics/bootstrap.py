@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 from scipy import sparse, stats
 
-from .intervals import LEVEL, TRIMMED, WORST, Interval, Sample
+from .intervals import LEVEL, TRIMMED, Interval, Sample
 
 COUNT = 1000
-FEWEST, FEWEST_SCENARIOS = 5, 10
-"""Members of an axis (of that of scenarios) below which Student's t is used: a bootstrap of so few repeats itself."""
+FEWEST = 5
+"""Members of an axis below which Student's t is used: a bootstrap of so few repeats itself."""
 
 EXACT = 1e-10
 """Share of the values below which a difference is rounding: the time of a job may be the same on every seed."""
@@ -33,19 +33,20 @@ _CHUNK = 1_000_000
 _SEED = 7
 
 Weights = tuple[np.ndarray | None, ...]
-"""Of runs (B, R), seeds (B, S) and scenarios (B, C); None for an axis that is not drawn."""
+"""Of runs (B, R) and seeds (B, S); None for an axis that is not drawn. Scenarios stay as they are."""
 
 Statistic = Callable[[np.ndarray, Weights], tuple[np.ndarray, Weights]]
 """From values (R, S, C) and weights, which add up to the number of members, to the statistic (B,) and its influences,
 shaped as the weights."""
 
 
-def log_pooled(power: float) -> Statistic:
+def pooled(power: float, log: bool = True) -> Statistic:
     """Logarithm of a suite's figure: geometric mean over runs and scenarios of the power mean over those seeds in which
     the run did not fail (is finite). Of each run and scenario there must be one.
 
     Args:
         power: of the mean over the seeds, 2 for the root mean square.
+        log: False for the figure itself, with the plain mean over runs and scenarios; ``power`` is 1 then.
     """
 
     def statistic(values: np.ndarray, weights: Weights) -> tuple[np.ndarray, Weights]:
@@ -55,8 +56,9 @@ def log_pooled(power: float) -> Statistic:
         with np.errstate(divide="ignore", invalid="ignore"):
             whole = powers.sum(axis=1) / one.sum(axis=1)
             mean = np.where(count > 0, total / count, whole)  # of a sample that holds failed runs only, nothing new
-            shares = np.where((mean > 0) & (count > 0), 1.0 / (mean * count), 0.0)
-            others, level = np.where(count > 0, 1.0 / count, 0.0), np.log(mean) / power
+            level, slope = (np.log(mean) / power, mean) if log else (mean, np.ones_like(mean))
+            shares = np.where((slope > 0) & (count > 0), 1.0 / (slope * count), 0.0)
+            others = np.where(count > 0, (1.0 if log else mean) / count, 0.0)
         by_level, ones = (x.transpose(0, 2, 1).reshape(-1, values.shape[1]) for x in (powers, one))
 
         def of_seeds(kept: np.ndarray) -> np.ndarray:
@@ -69,24 +71,11 @@ def log_pooled(power: float) -> Statistic:
     return statistic
 
 
-log_score = log_pooled(2.0)
+pooled_mean = pooled(1.0, log=False)
+"""Mean over runs and scenarios of the mean over the seeds, of figures that may be zero."""
+
+log_score = pooled(2.0)
 """Logarithm of the followers' score: geometric mean over runs and scenarios of the root mean square over seeds."""
-
-
-def log_cvar(values: np.ndarray, weights: Weights) -> tuple[np.ndarray, Weights]:
-    """Logarithm of the geometric mean over runs and scenarios of the mean of the worst :data:`WORST` of the seeds."""
-    count, mass = values.shape[1], WORST * values.shape[1]
-    order = np.argsort(-values, axis=1, kind="stable")
-    worst = np.take_along_axis(values, order, axis=1)
-    drawn = np.ones((1, count)) if weights[1] is None else weights[1]
-    drawn = drawn[:, order]  # (B, R, S, C), worst first
-    up_to = np.cumsum(drawn, axis=2)
-    used = np.clip(mass - up_to + drawn, 0.0, drawn)
-    tail = np.einsum("brsc,rsc->brc", used, worst) / mass
-    last = np.argmax(up_to >= mass, axis=2)[:, :, None, :]
-    edge = np.take_along_axis(worst[None], last, axis=2)
-    beyond = np.maximum(values - edge, 0.0)
-    return _of_levels(np.log(tail), weights, lambda kept: np.einsum("brc,brsc->bs", kept / tail, beyond) / WORST)
 
 
 def _over_seeds(values: np.ndarray, weights: np.ndarray | None) -> np.ndarray:
@@ -100,17 +89,16 @@ def _over_seeds(values: np.ndarray, weights: np.ndarray | None) -> np.ndarray:
 def _of_levels(level: np.ndarray, weights: Weights, of_seeds: Callable) -> tuple[np.ndarray, Weights]:
     """The mean of ``level`` (B, R, C) over runs and scenarios; ``of_seeds`` gives the seeds' influences of (B, R, C)
     times it."""
-    kept = _times(np.ones((1, *level.shape[1:])), (weights[0], None, weights[2]), "brc") / level[0].size
+    kept = _times(np.ones((1, *level.shape[1:])), (weights[0], None), "brc") / level[0].size
     value = (kept * level).sum(axis=(1, 2))
-    by_run = None if weights[0] is None else _times(level, (None, None, weights[2]), "brc").mean(axis=2)
-    by_scenario = None if weights[2] is None else _times(level, (weights[0], None, None), "brc").mean(axis=1)
-    return value, (by_run, None if weights[1] is None else of_seeds(kept), by_scenario)
+    by_run = None if weights[0] is None else level.mean(axis=2)
+    return value, (by_run, None if weights[1] is None else of_seeds(kept))
 
 
 def mean(values: np.ndarray, weights: Weights) -> tuple[np.ndarray, Weights]:
     """Mean of all values."""
     total = _times(values[None], weights, "brsc").sum(axis=(1, 2, 3)) / values.size
-    return total, _sums(values.reshape(1, -1), weights, list(np.indices(values.shape).reshape(3, -1)), values.size)
+    return total, _sums(values.reshape(1, -1), weights, list(np.indices(values.shape).reshape(3, -1)[:2]), values.size)
 
 
 def mean_of_middle(values: np.ndarray, weights: Weights) -> tuple[np.ndarray, Weights]:
@@ -119,7 +107,7 @@ def mean_of_middle(values: np.ndarray, weights: Weights) -> tuple[np.ndarray, We
     cut = int(TRIMMED * total)
     count = total - 2 * cut
     order = np.argsort(values, axis=None, kind="stable")
-    ranked, members = values.ravel()[order], np.unravel_index(order, values.shape)
+    ranked, members = values.ravel()[order], np.unravel_index(order, values.shape)[:2]
     drawn = np.ones((1, total))
     for own, index in zip(weights, members, strict=True):
         if own is not None:
@@ -137,8 +125,8 @@ def mean_of_middle(values: np.ndarray, weights: Weights) -> tuple[np.ndarray, We
 
 
 def _sums(values: np.ndarray, weights: Weights, members: Sequence[np.ndarray], count: int) -> Weights:
-    """Influences on a mean of ``count`` of the values (B, n), whose places on the three axes are ``members``: of each
-    axis' members the sum over the others."""
+    """Influences on a mean of ``count`` of the values (B, n), whose places on the axes that may be drawn are
+    ``members``: of each axis' members the sum over the others."""
     out: list[np.ndarray | None] = []
     for axis, own in enumerate(weights):
         if own is None:
@@ -156,7 +144,7 @@ def _sums(values: np.ndarray, weights: Weights, members: Sequence[np.ndarray], c
 
 def _times(array: np.ndarray, weights: Weights, axes: str) -> np.ndarray:
     """An array whose axes are ``brsc`` or ``brc``, times the weights that there are."""
-    for own, axis in zip(weights, "rsc", strict=True):
+    for own, axis in zip(weights, "rs", strict=True):
         if own is not None:
             array = array * own.reshape(*(own.shape[0] if a == "b" else own.shape[1] if a == axis else 1 for a in axes))
     return array
@@ -253,15 +241,12 @@ class Replicates:
             return error, np.where(np.abs(moved) <= rounding, 0.0, moved / np.maximum(errors, LEAST * error))
 
 
-def replicate(
-    samples: Sequence[Sample], statistic: Statistic, *, drawn_scenarios: bool = False, count: int = COUNT
-) -> Replicates:
+def replicate(samples: Sequence[Sample], statistic: Statistic, *, count: int = COUNT) -> Replicates:
     """Bootstraps a statistic of several samples of the same scenarios.
 
     Args:
         samples: paired where they share seeds.
         statistic: such as :func:`log_score`.
-        drawn_scenarios: whether the scenarios are a draw from more of their kind.
         count: bootstrap samples.
     """
     labels = {seed: i for i, seed in enumerate(dict.fromkeys(s for sample in samples for s in sample.seeds))}
@@ -269,13 +254,12 @@ def replicate(
     owners = np.zeros((len(labels), len(samples)), bool)
     for k, index in enumerate(where):
         owners[index, k] = True
-    random, scenarios = np.random.default_rng(_SEED), samples[0].values.shape[2]
+    random = np.random.default_rng(_SEED)
     together = np.unique(owners, axis=0, return_inverse=True)[1].ravel()
     seeds = np.ones((count + 1, len(labels)))
     for group in range(together.max() + 1):
         members = np.flatnonzero(together == group)
         seeds[1:, members] = _draw(random, len(members), count)
-    kinds = _with_first(_draw(random, scenarios, count)) if drawn_scenarios else None
     runs = [_with_first(_draw(random, n, count)) if n > 1 else None for n in (len(s.values) for s in samples)]
 
     values = np.empty((count + 1, len(samples)))
@@ -285,21 +269,15 @@ def replicate(
         part = slice(at, at + size)
         drawn = len(seeds[part])
         of_seeds = np.zeros((drawn, len(labels), len(samples)))
-        of_kinds = np.zeros((drawn, scenarios, len(samples)))
         for k, sample in enumerate(samples):
-            weights: Any = tuple(None if w is None else w[part] for w in (runs[k], seeds[:, where[k]], kinds))
+            weights: Any = tuple(None if w is None else w[part] for w in (runs[k], seeds[:, where[k]]))
             values[part, k], influence = statistic(sample.values, weights)
             scaled = [_scaled(i, w) for i, w in zip(influence, weights, strict=True)]
             of_seeds[:, where[k], k] = scaled[1]
             if runs[k] is not None:
                 spreads[part, k, k] += np.sum(weights[0] * scaled[0] ** 2, axis=1)
-            if kinds is not None:
-                of_kinds[:, :, k] = scaled[2]
         spreads[part] += _products(seeds[part], of_seeds)
-        if kinds is not None:
-            spreads[part] += _products(kinds[part], of_kinds)
-    few = scenarios - 1 if drawn_scenarios and scenarios < FEWEST_SCENARIOS else np.inf
-    freedom = [min(few, _freedom(len(s.seeds)), _freedom(len(s.values), single=np.inf)) for s in samples]
+    freedom = [min(_freedom(len(s.seeds)), _freedom(len(s.values), single=np.inf)) for s in samples]
     return Replicates(values[0], spreads[0], values[1:], spreads[1:], np.array(freedom, float))
 
 

@@ -21,7 +21,7 @@ import pandas as pd
 from scipy import stats
 
 from . import pooling
-from .bootstrap import Replicates, log_pooled, mean_of_middle, replicate
+from .bootstrap import Replicates, mean_of_middle, pooled, pooled_mean, replicate
 from .intervals import LEVEL, Interval, Sample, iqm, share
 
 COLUMNS = ("score", "ratio", "typical", "wins")
@@ -79,7 +79,7 @@ def measured(found: dict[str, Sample]) -> list[str]:
 def bootstrapped(found: dict[str, Sample], power: float) -> tuple[list[str], Replicates | None]:
     """The logarithm of the figures of those who have one, and who they are."""
     names = measured(found) if math.isfinite(power) else []
-    return names, replicate([found[name] for name in names], log_pooled(power)) if names else None
+    return names, replicate([found[name] for name in names], pooled(power)) if names else None
 
 
 def figures(results: Any, typical: bool = True) -> pd.DataFrame:
@@ -129,6 +129,24 @@ def figures(results: Any, typical: bool = True) -> pd.DataFrame:
     )
 
 
+def interval(results: Any, metric: str) -> pd.DataFrame:
+    """Ends ``low`` and ``high`` of any metric over seeds and scenarios, by controller, of the runs that did not fail;
+    NaN where there are none, as of a largest value."""
+    view = replace(results, metric=metric, runs=results.runs.assign(failed=failures(results)))
+    found, power = samples(view), pooling.power(metric)
+    if pooling.declared(metric).zero and power == 1.0:
+        names = [name for name, each in found.items() if np.isfinite(each.values).any(axis=1).all()]
+        replicates = replicate([found[name] for name in names], pooled_mean) if names else None
+    else:
+        names, replicates = bootstrapped(found, power)
+    ends = pd.DataFrame(math.nan, index=results.controllers, columns=["low", "high"])
+    for i, name in enumerate(names):
+        assert replicates
+        at = replicates.interval(np.eye(len(names))[i])
+        ends.loc[name] = (at if pooling.declared(metric).zero else _exp(at))[1:]
+    return ends
+
+
 def _ratio(
     found: dict[str, Sample], name: str, reference: str, power: float, names: list[str], replicates: Replicates
 ) -> Interval:  # fmt: skip
@@ -141,7 +159,7 @@ def _ratio(
     pair = _neither_failed(found[name], found[reference])
     if pair is None:
         return Interval(math.nan)
-    return _exp(replicate(pair, log_pooled(power)).interval([-1.0, 1.0]))
+    return _exp(replicate(pair, pooled(power)).interval([-1.0, 1.0]))
 
 
 def _typical(mine: np.ndarray, base: np.ndarray) -> Interval:
@@ -217,7 +235,7 @@ def _closer(one: Sample, other: Sample, risk: float, power: float) -> int:
     pair = _neither_failed(one, other)
     if pair is None or not math.isfinite(power):
         return 0
-    apart = replicate(pair, log_pooled(power)).interval([1.0, -1.0], 1.0 - risk)
+    apart = replicate(pair, pooled(power)).interval([1.0, -1.0], 1.0 - risk)
     return int(apart.high < 0.0) - int(apart.low > 0.0)
 
 
@@ -296,10 +314,10 @@ def methods(results: Any) -> pd.DataFrame:
         at = {name: [found[name].seeds.index(seed) for seed in seeds] for name in members}
         whole = Sample(np.stack([found[name].values[0, at[name]] for name in members]), tuple(seeds))
         base = [found[results.reference]] if results.reference in measured(found) else []
-        replicates = replicate([whole, *base], log_pooled(power))
+        replicates = replicate([whole, *base], pooled(power))
         score = _exp(replicates.interval([1.0, 0.0][: 1 + len(base)]))
         ratio = _exp(replicates.interval([-1.0, 1.0])) if base else Interval(math.nan)
-        each = [float(np.exp(log_pooled(power)(run[None], (None, None, None))[0][0])) for run in whole.values]
+        each = [float(np.exp(pooled(power)(run[None], (None, None))[0][0])) for run in whole.values]
         rows.append((method, members, *score, *ratio, min(each), max(each)))
     flat = [f"{figure}{end}" for figure in ("score", "ratio") for end in ("", "_low", "_high")]
     columns = ["method", "members", *flat, "best", "worst"]

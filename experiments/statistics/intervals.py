@@ -4,7 +4,7 @@
 controller's independent runs are therefore its seeds, each a row over all scenarios that stays together when rows are
 resampled, and controllers are compared on the same rows (*common random numbers*). Where one method was trained or
 tuned several times, those trainings are independent runs too, drawn besides the seeds. The scenarios are those of the
-suite and stay fixed, unless the question is how it would be on other scenarios of that kind.
+suite and stay fixed.
 
 Values are arrays (runs, seeds, scenarios), lower is better. A failed run is ``inf``: the worst, never dropped.
 

@@ -10,7 +10,8 @@ a share, a time   mean                        mean, because it may be 0 or infin
 anything else     mean                        geometric mean
 ================  ==========================  ====================================
 
-What is pooled are runs that did not fail; how many failed stands beside it (:mod:`comparison`).
+Each metric says which it is (:class:`envs.figures.registered.Metric`). What is pooled are runs that did not fail;
+how many failed stands beside it (:mod:`comparison`).
 """
 
 from collections.abc import Iterable
@@ -18,29 +19,18 @@ from typing import Any
 
 import numpy as np
 
-RMS, MEAN, LARGEST, SMALLEST = "rms", "mean", "largest", "smallest"
-
-ZERO = (
-    "collision", "held", "overshoot", "undershoot", "settling_20um", "settling_10um", "min_gap", "through", "covered",
-)  # fmt: skip
-"""Metrics that may be zero or infinite in good runs, of which there is no geometric mean."""
-
-RATES = ("collision", "covered")
-"""Metrics that a failed run has as well: they are pooled over all runs."""
+from ...envs.figures import job_metrics, metrics
+from ...envs.figures.registered import Metric
 
 
-def kind(name: str) -> str:
-    """How a metric is pooled over the seeds: :data:`RMS`, :data:`MEAN`, :data:`LARGEST` or :data:`SMALLEST`."""
-    if name.startswith("rms_") or name.endswith("_rms"):
-        return RMS
-    if name.startswith("max_") or name.endswith("_max") or name in ("overshoot", "undershoot"):
-        return LARGEST
-    return SMALLEST if name.startswith("min_") else MEAN
+def declared(name: str) -> Metric:
+    """What a metric of followers or of jobs says about itself."""
+    return metrics.METRICS.get(name) or job_metrics.METRICS[name]
 
 
 def power(name: str) -> float:
     """Exponent of the mean over the seeds: 2 of an RMS, 1 of a mean; NaN of what is no mean."""
-    return {RMS: 2.0, MEAN: 1.0}.get(kind(name), float("nan"))
+    return {"rms": 2.0, "mean": 1.0}.get(declared(name).pooled, float("nan"))
 
 
 def over_seeds(name: str, values: Any) -> float:
@@ -48,7 +38,7 @@ def over_seeds(name: str, values: Any) -> float:
     array = np.asarray(values, float)
     if not array.size:
         return float("nan")
-    match kind(name):
+    match declared(name).pooled:
         case "rms":
             return float(np.sqrt(np.mean(np.square(array))))
         case "largest":
@@ -63,8 +53,10 @@ def over_scenarios(name: str, values: Iterable[float]) -> float:
     array = np.asarray(list(values), float)
     if not array.size:
         return float("nan")
-    how = kind(name)
-    if how in (LARGEST, SMALLEST):
-        return float(array.max() if how == LARGEST else array.min())
+    match declared(name).pooled:
+        case "largest":
+            return float(array.max())
+        case "smallest":
+            return float(array.min())
     with np.errstate(divide="ignore", invalid="ignore"):
-        return float(array.mean() if name in ZERO else np.exp(np.log(array).mean()))
+        return float(array.mean() if declared(name).zero else np.exp(np.log(array).mean()))

@@ -105,7 +105,7 @@ def intervals(values: np.ndarray, statistic: Statistic, count: int = 1000) -> di
     axis = 0 if len(values) > 1 else 1
     members, tails = values.shape[axis], np.array([0.5 - LEVEL / 2, 0.5 + LEVEL / 2])
     half = float(stats.t.ppf(tails[1], members - 1)) * error
-    ones: list[np.ndarray | None] = [None, None, None]
+    ones: list[np.ndarray | None] = [None, None]
     ones[axis] = np.ones((1, members))
     influence = statistic(values, tuple(ones))[1][axis]
     assert influence is not None
@@ -152,8 +152,8 @@ def measured(folder: Path) -> dict[str, Kind]:
         for controller, sample in samples(results).items():
             errors = sample.values
             if np.isfinite(errors).all():
-                score = float(log_score(errors, (None, None, None))[0][0])
-                middle = float(mean_of_middle(np.log(errors), (None, None, None))[0][0])
+                score = float(log_score(errors, (None, None))[0][0])
+                middle = float(mean_of_middle(np.log(errors), (None, None))[0][0])
                 out[f"{name}: {controller}"] = Kind(_drawn_from(errors), score, middle)
     return out
 

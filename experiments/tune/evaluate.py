@@ -20,7 +20,7 @@ from ...envs.scenarios import Scenario
 from ..measure import rollout, stability
 from ..measure.plants import machines
 from ..results import jobs
-from ..statistics.pooling import RATES
+from ..statistics.pooling import declared
 from ..store.ledger import Ledger
 from .goals import Figures
 
@@ -137,7 +137,8 @@ class Evaluator:
             self._unit[i, wanted] = self._plain.part(i, self._plain.base, wanted)
         return {
             s: {
-                m: v if m in RATES else np.array([v.mean() / self._unit[i, wanted][s][m].mean()]) for m, v in of.items()
+                m: v if declared(m).always else np.array([v.mean() / self._unit[i, wanted][s][m].mean()])
+                for m, v in of.items()
             }
             for s, of in found.items()
         }

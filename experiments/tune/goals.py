@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from ...envs import scenarios
-from ...envs.engine.quantity import InvalidInput, did_you_mean
+from ...envs.engine.quantity import InvalidInput
 from ...envs.figures import job_metrics, metrics
+from ...envs.figures.registered import Metric
 from ..statistics.pooling import over_scenarios, over_seeds
 
 FAILED = 1e6
@@ -34,26 +35,19 @@ Figures = dict[str, dict[str, Any]]
 """Scenario, then metric, to the values of its runs, shape (seeds,)."""
 
 
-def registry(with_jobs: bool) -> dict[str, Any]:
-    """Metrics by name: those of jobs, or those of followers."""
-    return job_metrics.METRICS if with_jobs else metrics.METRICS
-
-
-def metric(name: str, with_jobs: bool) -> Any:
-    """A metric by name; of a joint one, such as ``mean of roughness, dross``, what all of them have in common.
+def metric(name: str, with_jobs: bool) -> Metric:
+    """A metric of jobs or of followers by name; of a joint one, such as ``mean of roughness, dross``, what all of them
+    have in common.
 
     Raises:
         InvalidInput: unknown; the nearest is offered.
     """
-    known = registry(with_jobs)
     if len(parts := joined(name)) > 1:
         for each in parts:
             if metric(each, with_jobs).better == "higher":
                 raise InvalidInput(f"'{name}': of joint metrics less is better, of {each} more")
         return replace(metric(parts[0], with_jobs), name=name, unit="1")
-    if name not in known:
-        raise InvalidInput(f"unknown metric '{name}'; {did_you_mean(name, known)}")
-    return known[name]
+    return (job_metrics.METRICS if with_jobs else metrics.METRICS).named(name)
 
 
 def joined(name: str) -> list[str]:

@@ -10,7 +10,6 @@ from optuna.trial import FrozenTrial, Trial
 from ...envs.control import stack as stacks
 from ...envs.control.stack import Stack, Team
 from ...envs.engine.quantity import InvalidInput
-from ..statistics.pooling import ZERO
 from ..store.ledger import Ledger
 from . import goals, sampling, storage
 from .evaluate import Evaluator, with_jobs
@@ -150,7 +149,7 @@ class Task:
             also = tuple(map(dict, self.also))
             study.sampler = Staged(self.stages, self.space, self.seed, self.trials, self.limits.ms, also)
             return study
-        positive = self.metrics[0] not in ZERO
+        positive = not goals.metric(self.metrics[0], self.jobs).zero
         cost = sampling.costs(1.0, positive, self.directions[0] == "maximize")
         study.sampler = sampling.Seeded(self.sampler, self.space, self.seed, explore, cost)
         study.pruner = optuna.pruners.MedianPruner(n_startup_trials=PRUNE_TRIALS, n_warmup_steps=PRUNE_AFTER)

@@ -9,6 +9,7 @@ from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.figures import metrics
 from kerfgym.envs.figures.metrics import METRICS, broken, evaluate, failed
 from kerfgym.envs.figures.recording import Recording
+from kerfgym.envs.figures.registered import EVERY, TAKEN, Called, Registry, Shown
 from kerfgym.envs.plant.machine import CHANNELS
 from kerfgym.envs.plant.supervisor import ALARM, FOLLOW
 from kerfgym.envs.scenarios import load
@@ -256,10 +257,74 @@ def test_every_metric_is_registered_with_unit_direction_and_meaning():
         assert metric.better in ("lower", "higher")
         assert figures[name].shape == (3,)
     assert METRICS["min_gap"].better == "higher"
-    assert {m.better for n, m in METRICS.items() if n != "min_gap"} == {"lower"}
+    assert METRICS["rms_true"].better == "lower"
 
 
 def test_an_unknown_metric_is_answered_with_the_nearest():
     assert metrics.get("rms_true") is METRICS["rms_true"]
     with pytest.raises(InvalidInput, match=r"unknown metric 'rms_ture'; did you mean 'rms_true'\? \(known: .*jitter"):
         metrics.get("rms_ture")
+
+
+def depth(r):
+    """How deep it is"""
+    return r.lowest
+
+
+def named(name, about="Something"):
+    """The same function by another name."""
+    other = type(depth)(depth.__code__, {}, name)
+    other.__doc__ = about
+    return other
+
+
+@pytest.fixture
+def registry():
+    """One of its own; what it adds to the names of all is forgotten after the test."""
+    before = dict(EVERY)
+    yield Registry()
+    EVERY.clear()
+    EVERY.update(before)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"better": "more"}, "metric 'depth': better = 'more'; .*lower.*higher"),
+        ({"pooled": "median"}, "metric 'depth': pooled = 'median'; .*mean.*rms.*largest.*smallest"),
+        ({"better": "higher", "called": Called("depth", "less")}, "what is better lower; this is better higher"),
+        ({"better": "higher", "shown": Shown(compared=True)}, "what is better lower; this is better higher"),
+        ({"shown": Shown(column="score")}, "metric 'depth': that name means something else"),
+    ],
+)  # fmt: skip
+def test_a_metric_that_is_declared_wrongly_is_refused(registry, wrong, said):
+    with pytest.raises(InvalidInput, match=said):
+        registry.metric("mm", **wrong)(depth)
+    assert not registry
+    assert "depth" not in EVERY
+
+
+def test_a_metric_without_a_docstring_is_refused(registry):
+    with pytest.raises(InvalidInput, match="metric 'bare': its docstring is missing"):
+        registry.metric("mm")(named("bare", None))
+
+
+@pytest.mark.parametrize("name", TAKEN)
+def test_a_name_that_tables_use_for_something_else_is_refused(registry, name):
+    with pytest.raises(InvalidInput, match=f"metric '{name}': that name means something else already"):
+        registry.metric("mm")(named(name))
+
+
+def test_followers_and_jobs_must_mean_the_same_by_a_name(registry):
+    registry.metric("mm", pooled="largest")(depth)
+    with pytest.raises(InvalidInput, match="metric 'depth': that name means something else already"):
+        Registry().metric("mm")(depth)
+    Registry().metric("mm", pooled="largest", shown=Shown("deep"))(depth)  # how it is shown is each one's own
+    registry.metric("µm")(depth)  # declared anew, as in a notebook
+    assert registry["depth"].unit == "µm"
+
+
+def test_two_metrics_have_no_column_in_common(registry):
+    registry.metric("mm", shown=Shown(column="deep"))(depth)
+    with pytest.raises(InvalidInput, match="metric 'other': that name means something else already"):
+        registry.metric("mm", shown=Shown(column="deep"))(named("other"))

@@ -235,6 +235,19 @@ def test_what_is_promised_of_self_tuning_is_checked_sheet_by_sheet_and_along_the
     assert said == {"self-tuning along Gear: lost runs": False, "self-tuning along Gear: bursts": True}
 
 
+@pytest.mark.parametrize(
+    ("first", "shown"), [(10.0, "12.2"), (0.122, "1000.0"), (0.12, "> 1000"), (8e-6, "> 1000"), (0.0, "> 1000")]
+)
+def test_a_ratio_to_almost_nothing_is_only_shown_to_be_large(first, shown):
+    with np.errstate(divide="ignore"):
+        row = rows(largest_first=first, largest_later=122.0, ratio=float(np.float64(122.0) / first))
+    others = dict.fromkeys(("seeds", "over_50", "over_100", "windows"), 1)
+    unknown = dict.fromkeys(("rms_first", "rms_later", "above", "rms_growth", "largest_growth"), np.nan)
+    sheet = tables.table(pd.DataFrame([row | others | unknown | {"drawing": True}]))
+    assert sheet.sections[0][0][sheet.titles.index("later over first")] == shown
+    assert "> 1000: there was almost none in the first" in " ".join(sheet.notes)
+
+
 # --------------------------------------------------------------------------------------------------- sheets and command
 
 

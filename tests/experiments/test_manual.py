@@ -10,16 +10,19 @@ import textwrap
 import types
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import kerfgym
 from kerfgym import baselines
 from kerfgym.envs.engine.quantity import InvalidInput
-from kerfgym.envs.figures import job_metrics
+from kerfgym.envs.figures import job_metrics, metrics
+from kerfgym.envs.figures.registered import EVERY
 from kerfgym.experiments import cli
 from kerfgym.experiments.manual import command_line, python_api, references
-from kerfgym.experiments.report import terminal
-from kerfgym.experiments.results import followers as results
+from kerfgym.experiments.report import headings, terminal
+from kerfgym.experiments.report import summary as summary_page
+from kerfgym.experiments.report.page import write_report
 
 ROOT = Path(kerfgym.__file__).parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -143,13 +146,14 @@ def test_a_function_is_told_as_it_is_called():
 # ------------------------------------------------------------------------------------------------------------- reports
 
 
-def test_every_column_of_the_printed_tables_is_explained():
+def test_every_column_of_the_printed_tables_is_explained(made_up):
     text = page("reading-a-report.md")
     followers, jobs = section(text, "## Columns of followers"), section(text, "## Columns of jobs")
-    for title in (*terminal.FOLLOWING, "decision, µs", "its P99, µs", "budget", "class"):
-        assert f"`{title}`" in followers, title
-    for name in terminal.FORMS:
-        title = f"{terminal.TITLES.get(name, name)}, {job_metrics.METRICS[name].unit}".removesuffix(", 1")
+    found = made_up.following()
+    for column in headings.of(found):
+        assert f"`{column.title}`" in followers or column.title in ("", *found.scored), column.title
+    of_jobs = {m.title for m in job_metrics.METRICS.values() if m.shown and m.shown.brief} | {"ISO 9013", "evidence"}
+    for title in of_jobs:
         assert f"`{title}`" in jobs, title
 
 
@@ -164,19 +168,73 @@ def test_every_section_of_the_page_is_explained():
 # ------------------------------------------------------------------------------------------------------------- recipes
 
 
-def test_the_recipe_for_a_metric_puts_it_into_summary_and_table(monkeypatch, made_up):
-    text = page("add-a-metric.md")
-    (shown,) = re.findall(r"`SHOWN` of `experiments/results/followers.py`: `(.*?)`", text)
-    (line,) = re.findall(r'(?m)^    ("within, %".*),$', text)
+def registered(name, registry):
+    """What the recipe's block with this metric registers, until the test is over."""
+    found = re.findall(r"(?ms)^```python\n(.*?)^```", page("add-a-metric.md"))
+    (block,) = [b for b in found if f"def {name}(" in b]
+    exec(block, {})
+    yield registry[name]
+    for names in (registry, EVERY):
+        names.pop(name)
+
+
+@pytest.fixture
+def within_20um():
+    yield from registered("within_20um", metrics.METRICS)
+
+
+@pytest.fixture
+def energy_per_mm():
+    yield from registered("energy_per_mm", job_metrics.METRICS)
+
+
+def test_a_registered_metric_stands_in_every_table_with_unit_direction_and_interval(within_20um, made_up, tmp_path):
     found = made_up.following()
-    found.runs["within_20um"] = 93.21
-    assert "within, %" not in terminal.sheets(found)[0].titles
-    monkeypatch.setattr(results, "SHOWN", results.SHOWN | eval(f"{{{shown}}}"))
-    monkeypatch.setattr(terminal, "FOLLOWING", terminal.FOLLOWING | eval(f"{{{line}}}", vars(terminal)))
-    assert found.summary()["within"].round(2).tolist() == [93.21] * 3
+    random = np.random.default_rng(0)
+    found.runs["within_20um"] = random.uniform(80.0, 90.0, len(found.runs))
+    mean = found.runs[found.runs["scenario"].isin(found.core)].groupby("controller")["within_20um"].mean()
+    summary = found.summary()
+    for name, value in mean.items():
+        low, middle, high = (summary.at[name, f"within_20um{end}"] for end in ("_low", "", "_high"))
+        assert middle == pytest.approx(value)
+        assert value - 3.0 < low < value < high < value + 3.0
     sheet = terminal.sheets(found)[0]
-    at = sheet.titles.index("within, %")
-    assert [row[at] for rows in sheet.sections for row in rows] == ["93.2"] * 3
+    at = sheet.titles.index("within_20um, %")
+    cells = {row[0]: row[at] for rows in sheet.sections for row in rows}
+    low, high = summary.loc["pid", ["within_20um_low", "within_20um_high"]]
+    assert cells["pid"] == f"{mean['pid']:.1f} ({low:.1f} … {high:.1f})"
+    assert any(note.startswith(f"within_20um, %: {within_20um.summary}; higher is better; ") for note in sheet.notes)
+    assert cells["pid"] in summary_page.markdown({"following": found}, made_up.record)
+    text = write_report(tmp_path, {"following": found}, made_up.record).read_text(encoding="utf-8")
+    (head,) = re.findall(r'<th class="[^"]*"[^>]*data-shows="within_20um">(.*?)</th>', text)
+    assert "within_20um" in head
+    assert "%, higher is better" in head
+    assert f'data-value="{summary.at["pid", "within_20um"]}"' in text
+    assert f"{low:.1f}–{high:.1f}" in text
+    assert "<option>within_20um, %</option>" in text
+
+
+def test_so_does_a_metric_of_jobs(energy_per_mm, made_up, tmp_path):
+    sums = {"energy": np.array([300.0, 0.0]), "length": np.array([60.0, 0.0])}
+    machines = types.SimpleNamespace(sums=sums, mean=lambda name: sums[name][:1] / sums["length"][:1])
+    assert energy_per_mm.function(machines) == pytest.approx([5.0])
+    found = made_up.cutting()
+    found.runs["energy_per_mm"] = np.random.default_rng(0).uniform(4.0, 5.0, len(found.runs))
+    mean = found.runs[found.runs["controller"] == "fast"]["energy_per_mm"].mean()
+    sheet = terminal.sheets(found)[0]
+    cells = {row[0]: row[sheet.titles.index("J/mm")] for rows in sheet.sections for row in rows}
+    assert cells["fast"].startswith(f"{mean:.2f} (")
+    assert any(note.startswith(f"J/mm: {energy_per_mm.summary}; lower is better; ") for note in sheet.notes)
+    assert cells["fast"] in summary_page.markdown({"cutting": found}, made_up.record)
+    text = write_report(tmp_path, {"cutting": found}, made_up.record).read_text(encoding="utf-8")
+    assert re.search(r'data-shows="energy_per_mm"><button type="button">J/mm<small>J/mm, lower is better</small>', text)
+    (heading,) = re.findall(r'<th class="(g\d+) first" colspan="\d+" scope="colgroup">time</th>', text)
+    assert re.search(rf'<th class="{heading}"[^>]* data-shows="energy_per_mm"', text)
+
+
+def test_of_an_earlier_run_a_new_metric_has_no_column(within_20um, made_up):
+    sheet = terminal.sheets(made_up.following())[0]
+    assert not any("within_20um" in text for text in (*sheet.titles, *sheet.notes))
 
 
 def test_the_recipe_for_a_shipped_controller_makes_a_stack_of_it(monkeypatch):

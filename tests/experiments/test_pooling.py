@@ -14,7 +14,7 @@ from kerfgym.envs.scenarios import load
 from kerfgym.experiments.benchmark.benchmarking import run
 from kerfgym.experiments.report import summary as digest
 from kerfgym.experiments.report.terminal import sheets
-from kerfgym.experiments.statistics.pooling import ZERO, kind, over_scenarios, over_seeds
+from kerfgym.experiments.statistics.pooling import declared, over_scenarios, over_seeds
 from kerfgym.experiments.tune import goals
 
 FOLLOWERS = ["xi2023-tuned", "pid", "preview-5ms"]
@@ -148,18 +148,16 @@ def test_a_search_pools_as_a_report_does(followers):
 def test_each_metric_is_pooled_as_what_it_is():
     values = [3.0, 4.0, 5.0]
     for name in (*metrics.METRICS, *job_metrics.METRICS):
-        expected = {"rms": np.sqrt(50 / 3), "mean": 4.0, "largest": 5.0, "smallest": 3.0}[kind(name)]
+        expected = {"rms": np.sqrt(50 / 3), "mean": 4.0, "largest": 5.0, "smallest": 3.0}[declared(name).pooled]
         assert over_seeds(name, values) == pytest.approx(expected)
         among = over_scenarios(name, values)
         with contextlib.suppress(KeyError):
-            assert among == {"largest": 5.0, "smallest": 3.0}[kind(name)]
+            assert among == {"largest": 5.0, "smallest": 3.0}[declared(name).pooled]
             continue
-        assert among == pytest.approx(4.0 if name in ZERO else 60 ** (1 / 3))
-    assert {n for n in metrics.METRICS if kind(n) == "rms"} == {
-        "rms_true", "rms_reported", "rms_acceleration", "rms_jerk",
-    }  # fmt: skip
-    assert {n for n in job_metrics.METRICS if kind(n) == "largest"} == {
-        "contour_max", "gap_max", "power_max", "dither_max",
-    }  # fmt: skip
+        assert among == pytest.approx(4.0 if declared(name).zero else 60 ** (1 / 3))
+    for name in ("rms_true", "rms_reported", "rms_acceleration", "rms_jerk", "contour_rms", "gap_rms"):
+        assert declared(name).pooled == "rms"
+    for name in ("max_true", "contour_max", "gap_max", "power_max", "dither_max"):
+        assert declared(name).pooled == "largest"
     assert np.isnan(over_seeds("rms_true", []))
     assert np.isnan(over_scenarios("rms_true", [1.0, np.nan]))

@@ -13,6 +13,10 @@ SUBJECT, REFERENCE = "self-tuning", "xi2023-tuned"
 """Whose largest error is limited, and by whose along a drawing."""
 
 
+MOST = 1000.0
+"""Ratios above it are of an error that was almost nothing, and are only shown to be larger."""
+
+
 def table(frame: pd.DataFrame) -> Sheet:
     """One row for each controller and sheet.
 
@@ -34,7 +38,8 @@ def table(frame: pd.DataFrame) -> Sheet:
         f"intervals hold together with 95 %. worse: an interval lies above {RMS_MARGIN:g} (RMS) or "
         f"{LARGEST_MARGIN:g} (largest of windows of equal length); steady: both lie below; open: these seeds do not "
         "tell.",
-        "later over first: largest error after the first window over that within it; grows by itself with time. above: "
+        "later over first: largest error after the first window over that within it; grows by itself with time; "
+        f"> {MOST:g}: there was almost none in the first. above: "
         "share of later windows whose largest error exceeds that of the first window of their run; 50 % without a "
         "trend.",
         f"> 50 µm, > 100 µm: windows with a larger error. bursts: windows above {BURST:g} µm and {TIMES:g} times the "
@@ -87,7 +92,8 @@ def _row(row: Any) -> list[str]:
     return [
         row["controller"], row["sheet"], _number(row["rms_first"]), _number(row["rms_later"]),
         _growth(row, "rms_growth"), _number(row["largest_first"]), _number(row["largest_later"]),
-        _number(row["ratio"]), "–" if math.isnan(row["above"]) else f"{row['above']:.0%}",
+        f"> {MOST:g}" if row["ratio"] > MOST else _number(row["ratio"]),
+        "–" if math.isnan(row["above"]) else f"{row['above']:.0%}",
         _growth(row, "largest_growth"), str(row["over_50"]), str(row["over_100"]), str(row["bursts"]),
         f"{row['lost']}/{row['seeds']}", row["word"],
     ]  # fmt: skip
