@@ -2,10 +2,12 @@
 
 from pathlib import Path
 
+from ..engine.quantity import InvalidInput
 from ..safety import files
+from . import dead
 from .measured import height_map, measured_head, profile, signal
 from .schema import Scenario
-from .validation import validated
+from .validation import line_of, validated
 
 
 def parse(text: str, where: str = "scenario") -> Scenario:
@@ -14,7 +16,10 @@ def parse(text: str, where: str = "scenario") -> Scenario:
     Raises:
         InvalidInput: file, line and key of the first mistake.
     """
-    return validated(Scenario, files.toml_of(text, where), where, text)
+    data = files.toml_of(text, where)
+    if refused := dead.refusal(data, data.get("job")):
+        raise InvalidInput(f"{where}{line_of(text, refused[:1])}: {refused[1]}")
+    return validated(Scenario, data, where, text)
 
 
 def read(path: str | Path) -> Scenario:

@@ -12,7 +12,7 @@ from ..plant import sheet
 from ..plant.controller import PERIOD
 from ..plant.path import Contour
 from ..safety import names
-from . import writing
+from . import dead, writing
 from .distributions import Choice, Number, bounds
 from .hardware import Axis, Gantry, Head, Optics
 from .journeys import contour, laps
@@ -60,6 +60,9 @@ class Scenario(Section):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        given = (field.name for field in fields(self) if getattr(self, field.name) != field.default)
+        if refused := dead.refusal(given, self.job):
+            raise ValueError(refused[1])
         names.checked(self.name, "name")  # a run keeps the scenario in a file of this name
         if self.path and self.circle:
             raise ValueError("path and circle exclude each other in one scenario")
@@ -135,8 +138,15 @@ class Scenario(Section):
         return writing.text_of(self)
 
     def varied(self, **changes: Any) -> "Scenario":
-        """A copy with some fields changed, validated anew: ``varied(feed=400, head={"noise": 0.01})`` merges tables."""
-        return validated(Scenario, _merged(asdict(self), changes), self.name)
+        """A copy with some fields changed, validated anew: ``varied(feed=400, head={"noise": 0.01})`` merges tables.
+
+        Raises:
+            InvalidInput: what is wrong and what is allowed; a key that changes nothing in such a scenario, and why.
+        """
+        merged = _merged(asdict(self), changes)
+        if refused := dead.refusal(changes, merged["job"]):
+            raise InvalidInput(f"{self.name}: {refused[1]}")
+        return validated(Scenario, merged, self.name)
 
 
 def _duration_range() -> tuple[float, float]:

@@ -55,7 +55,7 @@ def validated(kind: type[Checked], data: dict, where: str, text: str = "") -> Ch
         key = ".".join(str(k) for k in location)
         said = first["msg"].removeprefix("Value error, ")
         about = (said.split(" = ")[0],) if " = " in said else ()  # a range error names its own key
-        line = _line_of(text, location + about)
+        line = line_of(text, location + about)
         if first["type"] == "unexpected_keyword_argument":
             section = _section_at(kind, location[:-1])
             known = [f.name for f in fields(section)] if section else ["uniform", "log_uniform", "choice", "sign"]
@@ -65,7 +65,7 @@ def validated(kind: type[Checked], data: dict, where: str, text: str = "") -> Ch
         raise InvalidInput(f"{where}{line}: {message}") from None
 
 
-def _line_of(text: str, location: tuple) -> str:
+def line_of(text: str, location: tuple) -> str:
     """Line of the key, or of the nearest table around it, in TOML text."""
     best, found = 0, ""
     table: tuple = ()

@@ -3,7 +3,7 @@
 from dataclasses import asdict
 from typing import Any
 
-from .hardware import Gantry, Optics
+from . import dead
 from .travel import Reading
 
 
@@ -12,9 +12,8 @@ def text_of(scenario: Any) -> str:
     import tomli_w
 
     tables = asdict(scenario)
-    for name, default in (("gantry", Gantry()), ("optics", Optics())):
-        if scenario.job is None and getattr(scenario, name) == default:  # of no use to a follower
-            del tables[name]
+    for name in dead.reasons(scenario.job is not None):
+        del tables[name]
     if scenario.drawing == Reading():
         del tables["drawing"]
     return tomli_w.dumps(_without_none(tables))

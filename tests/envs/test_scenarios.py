@@ -1,7 +1,9 @@
 """Scenarios: the frozen suite against its printed table, draws, TOML, measured profiles, and what bad input says."""
 
+import copy
 import hashlib
 import pickle
+import tomllib
 from dataclasses import FrozenInstanceError, asdict, replace
 from pathlib import Path
 
@@ -10,7 +12,7 @@ import pytest
 from scipy import stats
 
 from kerfgym.envs import scenarios
-from kerfgym.envs.control.stack import get, resolve
+from kerfgym.envs.control.stack import get, resolve, team
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.plant import heads, machine, sheet
 from kerfgym.envs.plant.fleet import Fleet
@@ -24,6 +26,7 @@ from kerfgym.envs.scenarios import (
     Steps,
     Wave,
     core,
+    dead,
     distributions,
     load,
     pairs_of,
@@ -34,6 +37,7 @@ from kerfgym.envs.scenarios import (
     suites,
 )
 from kerfgym.envs.scenarios.distributions import Choice, Draws, LogUniform, Uniform, as_number, bounds
+from kerfgym.envs.tasks import workshop
 
 
 def u(low, high, sign="+"):
@@ -820,6 +824,67 @@ def test_a_scenario_is_frozen():
     with pytest.raises(FrozenInstanceError):
         Uniform(uniform=(0, 1)).sign = "±"
     assert isinstance(load("wavy"), Scenario)
+
+
+# ------------------------------------------------------------------------------------------- keys that change nothing
+
+JOB = """name = "x"
+set_height = 0.8
+[job]
+size = 20.0
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (JOB, r"x\.toml, line 2: set_height changes nothing with a job: .*; job\.standoff sets the machine off it"),
+        (JOB.replace("set_height = 0.8", "feed = 200.0"), r"line 2: feed changes nothing with a job: .* job\.feed"),
+        (JOB.replace("set_height", "duration"), r"line 2: duration changes nothing with a job: .* until everything is"),
+        (JOB.replace("set_height", "settle"), r"line 2: settle changes nothing with a job: all that .* is scored"),
+        (JOB.replace("set_height", "start_above"), r"line 2: start_above changes nothing with a job: .* it pierces"),
+        ('name = "x"\n[gantry]\nx_plus = 1.1\n', r"line 2: gantry changes nothing without a job: .*needs a table"),
+        ('name = "x"\n[optics]\nalong = true\n', r"line 2: optics changes nothing without a job: .*needs a table"),
+    ],
+)
+def test_a_key_that_changes_nothing_in_a_file_is_an_error_that_says_why(tmp_path, text, message):
+    (tmp_path / "x.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(InvalidInput, match=message):
+        load(tmp_path / "x.toml")
+
+
+@pytest.mark.parametrize("key", dead.IN_JOBS)
+def test_a_key_that_changes_nothing_is_refused_wherever_it_is_given(key):
+    with pytest.raises(ValueError, match=f"^{key} changes nothing with a job"):
+        Scenario(name="x", job={}, **{key: 0.7})
+    with pytest.raises(InvalidInput, match=f"cut-square: {key} changes nothing with a job"):
+        load("cut-square").varied(**{key: 0.7})
+    with pytest.raises(InvalidInput, match=f"{key} changes nothing with a job"):
+        load("flat").varied(**{key: 0.7}).varied(job={"size": 20.0})
+
+
+def test_what_is_refused_in_a_job_would_change_nothing_and_what_is_taken_does():
+    def moved(**values):
+        case = copy.copy(load("cut-bulge"))
+        for key, value in values.items():
+            object.__setattr__(case, key, value)  # past the check
+        fleet = workshop.fleet_for(case, team("wu"), [5])
+        record = fleet.start_recording(1200)
+        fleet.advance(1200)
+        return record
+
+    usual = moved()
+    for key in dead.IN_JOBS:
+        assert np.array_equal(moved(**{key: 0.7}), usual), key
+    assert not np.array_equal(moved(guard=True), usual)
+    assert not np.array_equal(moved(head=Head(noise=0.001)), usual)
+
+
+@pytest.mark.parametrize("name", ["cut-square", "wavy"])
+def test_a_scenario_writes_no_key_that_would_be_refused(name):
+    scenario = load(name)
+    assert not set(dead.reasons(scenario.job is not None)) & set(tomllib.loads(scenario.to_toml()))
+    assert Scenario(**asdict(scenario)) == scenario == parse(scenario.to_toml())
 
 
 # ------------------------------------------------------------------------------------------------- made in Python
