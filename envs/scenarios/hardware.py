@@ -5,10 +5,12 @@
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from ..engine.quantity import Quantity
-from ..plant import sensor, sheet, z_axis
+from ..engine.quantity import Quantity, quantities
+from ..plant import sensor, sheet, spot, z_axis
 from .distributions import Choice, LogUniform, Number, Uniform, bounds
 from .section import Section
+
+_OPTICS, _USUAL_OPTICS = quantities(spot.Params), spot.Params()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,11 +98,11 @@ class Gantry(Section):
 class Optics(Section):
     """Galvo and piezo that dither the spot, see ``plant/spot.py``."""
 
-    galvo: Annotated[Number, Quantity("Hz", 100, 1e5, "natural frequency of the galvo")] = 5000.0
-    galvo_range: Annotated[float, Quantity("mm", 0.001, 5, "±, along each axis", "Huang2024")] = 0.3
-    piezo: Annotated[Number, Quantity("Hz", 100, 1e5, "natural frequency of the focus drive")] = 8000.0
-    piezo_range: Annotated[float, Quantity("mm", 0.01, 50, "±", "Huang2024")] = 5.0
-    hysteresis: Annotated[Number, Quantity("1", 0, 0.3, "width of the piezo's loop over its stroke")] = 0.02
-    highest: Annotated[float, Quantity("Hz", 1, 1e5, "frequency of the dither", "Huang2024")] = 4000.0
+    galvo: Annotated[Number, _OPTICS["galvo"]] = _USUAL_OPTICS.galvo
+    galvo_range: Annotated[float, _OPTICS["galvo_range"]] = _USUAL_OPTICS.galvo_range
+    piezo: Annotated[Number, _OPTICS["piezo"]] = _USUAL_OPTICS.piezo
+    piezo_range: Annotated[float, _OPTICS["piezo_range"]] = _USUAL_OPTICS.piezo_range
+    hysteresis: Annotated[Number, _OPTICS["hysteresis"]] = _USUAL_OPTICS.hysteresis
+    highest: Annotated[float, _OPTICS["highest"]] = _USUAL_OPTICS.highest
     shape: Literal["circular", "hat", "elliptical"] = "circular"  # of the dither (Huang2024 eq. 12)
     along: bool = False  # x of the dither along the path instead of along the machine's x

@@ -13,8 +13,8 @@ from scipy import stats
 
 from kerfgym.envs import scenarios
 from kerfgym.envs.control.stack import get, resolve, team
-from kerfgym.envs.engine.quantity import InvalidInput
-from kerfgym.envs.plant import heads, machine, sheet
+from kerfgym.envs.engine.quantity import InvalidInput, quantities
+from kerfgym.envs.plant import heads, machine, sheet, spot
 from kerfgym.envs.plant.fleet import Fleet
 from kerfgym.envs.scenarios import (
     SPLITS,
@@ -885,6 +885,15 @@ def test_a_scenario_writes_no_key_that_would_be_refused(name):
     scenario = load(name)
     assert not set(dead.reasons(scenario.job is not None)) & set(tomllib.loads(scenario.to_toml()))
     assert Scenario(**asdict(scenario)) == scenario == parse(scenario.to_toml())
+
+
+def test_numbers_of_the_optics_are_those_of_the_part():
+    declared, usual = quantities(spot.Params), spot.Params()
+    assert len(declared) == 6
+    for name, quantity in declared.items():
+        field = scenarios.Optics.__dataclass_fields__[name]
+        assert quantity in field.type.__metadata__
+        assert field.default == getattr(usual, name)
 
 
 # ------------------------------------------------------------------------------------------------- made in Python
