@@ -3,14 +3,10 @@
 A scenario is physics only; what a user tunes belongs to the controller's stack. It is frozen and validated; unknown or
 misspelt keys and values out of range are errors that name what is allowed. :func:`load` reads one from TOML,
 :meth:`Scenario.to_toml` writes it, :func:`suite` gives the frozen suites.
-
-What users write is validated by pydantic, which is imported only then: it takes 0.2 s. What is made in Python checks
-itself, with plainer messages, and so do the shipped suites.
 """
 
 from .distributions import bounds
 from .hardware import Axis, Gantry, Head, Optics
-from .journeys import contour, drawn
 from .measured import MOST_HEIGHT, height_map, measured_head, profile, signal
 from .preparing import GANTRIES, prepare
 from .reading import parse, read
@@ -19,12 +15,13 @@ from .section import Section
 from .shipped import checked_rules, core, load, rules, suite, suites
 from .splits import PAIRS, SPLITS, noise_keys, pairs_of
 from .surface import Bulge, Holes, Map, Profile, Random, Sheet, Steps, Vibration, Wave
-from .travel import Circle, Corners, Job, Reading, Turns
+from .travel import Circle, Corners, Job, Reading, Turns, contour, drawn
+from .writing import living
 
 __all__ = [
     "GANTRIES", "MOST_HEIGHT", "PAIRS", "SPLITS", "Axis", "Bulge", "Circle", "Corners", "Gantry", "Head", "Holes",
     "Job", "Map", "Optics", "Profile", "Random", "Reading", "Scenario", "Section", "Sheet", "Steps", "Turns",
-    "Vibration", "Wave", "bounds", "checked_rules", "contour", "core", "drawn", "height_map", "journey", "load",
-    "measured_head", "noise_keys", "pairs_of", "parse", "prepare", "profile", "read", "rules", "signal", "suite",
-    "suites",
+    "Vibration", "Wave", "bounds", "checked_rules", "contour", "core", "drawn", "height_map", "journey", "living",
+    "load", "measured_head", "noise_keys", "pairs_of", "parse", "prepare", "profile", "read", "rules", "signal",
+    "suite", "suites",
 ]  # fmt: skip

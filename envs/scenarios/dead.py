@@ -6,6 +6,8 @@ A key that did nothing without a word would let its writer believe that it had d
 from collections.abc import Iterable
 from typing import Any
 
+from ..engine.quantity import InvalidInput
+
 IN_JOBS = {
     "duration": "a job lasts until everything is cut",
     "settle": "all that a job cuts is scored",
@@ -19,13 +21,19 @@ IN_FOLLOWERS = {
 }
 
 
-def reasons(job: bool) -> dict[str, str]:
-    """Why each dead key changes nothing, in scenarios with a job or without one."""
-    return IN_JOBS if job else IN_FOLLOWERS
+def reasons(job: Any) -> dict[str, str]:
+    """Why each dead key changes nothing, in scenarios with this ``job`` (None: without one)."""
+    return IN_FOLLOWERS if job is None else IN_JOBS
 
 
-def refusal(keys: Iterable[str], job: Any) -> tuple[str, str] | None:
-    """The first dead one among ``keys`` of a scenario with this ``job`` (None: without one), and what to say of it."""
-    why = reasons(job is not None)
-    kind = "with a job" if job is not None else "without a job"
-    return next(((key, f"{key} changes nothing {kind}: {why[key]}") for key in keys if key in why), None)
+def refuse(keys: Iterable[str], job: Any) -> None:
+    """Raises :class:`InvalidInput` for a dead one among ``keys`` of a scenario with this ``job``."""
+    why = reasons(job)
+    for key in keys:
+        if key in why:
+            raise InvalidInput(f"{key} changes nothing {'without' if job is None else 'with'} a job: {why[key]}")
+
+
+def without(tables: dict[str, Any]) -> dict[str, Any]:
+    """A scenario's tables without their dead keys, which runs of earlier versions have stored."""
+    return {key: value for key, value in tables.items() if key not in reasons(tables.get("job"))}

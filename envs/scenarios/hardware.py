@@ -6,10 +6,13 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from ..engine.quantity import Quantity, quantities
-from ..plant import sensor, sheet, spot, z_axis
+from ..plant import sensor, sheet, spot, xy_axes, z_axis
 from .distributions import Choice, LogUniform, Number, Uniform, bounds
 from .section import Section
 
+_Z, _USUAL_Z = quantities(z_axis.Params), z_axis.Params()
+_HEAD, _USUAL_HEAD = quantities(sensor.Params), sensor.Params()
+_XY, _USUAL_XY = quantities(xy_axes.Params), xy_axes.Params()
 _OPTICS, _USUAL_OPTICS = quantities(spot.Params), spot.Params()
 
 
@@ -18,27 +21,23 @@ class Axis(Section):
     """The Z axis; defaults are the following suite's plants (docs/physics.md#the-z-axis)."""
 
     bandwidth: Annotated[Number, Quantity("Hz", 5, 500, "velocity loop")] = Uniform(uniform=(50, 120))
-    zeta: Annotated[Number, Quantity("1", 0.2, 2, "its damping ratio")] = Uniform(uniform=(0.6, 1.0))
+    zeta: Annotated[Number, _Z["zeta"]] = Uniform(uniform=(0.6, 1.0))
     dead_time: Annotated[Number, Quantity("s", 0, 0.004, "command to drive")] = Choice(choice=(0.001, 0.002))
     latency: Annotated[Number, Quantity("s", 0, 0.002, "of computing and field bus, beside the dead time")] = Uniform(
         uniform=(0.0001, 0.0009)
     )
-    acceleration: Annotated[Number, Quantity("mm/s²", 500, 1e5, "limit")] = Uniform(uniform=(10_000, 18_000))
-    jerk: Annotated[Number, Quantity("mm/s³", 1e4, 1e8, "limit of the drive")] = 2e6
-    speed: Annotated[Number, Quantity("mm/s", 10, 2000, "limit", "Xi2023")] = 500.0
+    acceleration: Annotated[Number, _Z["acceleration"]] = Uniform(uniform=(10_000, 18_000))
+    jerk: Annotated[Number, _Z["jerk"]] = _USUAL_Z.jerk
+    speed: Annotated[Number, _Z["speed"]] = _USUAL_Z.speed
     resonance: Annotated[Number, Quantity("Hz", 10, 1000, "structural mode")] = Uniform(uniform=(60, 150))
-    resonance_zeta: Annotated[Number, Quantity("1", 0.005, 1, "its damping ratio")] = 0.05
-    compliance: Annotated[Number, Quantity("1", 0, 1, "its share of the load path")] = 0.1
-    friction: Annotated[Number, Quantity("mm/s²", 0, 1e4, "Coulomb friction over mass")] = Uniform(uniform=(600, 1000))
-    bristle: Annotated[
-        Number, Quantity("mm", 0, 0.1, "that Coulomb friction bends before it slides (LuGre); 0: viscous below 1 mm/s")
-    ] = Uniform(uniform=(0.002, 0.010))
-    stiction: Annotated[Number, Quantity("1", 1, 3, "static over Coulomb friction")] = Uniform(uniform=(1.2, 1.6))
-    stribeck: Annotated[Number, Quantity("mm/s", 0.1, 100, "speed at which half that difference is gone")] = Uniform(
-        uniform=(1, 5)
-    )
-    backlash: Annotated[Number, Quantity("mm", 0, 0.2, "free play, closed by gravity")] = 0.005
-    encoder: Annotated[Number, Quantity("mm", 0, 0.1, "per count; 0: ideal")] = 1e-3
+    resonance_zeta: Annotated[Number, _Z["zeta_r"]] = _USUAL_Z.zeta_r
+    compliance: Annotated[Number, _Z["compliance"]] = _USUAL_Z.compliance
+    friction: Annotated[Number, _Z["friction"]] = Uniform(uniform=(600, 1000))
+    bristle: Annotated[Number, _Z["bristle"]] = Uniform(uniform=(0.002, 0.010))
+    stiction: Annotated[Number, _Z["stiction"]] = Uniform(uniform=(1.2, 1.6))
+    stribeck: Annotated[Number, _Z["stribeck"]] = Uniform(uniform=(1, 5))
+    backlash: Annotated[Number, _Z["backlash"]] = _USUAL_Z.backlash
+    encoder: Annotated[Number, _Z["encoder"]] = _USUAL_Z.encoder
     dac_bits: Annotated[Number, Quantity("bit", 0, 24, "of ±speed; 0: ideal")] = 16.0
 
     def __post_init__(self) -> None:
@@ -58,21 +57,19 @@ class Head(Section):
     plate: Annotated[
         float, Quantity("mm", sheet.FOOTPRINT, sensor.WIDEST, "radius of the plate's footprint; the score's is 2 mm")
     ] = sheet.PLATE
-    noise: Annotated[Number, Quantity("pF", 0, 1, "capacitance noise, sigma")] = LogUniform(log_uniform=(5e-4, 5e-3))
-    jitter: Annotated[Number, Quantity("1", 0, 1e-3, "relative oscillator noise per sample, sigma")] = 1e-6
-    drift: Annotated[Number, Quantity("1", -0.05, 0.05, "relative change of L·C when warm")] = 0.0
+    noise: Annotated[Number, _HEAD["noise"]] = LogUniform(log_uniform=(5e-4, 5e-3))
+    jitter: Annotated[Number, _HEAD["jitter"]] = _USUAL_HEAD.jitter
+    drift: Annotated[Number, _HEAD["drift"]] = _USUAL_HEAD.drift
     warming: Annotated[Number, Quantity("s", 1, 1e5, "time constant of the drift")] = 600.0
     impulses: Annotated[Number, Quantity("1/s", 0, 500, "rate of impulses")] = 2.0
-    impulse_samples: Annotated[Number, Quantity("samples", 1, 50, "longest impulse, lengths uniform from 1")] = 1.0
-    impulse_height: Annotated[
-        Number, Quantity("mm", 0, 5, "apparent height at zero gap, A(h) = this/(1 + h/falloff)")
-    ] = 0.137
-    impulse_falloff: Annotated[Number, Quantity("mm", 0.01, 100, "see impulse_height")] = 0.894
-    impulse_spread: Annotated[Number, Quantity("1", 0, 1, "relative spread of the height")] = 0.3
+    impulse_samples: Annotated[Number, _HEAD["longest"]] = _USUAL_HEAD.longest
+    impulse_height: Annotated[Number, _HEAD["impulse"]] = _USUAL_HEAD.impulse
+    impulse_falloff: Annotated[Number, _HEAD["falloff"]] = _USUAL_HEAD.falloff
+    impulse_spread: Annotated[Number, _HEAD["spread"]] = _USUAL_HEAD.spread
     bursts: Annotated[Number, Quantity("1/s", 0, 100, "rate of plasma bursts")] = 0.0
-    burst: Annotated[Number, Quantity("pF", 0, 5, "largest burst")] = 0.1
+    burst: Annotated[Number, _HEAD["burst"]] = _USUAL_HEAD.burst
     burst_length: Annotated[Number, Quantity("s", 0.001, 10, "mean length of a burst")] = 0.02
-    plasma: Annotated[Number, Quantity("pF", 0, 5, "constant offset while cutting")] = 0.0
+    plasma: Annotated[Number, _HEAD["plasma"]] = _USUAL_HEAD.plasma
     oscillator: Literal["eq3", "eq1"] = "eq3"  # preset: without or with the series capacitors of Xi2023 eq. 1
     nominal: bool = False  # the nominal head, instead of one drawn from the pool
     table: str | None = None  # CSV with frequency_Hz and height_mm, in place of the head's own calibration
@@ -85,10 +82,10 @@ class Gantry(Section):
 
     preset: Literal["wu", "modern"] = "wu"
     literal: bool = False  # Wu's difference equation, which sums sampled speeds
-    x_plus: Annotated[Number, Quantity("1", 0.2, 5, "gain of +x, of the nominal one")] = 1.0
-    x_minus: Annotated[Number, Quantity("1", 0.2, 5, "gain of −x")] = 1.0
-    y_plus: Annotated[Number, Quantity("1", 0.2, 5, "gain of +y")] = 1.0
-    y_minus: Annotated[Number, Quantity("1", 0.2, 5, "gain of −y")] = 1.0
+    x_plus: Annotated[Number, _XY["x_plus"]] = _USUAL_XY.x_plus
+    x_minus: Annotated[Number, _XY["x_minus"]] = _USUAL_XY.x_minus
+    y_plus: Annotated[Number, _XY["y_plus"]] = _USUAL_XY.y_plus
+    y_minus: Annotated[Number, _XY["y_minus"]] = _USUAL_XY.y_minus
     slower: Annotated[Number, Quantity("1", 0.2, 5, "time constants of the drives, of the nominal ones")] = 1.0
     travel_x: Annotated[float, Quantity("mm", 10, 1e5, "", "Wu")] = 1500.0
     travel_y: Annotated[float, Quantity("mm", 10, 1e5, "", "Wu")] = 1000.0

@@ -1,13 +1,13 @@
 """Scenarios from TOML."""
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
-from ..engine.quantity import InvalidInput
 from ..safety import files
 from . import dead
 from .measured import height_map, measured_head, profile, signal
-from .schema import Scenario
-from .validation import line_of, validated
+from .schema import Scenario, of_tables
 
 
 def parse(text: str, where: str = "scenario") -> Scenario:
@@ -16,39 +16,36 @@ def parse(text: str, where: str = "scenario") -> Scenario:
     Raises:
         InvalidInput: file, line and key of the first mistake.
     """
-    data = files.toml_of(text, where)
-    if refused := dead.refusal(data, data.get("job")):
-        raise InvalidInput(f"{where}{line_of(text, refused[:1])}: {refused[1]}")
-    return validated(Scenario, data, where, text)
+    return of_tables(files.toml_of(text, where), where, text)
 
 
-def read(path: str | Path) -> Scenario:
+def read(path: str | Path, stored: bool = False) -> Scenario:
     """A scenario from a TOML file; files it names are taken relative to it.
+
+    Args:
+        path: the file.
+        stored: a run keeps it, perhaps an early one's, so keys that change nothing are no mistake.
 
     Raises:
         InvalidInput: file, line and key of the first mistake.
     """
     text = files.text(path, files.SETTINGS)
-    scenario = parse(text, str(path))
+    tables = files.toml_of(text, path)
+    scenario = of_tables(dead.without(tables) if stored else tables, str(path), text)
     folder = Path(path).resolve().parent
-    if scenario.sheet.profile:
-        scenario = scenario.varied(sheet={"profile": {"file": str(folder / scenario.sheet.profile.file)}})
-        profile(scenario.sheet.profile)  # a bad file is an error now, not in the middle of a run
-    if scenario.sheet.map:
-        scenario = scenario.varied(sheet={"map": {"file": str(folder / scenario.sheet.map.file)}})
-        height_map(scenario.sheet.map)
-    for name in ("table", "signal"):
-        given = getattr(scenario.head, name)
-        if given:
+    measured: tuple[tuple[str, Callable[..., Any]], ...] = (("profile", profile), ("map", height_map))
+    for name, check in measured:
+        if source := getattr(scenario.sheet, name):
+            scenario = scenario.varied(sheet={name: {"file": str(folder / source.file)}})
+            check(getattr(scenario.sheet, name))  # a bad file is an error now, not in the middle of a run
+    for name, check in (("table", measured_head), ("signal", signal)):
+        if given := getattr(scenario.head, name):
             scenario = scenario.varied(head={name: str(folder / given)})
-    if scenario.head.table:
-        measured_head(scenario.head.table)
-    if scenario.head.signal:
-        signal(scenario.head.signal)
+            check(str(folder / given))
     if scenario.job and Path(scenario.job.part).suffix:
         scenario = scenario.varied(job={"part": str(folder / scenario.job.part)})
     if scenario.path:
         drawing, named = folder / scenario.path, scenario.name
-        timed = "duration" in files.toml_of(text, path)
-        scenario = scenario.varied(path=str(drawing)) if timed else scenario.along(drawing).varied(name=named)
+        timed = scenario.varied(path=str(drawing))
+        scenario = timed if "duration" in tables else scenario.along(drawing).varied(name=named)
     return scenario

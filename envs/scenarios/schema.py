@@ -5,7 +5,7 @@
 import functools
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any
 
 from ..engine.quantity import InvalidInput, Quantity
 from ..plant import sheet
@@ -15,15 +15,15 @@ from ..safety import names
 from . import dead, writing
 from .distributions import Choice, Number, bounds
 from .hardware import Axis, Gantry, Head, Optics
-from .journeys import contour, laps
-from .section import Section
+from .section import Section, line_of, of_table
 from .surface import Sheet
-from .travel import Circle, Corners, Job, Reading, Turns
-from .validation import validated
+from .travel import Circle, Corners, Job, Reading, Turns, contour, laps
 
 SETTLED = 0.25
 """Most of a journey along a drawing that is left out of the score, for the machine to settle."""
 
+
+DURATION = Quantity("s", 0.05, 600, "of an episode")
 
 SHEET = (4000.0, 2000.0)
 """mm, the sheet that axes reach over when a user's drawing is cut [A]: the largest usual format."""
@@ -36,7 +36,7 @@ class Scenario(Section):
     name: str  # in tables and plots
     summary: str = ""  # what happens, in a line
     version: int = 2  # of the suite that it belongs to
-    duration: Annotated[float, Quantity("s", 0.05, 600, "of an episode")] = 3.0
+    duration: Annotated[float, DURATION] = 3.0
     settle: Annotated[float, Quantity("s", 0, 60, "at the start, not scored")] = 0.3
     share: Annotated[
         float, Quantity("1", 0.01, 1, "of a run's seeds that it is run on, because an episode is long")
@@ -61,8 +61,7 @@ class Scenario(Section):
     def __post_init__(self) -> None:
         super().__post_init__()
         given = (field.name for field in fields(self) if getattr(self, field.name) != field.default)
-        if refused := dead.refusal(given, self.job):
-            raise ValueError(refused[1])
+        dead.refuse(given, self.job)
         names.checked(self.name, "name")  # a run keeps the scenario in a file of this name
         if self.path and self.circle:
             raise ValueError("path and circle exclude each other in one scenario")
@@ -117,12 +116,11 @@ class Scenario(Section):
             raise InvalidInput(f"scenario '{self.name}': a path needs a feed above 0 mm/s")
         length = contour(file, how).length
         duration = round(length / slowest, 3)
-        shortest, longest = _duration_range()
-        if not shortest <= duration <= longest:
+        if not DURATION.low <= duration <= DURATION.high:
             raise InvalidInput(
-                f"scenario '{self.name}': {drawing} takes {duration:g} s at {slowest:g} mm/s; allowed: {shortest:g} to "
-                f"{longest:g} s; a {'slower' if duration < shortest else 'faster'} feed, or a suite of jobs, such as "
-                "contour"
+                f"scenario '{self.name}': {drawing} takes {duration:g} s at {slowest:g} mm/s; allowed: "
+                f"{DURATION.range}; a {'slower' if duration < DURATION.low else 'faster'} feed, or a suite of jobs, "
+                "such as contour"
             )
         return self.varied(
             path=file,
@@ -143,17 +141,27 @@ class Scenario(Section):
         Raises:
             InvalidInput: what is wrong and what is allowed; a key that changes nothing in such a scenario, and why.
         """
-        merged = _merged(asdict(self), changes)
-        if refused := dead.refusal(changes, merged["job"]):
-            raise InvalidInput(f"{self.name}: {refused[1]}")
-        return validated(Scenario, merged, self.name)
+        may_die, usual = dead.IN_JOBS | dead.IN_FOLLOWERS, {field.name: field.default for field in fields(self)}
+        said = {k: v for k, v in asdict(self).items() if k not in may_die or getattr(self, k) != usual[k]}
+        return of_tables(_merged(said, changes), self.name)
 
 
-def _duration_range() -> tuple[float, float]:
-    """s, shortest and longest episode."""
-    kind = next(field.type for field in fields(Scenario) if field.name == "duration")
-    quantity = get_args(kind)[-1]
-    return quantity.low, quantity.high
+def of_tables(tables: dict[str, Any], where: str, text: str = "") -> Scenario:
+    """A scenario from tables.
+
+    Args:
+        tables: as TOML has them.
+        where: what they come from, such as a file.
+        text: their TOML, so that an error can name its line.
+
+    Raises:
+        InvalidInput: where, line and key of the first mistake, and what is allowed.
+    """
+    try:
+        dead.refuse(tables, tables.get("job"))
+        return of_table(Scenario, tables)
+    except InvalidInput as error:
+        raise InvalidInput(f"{where}{line_of(text, str(error))}: {error}") from None
 
 
 def _merged(base: dict, changes: dict) -> dict:

@@ -1,6 +1,7 @@
 """The frozen suites, and scenarios by name."""
 
 import functools
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +9,7 @@ from ..engine.quantity import InvalidInput, did_you_mean
 from ..safety import files
 from .reading import read
 from .schema import Scenario
+from .section import Section, of_table
 
 _SUITES = Path(__file__).parents[1] / "suites"
 
@@ -36,8 +38,7 @@ def _suite(name: str) -> tuple[tuple[str, Scenario], ...]:
 
 @functools.cache
 def _shipped(group: str, name: str) -> Scenario:
-    # Without pydantic, so that a start does without it; tests compare this with what :func:`read` makes of the file.
-    return Scenario(**files.toml(_SUITES / group / f"{name}.toml"))
+    return read(_SUITES / group / f"{name}.toml")
 
 
 @functools.cache
@@ -46,10 +47,20 @@ def rules(name: str) -> dict[str, Any]:
     return checked_rules(_SUITES / f"{name}.toml")
 
 
-_RULES: dict[str, type] = {
-    "version": int, "scenarios": list, "core": list, "slot": str, "environment": str, "seeds": int,
-}  # fmt: skip
-_MORE_RULES: dict[str, type] = {"score": str, "reference": str, "controllers": list, "along": str}
+@dataclass(frozen=True, kw_only=True)
+class Rules(Section):
+    """The file of a suite."""
+
+    version: int
+    scenarios: tuple[str, ...]
+    core: tuple[str, ...]
+    slot: str
+    environment: str
+    seeds: int
+    score: str | None = None
+    reference: str | None = None
+    controllers: tuple[str, ...] | None = None
+    along: str | None = None
 
 
 def checked_rules(file: Path) -> dict[str, Any]:
@@ -58,24 +69,17 @@ def checked_rules(file: Path) -> dict[str, Any]:
     Raises:
         InvalidInput: a key is missing, unknown or of the wrong kind.
     """
-    found = files.toml(file)
-    known = {**_RULES, **_MORE_RULES}
-    for key, value in found.items():
-        if key not in known:
-            raise InvalidInput(f"{file}: unknown key '{key}'; {did_you_mean(key, known)}")
-        texts = isinstance(value, list) and all(isinstance(each, str) for each in value)
-        if type(value) is not known[key] or (known[key] is list and not texts):
-            kind = "list of texts" if known[key] is list else known[key].__name__
-            raise InvalidInput(f"{file}: {key} = {str(value)[:80]!r} is no {kind}")
-    if missing := [key for key in _RULES if key not in found]:
-        raise InvalidInput(f"{file}: '{missing[0]}' is missing")
-    return found
+    try:
+        given = asdict(of_table(Rules, files.toml(file)))
+    except InvalidInput as error:
+        raise InvalidInput(f"{file}: {error}") from None
+    return {key: value for key, value in given.items() if value is not None}
 
 
 @functools.cache
 def core(name: str) -> tuple[str, ...]:
     """Names of the scenarios over which the suite's score is taken."""
-    return tuple(rules(name)["core"])
+    return rules(name)["core"]
 
 
 def load(name: str | Path | Scenario) -> Scenario:

@@ -3,10 +3,12 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from ..engine.quantity import Quantity
+from ..engine.quantity import Quantity, quantities
 from ..plant import sheet
 from .distributions import Number, bounds
 from .section import Section
+
+_SHEET, _USUAL = quantities(sheet.Params), sheet.Params()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,7 +28,7 @@ class Vibration(Section):
 
     frequency: Annotated[Number, Quantity("Hz", 0, 400, "")]
     amplitude: Annotated[Number, Quantity("mm", 0, 5, "of a band √2 times its RMS")]
-    zeta: Annotated[Number, Quantity("1", 0, 0.7, "damping ratio of a band; 0: a tone")] = 0.0
+    zeta: Annotated[Number, quantities(sheet.Vibration)["zeta"]] = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -70,11 +72,11 @@ class Holes(Section):
 class Bulge(Section):
     """A thermal bulge."""
 
-    height: Annotated[Number, Quantity("mm", 0, 5, "in the end")]
-    width: Annotated[Number, Quantity("mm", 2, 1000, "full, at half height")]
+    height: Annotated[Number, _SHEET["bulge"]]
+    width: Annotated[Number, _SHEET["bulge_width"]]
     growth: Annotated[Number, Quantity("s", 0.01, 1000, "time constant τ")]
-    x: Annotated[Number, Quantity("mm", -1e4, 1e4, "centre")] = 300.0
-    y: Annotated[Number, Quantity("mm", -1e4, 1e4, "centre")] = 0.0
+    x: Annotated[Number, _SHEET["bulge_x"]] = 300.0
+    y: Annotated[Number, _SHEET["bulge_y"]] = _USUAL.bulge_y
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,11 +98,9 @@ class Map(Section):
 class Sheet(Section):
     """The sheet's shape and motion."""
 
-    tilt: Annotated[Number, Quantity("mm/mm", -0.3, 0.3, "slope along x")] = 0.0
-    tilt_y: Annotated[Number, Quantity("mm/mm", -0.3, 0.3, "slope along y")] = 0.0
-    length: Annotated[
-        float, Quantity("mm", 1000, 1e6, "along x, after which the slope goes the other way, and so on")
-    ] = 3000.0
+    tilt: Annotated[Number, _SHEET["tilt_x"]] = _USUAL.tilt_x
+    tilt_y: Annotated[Number, _SHEET["tilt_y"]] = _USUAL.tilt_y
+    length: Annotated[float, _SHEET["length"]] = _USUAL.length
     waves: tuple[Wave, ...] = ()
     vibrations: tuple[Vibration, ...] = ()
     random: Random | None = None

@@ -1,17 +1,24 @@
-"""The journey in a scenario: where the nozzle goes and when what is on, or the job that is cut."""
+"""The journey in a scenario: where the nozzle goes and when what is on, or the job that is cut.
 
+The nozzle travels the contours of a drawing, or laps of a circle, or straight along x.
+"""
+
+import functools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from ..engine.quantity import Quantity
-from ..plant.path import SPACING
+from ..engine.quantity import Quantity, quantities
+from ..plant import path
+from ..plant.path import SPACING, Contour
 from .distributions import Number
 from .section import Section
 
 if TYPE_CHECKING:
     from ..paths.drawing import Drawing
+
+_PATH, _USUAL = quantities(path.Params), path.Params()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,8 +26,8 @@ class Corners(Section):
     """Corners for which the feed slows down; the path goes straight on."""
 
     pitch: Annotated[Number, Quantity("mm", 10, 1e4, "one corner in each")]
-    feed: Annotated[Number, Quantity("mm/s", 1, 2000, "in a corner")] = 20.0
-    acceleration: Annotated[Number, Quantity("mm/s²", 100, 1e5, "of the axes")] = 5000.0
+    feed: Annotated[Number, _PATH["corner_feed"]] = _USUAL.corner_feed
+    acceleration: Annotated[Number, _PATH["corner_acceleration"]] = _USUAL.corner_acceleration
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,3 +119,26 @@ class Job(Section):
         0.0
     )
     extrapolate: bool = False  # process commands may leave the settings that were published of the material
+
+
+@functools.lru_cache(maxsize=8)
+def drawn(drawing: str, reading: Reading = PLAIN) -> "Drawing":
+    """The drawing in a DXF, SVG or G-code file."""
+    return reading.drawing(drawing)
+
+
+@functools.lru_cache(maxsize=8)
+def contour(drawing: str, reading: Reading = PLAIN) -> Contour:
+    """The journey through a drawing, moved so that its lower left corner lies at x = y = 0."""
+    from ..paths.drawing import journey as through
+
+    way = through(drawn(drawing, reading))
+    return Contour(way.name, way.x - way.x.min(), way.y - way.y.min(), way.cutting)
+
+
+@functools.lru_cache(maxsize=8)
+def laps(circle: Circle) -> Contour:
+    """The journey around a circle, all laps one after the other, the beam on throughout."""
+    angle = np.arange(0.0, circle.laps * circle.length + SPACING, SPACING) / circle.radius
+    x, y = circle.radius * (1 - np.cos(angle)), circle.radius * np.sin(angle)
+    return Contour(f"circle-{circle.radius:g}", x, y, np.ones(len(angle)))
