@@ -80,6 +80,14 @@ class Columns:
         """Writes one number of a part, such as ``"sheet.tilt_x"``, for ``machines`` (arrays broadcast)."""
         self._write(machines, {self._index[field]: values})
 
+    def set_some(self, name: str, machines: Any, values: dict[str, Any]) -> None:
+        """Writes some numbers of a part by their names."""
+        self._write(machines, {self._index[f"{name}.{field}"]: value for field, value in values.items()})
+
+    def fields_of(self, name: str) -> tuple[str, ...]:
+        """Names of a part's numbers."""
+        return self._places[name][1]._fields
+
     def column(self, field: str) -> np.ndarray:
         """One number of a part for every machine, shape (size,)."""
         return self._view[:, self._index[field]].reshape(-1)[: self.size].copy()

@@ -8,11 +8,12 @@ multiplication. The axes that travel it are ideal here: they are where the path 
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from ..engine.lanes import U1, clip, part
+from ..engine.quantity import Quantity
 
 SPACING = 0.05
 """mm between the samples of a contour."""
@@ -29,8 +30,8 @@ class Params(NamedTuple):
     profile_spacing: float = 1.0  # mm
     lap: float = 0.0  # mm, length of a lap of a path that is travelled again and again; 0: it is not
     corner: float = 0.0  # mm, pitch of the corners; 0: none
-    corner_feed: float = 20.0  # mm/s in a corner [A]
-    corner_acceleration: float = 5000.0  # mm/s² of the axes [A]
+    corner_feed: Annotated[float, Quantity("mm/s", 1, 2000, "in a corner")] = 20.0
+    corner_acceleration: Annotated[float, Quantity("mm/s²", 100, 1e5, "of the axes")] = 5000.0
     corner_phase: float = 0.0  # where the corners lie in their pitches, 0–1
 
 

@@ -43,19 +43,19 @@ class Params(NamedTuple):
     body: float = 10.0  # pF, body capacitance Cp [A]
     inductance: float = 168.0  # µH, preset "eq. 3 only": 10–50 pF → 3.88–1.74 MHz [C]
     series: float = 0.0  # 1/pF, 1/(C3+C1) + 1/(C2+C0) + 1/C4; 0 is Xi2023 eq. 3
-    noise: float = 1.0e-3  # pF, capacitance noise per sample, sigma [A] 0.5–5 fF
-    jitter: float = 1e-6  # relative frequency noise per sample, sigma [A] 1–3e-6
-    drift: float = 0.0  # relative change of L·C when warm, 80 ppm/K · 20 K = 0.0016 [A]
+    noise: Annotated[float, Quantity("pF", 0, 1, "capacitance noise, sigma", "[A] 0.5–5 fF")] = 1.0e-3
+    jitter: Annotated[float, Quantity("1", 0, 1e-3, "relative oscillator noise per sample, sigma", "[A] 1–3e-6")] = 1e-6
+    drift: Annotated[float, Quantity("1", -0.05, 0.05, "relative change of L·C when warm", "[A] 80 ppm/K · 20 K")] = 0.0
     warming: float = 1.7e-6  # share of the remaining drift per control period; T/600 s [A]
     impulses: float = 0.0  # probability that an impulse starts at a sample [A] 0.001–0.01
-    impulse: float = 0.137  # mm, apparent height of an impulse at zero gap; A(h) = impulse/(1 + h/falloff) [A]
-    falloff: float = 0.894  # mm [A]
-    spread: float = 0.3  # relative spread of the amplitude, uniform [A]
-    longest: float = 1.0  # samples, longest impulse; lengths are uniform from 1 [A]
+    impulse: Annotated[float, Quantity("mm", 0, 5, "apparent height at zero gap, A(h) = this/(1 + h/falloff)")] = 0.137
+    falloff: Annotated[float, Quantity("mm", 0.01, 100, "gap at which half that height is left")] = 0.894
+    spread: Annotated[float, Quantity("1", 0, 1, "relative spread of the height, uniform")] = 0.3
+    longest: Annotated[float, Quantity("samples", 1, 50, "longest impulse, lengths uniform from 1")] = 1.0
     bursts: float = 0.0  # probability that a plasma burst starts at a sample [A]
-    burst: float = 0.1  # pF, largest burst; uniform from 0 [A]
+    burst: Annotated[float, Quantity("pF", 0, 5, "largest burst, uniform from 0")] = 0.1
     burst_end: float = 0.05  # probability that a burst ends at a sample [A]
-    plasma: float = 0.0  # pF, constant offset while cutting [A] 0–0.1
+    plasma: Annotated[float, Quantity("pF", 0, 5, "constant offset while cutting", "[A] 0–0.1")] = 0.0
 
 
 class Gate(NamedTuple):

@@ -18,11 +18,12 @@ Holes and edges are *voids*: the surface goes on as a plane for the gap, but the
 """
 
 import functools
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from ..engine.lanes import U1, U, as_number, clip, part, sine
+from ..engine.quantity import Quantity
 
 WAVES, VIBRATIONS, FEATURES = 8, 3, 16
 """Most waves, vibrations and features that one sheet can have."""
@@ -63,7 +64,7 @@ class Vibration(NamedTuple):
     amplitude: float = 0.0  # mm; of a band √2 times its RMS
     omega: float = 0.0  # rad/s
     phase: float = 0.0  # rad
-    zeta: float = 0.0  # damping ratio of a band; 0: a tone
+    zeta: Annotated[float, Quantity("1", 0, 0.7, "damping ratio of a band; 0: a tone")] = 0.0
 
 
 class Shaken(NamedTuple):
@@ -85,14 +86,16 @@ class Feature(NamedTuple):
 class Params(NamedTuple):
     """The smooth part of the sheet; waves, vibrations and features are lists beside it."""
 
-    tilt_x: float = 0.0  # mm/mm
-    tilt_y: float = 0.0  # mm/mm
-    bulge: float = 0.0  # mm, final height of the thermal bulge [A] 0.2–1
-    bulge_x: float = 0.0  # mm, its centre
-    bulge_y: float = 0.0  # mm
-    bulge_width: float = 40.0  # mm, full width at half height [A] 20–60
+    tilt_x: Annotated[float, Quantity("mm/mm", -0.3, 0.3, "slope along x")] = 0.0
+    tilt_y: Annotated[float, Quantity("mm/mm", -0.3, 0.3, "slope along y")] = 0.0
+    bulge: Annotated[float, Quantity("mm", 0, 5, "height of the thermal bulge in the end", "[A] 0.2–1")] = 0.0
+    bulge_x: Annotated[float, Quantity("mm", -1e4, 1e4, "its centre")] = 0.0
+    bulge_y: Annotated[float, Quantity("mm", -1e4, 1e4, "its centre")] = 0.0
+    bulge_width: Annotated[float, Quantity("mm", 2, 1000, "its full width at half height", "[A] 20–60")] = 40.0
     bulge_growth: float = 0.0  # share of the remaining growth per control period, 1 − exp(−T/τ), τ 1–10 s [A]
-    length: float = 3000.0  # mm along x, after which the slope goes the other way [A]
+    length: Annotated[
+        float, Quantity("mm", 1000, 1e6, "along x, after which the slope goes the other way, and so on")
+    ] = 3000.0
     plate: float = FOOTPRINT  # mm, radius of the footprint of the sensor's plate
 
 

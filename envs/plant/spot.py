@@ -18,12 +18,12 @@ by optics, not by a mass. Eqs. 10 and 11 are not reproducible as printed: with e
 dimensions disagree; where power and speed must be coupled, the cut uses the line energy P/(v·2ω0).
 """
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from ..engine.lanes import clip, part, sine
-from ..engine.quantity import InvalidInput
+from ..engine.quantity import InvalidInput, Quantity
 
 CIRCULAR, HAT, ELLIPTICAL = 0, 1, 2
 SHAPES = ("circular", "hat", "elliptical")
@@ -36,14 +36,16 @@ _PI = 3.141592653589793
 class Params(NamedTuple):
     """The optics."""
 
-    galvo: float = 5000.0  # Hz, natural frequency of the galvo [A]
+    galvo: Annotated[float, Quantity("Hz", 100, 1e5, "natural frequency of the galvo")] = 5000.0
     galvo_zeta: float = 0.7  # [A]
-    galvo_range: float = 0.3  # mm, ±, along each axis [S] Huang2024 Table 1
-    piezo: float = 8000.0  # Hz, natural frequency of the focus drive [A]
+    galvo_range: Annotated[float, Quantity("mm", 0.001, 5, "±, along each axis", "[S] Huang2024 Table 1")] = 0.3
+    piezo: Annotated[float, Quantity("Hz", 100, 1e5, "natural frequency of the focus drive")] = 8000.0
     piezo_zeta: float = 0.7  # [A]
-    piezo_range: float = 5.0  # mm, ± [S] Huang2024 Table 1, thick stock
-    hysteresis: float = 0.02  # width of the piezo's loop over its stroke [A], closed loop
-    highest: float = 4000.0  # Hz, of the dither [S] Huang2024 Table 1
+    piezo_range: Annotated[float, Quantity("mm", 0.01, 50, "±", "[S] Huang2024 Table 1, thick stock")] = 5.0
+    hysteresis: Annotated[
+        float, Quantity("1", 0, 0.3, "width of the piezo's loop over its stroke", "[A] closed loop")
+    ] = 0.02
+    highest: Annotated[float, Quantity("Hz", 1, 1e5, "frequency of the dither", "[S] Huang2024 Table 1")] = 4000.0
     shape: float = CIRCULAR
     along: bool = False  # x along the path instead of the machine's x
 

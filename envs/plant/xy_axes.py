@@ -19,11 +19,12 @@ which is integrated exactly over a control period. What happens to the velocity 
   moving evenly, one servo period late.
 """
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from ..engine.lanes import clip, fma, part
+from ..engine.quantity import Quantity
 
 
 class Params(NamedTuple):
@@ -36,10 +37,10 @@ class Params(NamedTuple):
     t2: float = 0.005  # s [C]
     tau: float = 0.0  # s, its zero [C]
     gain: float = 1.1116  # velocity per command, K_DA·Km·K_AD [C]
-    x_plus: float = 1.0  # the same of each direction, relative
-    x_minus: float = 1.0
-    y_plus: float = 1.0
-    y_minus: float = 1.0
+    x_plus: Annotated[float, Quantity("1", 0.2, 5, "gain of +x, of the nominal one")] = 1.0
+    x_minus: Annotated[float, Quantity("1", 0.2, 5, "gain of −x")] = 1.0
+    y_plus: Annotated[float, Quantity("1", 0.2, 5, "gain of +y")] = 1.0
+    y_minus: Annotated[float, Quantity("1", 0.2, 5, "gain of −y")] = 1.0
     speed: float = 166.6667  # mm/s, limit of an axis: 10 m/min rapid [S] Wu
     acceleration: float = 2000.0  # mm/s², limit of an axis [A]
     dac: float = 166.6667 / 32768.0  # mm/s per step of a 16-bit D/A; 0: ideal [A]

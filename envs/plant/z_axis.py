@@ -27,11 +27,12 @@ A command acts after the dead time, which holds the latency of computing and fie
 an episode. They do not change from period to period: the jitter of a real bus is not in the model.
 """
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from ..engine.lanes import clip, fma, part
+from ..engine.quantity import Quantity
 
 GRAVITY = 9810.0
 """mm/s²"""
@@ -47,24 +48,24 @@ class Params(NamedTuple):
     """One Z axis."""
 
     omega: float = 502.65  # rad/s, velocity loop, 2π·80 Hz [A] 50–200 Hz
-    zeta: float = 0.8  # its damping ratio [A]
-    speed: float = 500.0  # mm/s, lead 10 mm × 3000 rpm [S] Xi2023
-    acceleration: float = 14000.0  # mm/s² [A] 1–2 g
-    jerk: float = 2e6  # mm/s³, of the drive itself [A] 1000–5000 m/s³
+    zeta: Annotated[float, Quantity("1", 0.2, 2, "its damping ratio")] = 0.8
+    speed: Annotated[float, Quantity("mm/s", 10, 2000, "limit", "lead 10 mm × 3000 rpm [S] Xi2023")] = 500.0
+    acceleration: Annotated[float, Quantity("mm/s²", 500, 1e5, "limit", "[A] 1–2 g")] = 14000.0
+    jerk: Annotated[float, Quantity("mm/s³", 1e4, 1e8, "limit of the drive", "[A] 1000–5000 m/s³")] = 2e6
     dead_time: float = 1.0  # control periods, up to QUEUE − 1 [A] 1–2
     dac: float = 500.0 / 32768.0  # mm/s per step of the 16-bit ±10 V D/A; 0: ideal [A]
-    encoder: float = 1e-3  # mm per count, 10 000 counts per revolution of 10 mm; 0: ideal [A]
-    friction: float = 800.0  # mm/s², Coulomb friction over mass, 5–10 % of the rated force [A]
+    encoder: Annotated[float, Quantity("mm", 0, 0.1, "per count; 0: ideal", "[A] 10 000 per turn of 10 mm")] = 1e-3
+    friction: Annotated[float, Quantity("mm/s²", 0, 1e4, "Coulomb friction over mass", "[A] 5–10 % of rated")] = 800.0
     creep: float = 1.0  # mm/s, speed at which friction has grown to its full value; of no use with bristles [A]
-    bristle: float = (
-        0.0  # mm by which Coulomb friction bends the bristles; 0: friction is viscous below `creep` [A] 2–10 µm
-    )
-    stiction: float = 1.0  # static over Coulomb friction [A] 1.2–1.6
-    stribeck: float = 2.0  # mm/s, speed at which half the difference is gone [A] 1–5
-    backlash: float = 0.005  # mm [A] 2–10 µm
+    bristle: Annotated[
+        float, Quantity("mm", 0, 0.1, "that Coulomb friction bends before it slides (LuGre); 0: viscous below 1 mm/s")
+    ] = 0.0
+    stiction: Annotated[float, Quantity("1", 1, 3, "static over Coulomb friction", "[A] 1.2–1.6")] = 1.0
+    stribeck: Annotated[float, Quantity("mm/s", 0.1, 100, "speed at which half that difference is gone")] = 2.0
+    backlash: Annotated[float, Quantity("mm", 0, 0.2, "free play, closed by gravity", "[A] 2–10 µm")] = 0.005
     omega_r: float = 628.3  # rad/s, structural resonance, 2π·100 Hz [A] 60–150 Hz
-    zeta_r: float = 0.05  # its damping ratio [A]
-    compliance: float = 0.1  # its share of the load path's compliance [A]
+    zeta_r: Annotated[float, Quantity("1", 0.005, 1, "its damping ratio")] = 0.05
+    compliance: Annotated[float, Quantity("1", 0, 1, "its share of the load path")] = 0.1
     low: float = -40.0  # mm, lower end of travel [A]
     high: float = 110.0  # mm, upper end of travel [A]
 

@@ -5,69 +5,45 @@ In TOML: ``feed = 200``, ``amplitude = { uniform = [0.3, 0.7] }``, ``tilt = { un
 
 A draw depends on the seed and on the number's own name alone, so it is the same in whatever order or company it is
 made, and a new number in a scenario leaves the others as they were.
-
-Numbers that users write are validated by pydantic, which is imported only then: it takes 0.2 s.
 """
 
 import functools
 import hashlib
-from collections.abc import Callable
+import math
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, get_args
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
+from ..engine.columns import Columns
 from ..engine.lanes import mix
 from ..engine.quantity import did_you_mean
 
 
-@dataclass(frozen=True)
-class _Checked:
-    """Has pydantic call ``check`` on one field, so that an error names the field; called on construction as well."""
-
-    check: Callable[[tuple[float, ...]], tuple[float, ...]]
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
-        from pydantic_core import core_schema
-
-        return core_schema.no_info_after_validator_function(self.check, handler(source))
-
-
-def _positive(ends: tuple[float, ...]) -> tuple[float, ...]:
-    if not all(end > 0 for end in ends):
-        raise ValueError("both ends must be greater than 0")
-    return ends
-
-
-def _some(values: tuple[float, ...]) -> tuple[float, ...]:
-    if not values:
-        raise ValueError("at least 1 item is needed")
-    return values
-
-
 @dataclass(frozen=True, kw_only=True)
 class _Between:
+    key: ClassVar[str]
     sign: Literal["+", "±"] = "+"
 
-    __pydantic_config__ = {"extra": "forbid"}  # unknown keys are errors
-
     def __post_init__(self) -> None:
+        object.__setattr__(self, self.key, _floats(self.ends))
         if self.sign not in ("+", "±"):
             raise ValueError(f"sign = {self.sign!r} is not allowed; allowed: '+' or '±'")
-        if len(self.ends()) != 2:
-            raise ValueError(f"a range has two ends, not {len(self.ends())}")
-        low, high = self.ends()
+        if len(self.ends) != 2:
+            raise ValueError(f"a range has two ends, not {len(self.ends)}")
+        low, high = self.ends
         if not low <= high:
             raise ValueError(f"the range [{low}, {high}] must rise")
 
+    @property
     def ends(self) -> tuple[float, float]:
         """Least and greatest magnitude."""
-        raise NotImplementedError
+        return getattr(self, self.key)
 
     @property
     def bounds(self) -> tuple[float, float]:
         """Least and greatest value that can be drawn."""
-        low, high = self.ends()
+        low, high = self.ends
         return (-high, high) if self.sign == "±" else (low, high)
 
 
@@ -75,42 +51,33 @@ class _Between:
 class Uniform(_Between):
     """Uniform between two ends; with ``sign = "±"`` either sign, equally likely."""
 
+    key = "uniform"
     uniform: tuple[float, float]
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "uniform", _floats(self.uniform))
-        super().__post_init__()
-
-    def ends(self) -> tuple[float, float]:
-        """Least and greatest magnitude."""
-        return self.uniform
 
 
 @dataclass(frozen=True, kw_only=True)
 class LogUniform(_Between):
     """Uniform in the logarithm, between two positive ends."""
 
-    log_uniform: Annotated[tuple[float, float], _Checked(_positive)]
+    key = "log_uniform"
+    log_uniform: tuple[float, float]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "log_uniform", _positive(_floats(self.log_uniform)))
         super().__post_init__()
-
-    def ends(self) -> tuple[float, float]:
-        """Least and greatest magnitude."""
-        return self.log_uniform
+        if not self.log_uniform[0] > 0:
+            raise ValueError("both ends must be greater than 0")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Choice:
     """One of a list, equally likely."""
 
-    choice: Annotated[tuple[float, ...], _Checked(_some)]
-
-    __pydantic_config__ = {"extra": "forbid"}  # unknown keys are errors
+    choice: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "choice", _some(_floats(self.choice)))
+        object.__setattr__(self, "choice", _floats(self.choice))
+        if not self.choice:
+            raise ValueError("at least 1 item is needed")
 
     @property
     def bounds(self) -> tuple[float, float]:
@@ -119,45 +86,16 @@ class Choice:
 
 
 def _floats(values: Any) -> tuple[float, ...]:
-    return tuple(float(value) for value in values)
+    numbers = tuple(float(value) for value in values)
+    if any(math.isnan(number) for number in numbers):
+        raise ValueError("nan is not a number")
+    return numbers
 
 
 _KINDS = {"uniform": Uniform, "log_uniform": LogUniform, "choice": Choice}
 
 
-def _plain(value: Any) -> Any:
-    if isinstance(value, bool):
-        raise ValueError("a number or a distribution is needed, not true or false")
-    if isinstance(value, str):
-        raise ValueError(f"a number or a distribution is needed, not '{value}'")
-    if isinstance(value, dict):
-        known = (*_KINDS, "sign")
-        unknown = [key for key in value if key not in known]
-        if unknown:
-            raise ValueError(f"unknown distribution '{unknown[0]}'; {did_you_mean(unknown[0], known)}")
-        if len(set(value) & set(_KINDS)) != 1:
-            raise ValueError(f"a distribution has exactly one of {', '.join(_KINDS)}")
-    return value
-
-
-def _kind(value: object) -> str:
-    kind = type(value)
-    if isinstance(value, dict):
-        kind = next(kind for key, kind in _KINDS.items() if key in value)
-    return kind.__name__ if kind in _KINDS.values() else "float"
-
-
-class _OneOf:
-    """Tells pydantic the kinds of a :data:`Number` apart by key, so that an error is about the one that was meant."""
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
-        from pydantic_core import core_schema
-
-        kinds = {kind.__name__: handler.generate_schema(kind) for kind in get_args(source)}
-        return core_schema.no_info_before_validator_function(_plain, core_schema.tagged_union_schema(kinds, _kind))
-
-
-Number = Annotated[float | Uniform | LogUniform | Choice, _OneOf()]
+Number = float | Uniform | LogUniform | Choice
 """A fixed number or a distribution."""
 
 
@@ -167,11 +105,19 @@ def as_number(value: Any) -> Number:
     Raises:
         ValueError: neither; says what is allowed.
     """
-    value = _plain(value)
+    if isinstance(value, Uniform | LogUniform | Choice):
+        return value
+    if isinstance(value, dict):
+        known = (*_KINDS, "sign")
+        for key in value:
+            if key not in known:
+                raise ValueError(f"unknown distribution '{key}'; {did_you_mean(key, known)}")
+        if len(given := [kind for key, kind in _KINDS.items() if key in value]) != 1:
+            raise ValueError(f"a distribution has exactly one of {', '.join(_KINDS)}")
     try:
-        if isinstance(value, dict):
-            return next(kind for key, kind in _KINDS.items() if key in value)(**value)
-        return value if isinstance(value, Uniform | LogUniform | Choice) else float(value)
+        if isinstance(value, bool | str):
+            raise TypeError
+        return given[0](**value) if isinstance(value, dict) else float(value)
     except TypeError:
         raise ValueError(f"a number or a distribution is needed, not {value!r}") from None
 
@@ -217,7 +163,7 @@ def draw(number: Number, draws: Draws, label: str) -> Any:
     u = draws.fraction(label)
     if isinstance(number, Choice):
         return np.asarray(number.choice)[(u * len(number.choice)).astype(int)]
-    low, high = number.ends()
+    low, high = number.ends
     if isinstance(number, LogUniform):
         value = low * (high / low) ** u
     else:
@@ -225,3 +171,38 @@ def draw(number: Number, draws: Draws, label: str) -> Any:
     if number.sign == "±":
         value = np.where(draws.fraction(label + ".sign") < 0.5, value, -value)
     return value
+
+
+class Drawn:
+    """A section's numbers as drawn for some seeds: ``Drawn(scenario.axis, draws, "axis").zeta``, shape (n,), or one
+    number if it is fixed."""
+
+    def __init__(self, section: Any, draws: Draws, label: str) -> None:
+        self._section, self._draws, self._place = section, draws, f"{label}." if label else ""
+
+    def __getattr__(self, name: str) -> Any:
+        number = getattr(self._section, name)
+        value = number if type(number) is float else draw(number, self._draws, self._place + name)
+        self.__dict__[name] = value  # the next time it is there
+        return value
+
+    def into(self, columns: Columns, place: str, machines: np.ndarray, **made: Any) -> None:
+        """Writes a part.
+
+        Args:
+            columns: in which it lies.
+            place: its name there; what section and part call the same, is written as it was drawn.
+            machines: indices, shape (n,).
+            made: fields that the part calls, or counts, otherwise.
+        """
+        kind: Any = type(self._section)
+        for name in _shared(kind, columns.fields_of(place)):
+            if name not in made:
+                number = getattr(self._section, name)
+                made[name] = number if type(number) is float else getattr(self, name)
+        columns.set_some(place, machines, made)
+
+
+@functools.cache
+def _shared(section: Any, part: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(name for name in part if name in section.__dataclass_fields__)

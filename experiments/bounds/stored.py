@@ -28,7 +28,7 @@ LINEAR = "fixed linear, at the set height"
 
 SOURCES = (
     "experiments/bounds/*.py", "!experiments/bounds/stored.py", "!experiments/bounds/estimates.py",
-    "!experiments/bounds/__main__.py", "envs/scenarios/__init__.py", "envs/scenarios/distributions.py",
+    "!experiments/bounds/__main__.py", "envs/scenarios/*.py", "!envs/scenarios/material.py",
     "envs/engine/lanes.py", "envs/engine/quantity.py",
     *(
         f"envs/plant/{name}.py"

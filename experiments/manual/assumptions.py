@@ -27,7 +27,7 @@ ABOUT = {
 }
 """Files that speak about the mark itself, and what they say."""
 
-DECLARED = ("Quantity", "_q")
+DECLARED = ("Quantity",)
 """Calls that declare a number: unit, range, meaning and source. A number without a source is assumed."""
 
 SHORT = 130
@@ -61,7 +61,7 @@ def every() -> list[Assumed]:
 
 def of_python(file: str, text: str) -> Iterator[Assumed]:
     """Constants and fields of a module."""
-    if MARK not in text and "Quantity(" not in text and "_q(" not in text:
+    if MARK not in text and "Quantity(" not in text:
         return
     tree, notes = ast.parse(text), _comments(text)
     for prefix, body in [("", tree.body), *((f"{c.name}.", c.body) for c in tree.body if isinstance(c, ast.ClassDef))]:

@@ -16,6 +16,7 @@ import importlib
 import inspect
 import io
 import re
+import sys
 import tokenize
 from collections.abc import Callable, Iterable
 from dataclasses import asdict
@@ -316,15 +317,15 @@ def jobs() -> str:
 
 def scenario_tables() -> str:
     """Every table of a scenario's file with its keys."""
-    notes, text = comments(scenarios), []
+    text = []
     for name, cls in _sections(scenarios.Scenario, ""):
-        rows = []
+        notes, rows = comments(sys.modules[cls.__module__])[cls.__name__], []
         for field, kind in inspect.get_annotations(cls, eval_str=True).items():
             q = next((m for m in get_args(kind) if isinstance(m, Quantity)), None)
             if q is None and _section(kind):
                 continue
             given = cls.__dataclass_fields__[field].default
-            words = (q.unit, q.doc, q.range) if q else ("", notes[cls.__name__].get(field, ""), _kinds(kind))
+            words = (q.unit, q.doc, q.range) if q else ("", notes.get(field, ""), _kinds(kind))
             rows.append((f"`{field}`", _given(given), *words))
         about = _inline((cls.__doc__ or "").strip().split("\n")[0])
         text += [f"**`{name}`** {about}", "", table(("key", "default", "unit", "what it is", "allowed"), rows)]
@@ -391,7 +392,7 @@ def _sections(cls: Any, name: str) -> Iterable[tuple[str, Any]]:
 
 
 def _section(kind: Any) -> Any:
-    kinds = [k for k in (kind, *get_args(kind)) if isinstance(k, type) and issubclass(k, scenarios._Section)]
+    kinds = [k for k in (kind, *get_args(kind)) if isinstance(k, type) and issubclass(k, scenarios.Section)]
     return kinds[0] if kinds else None
 
 

@@ -172,7 +172,7 @@ def _from_format_1(folder: Path, record: dict[str, Any]) -> dict[str, Any]:
     own = ("seeds", "seed_count", "scenarios", "controllers", "core", "ledger", "tuning", "parameters", "decisions")
     if not {"scenarios", "controllers", "core"} <= set(record):
         return record
-    cases = [scenarios.read(file) for file in sorted((folder / "scenarios").glob("*.toml"))]
+    cases = [scenarios.read(file, stored=True) for file in sorted((folder / "scenarios").glob("*.toml"))]
     names = record["scenarios"]
     suites = [suite for suite in scenarios.suites() if set(names) & set(scenarios.rules(suite)["scenarios"])]
     with_jobs = any(case.job for case in cases)
@@ -229,7 +229,7 @@ def _texts(folder: Path, name: str) -> dict[str, str]:
     """Scenarios by name; no link among them leads out of the run's folder, since a report holds what they say."""
     place = files.within(folder, name, "folder")
     inside = [files.within(folder, f"{name}/{file.name}", "scenario") for file in sorted(place.glob("*.toml"))]
-    return {file.stem: files.text(file, files.SETTINGS) for file in inside}
+    return {file.stem: scenarios.living(files.text(file, files.SETTINGS)) for file in inside}
 
 
 def _table(at: Path, name: str, stamp: str | None, notes: list[str], needed: bool = False) -> pd.DataFrame:

@@ -152,7 +152,7 @@ def test_runs_are_made_anew_when_corner_plants_or_the_machine_change():
         "experiments/measure/plants.py",
         "envs/engine/lanes.py",
         "envs/plant/machine.py",
-        "envs/scenarios/__init__.py",
+        "envs/scenarios/preparing.py",
     }
     assert "experiments/report/terminal.py" not in names
 

@@ -283,8 +283,10 @@ def test_the_recipe_for_a_disturbance_works_word_by_word(tmp_path):
         assert source.count(after) == 1, after
         path.write_text(source.replace(after, new if instead else after + new), encoding="utf-8")
 
-    sensor, head = "envs/plant/sensor.py", "envs/scenarios/__init__.py"
-    last = re.search(r"(?m)^    plasma: float.*\n", (copy / sensor).read_text(encoding="utf-8"))[0]
+    sensor, head, preparing = (
+        f"envs/{each}.py" for each in ("plant/sensor", "scenarios/hardware", "scenarios/preparing")
+    )
+    last = re.search(r"(?m)^    plasma: Annotated.*\n", (copy / sensor).read_text(encoding="utf-8"))[0]
     edit(sensor, last, blocks[0])
     edit(sensor, "part, uniform\n", "part, sine, uniform\n", "instead")
     old = re.search(r"(?m)^    c5 = capacitance\(p, max.*\n", (copy / sensor).read_text(encoding="utf-8"))[0]
@@ -292,7 +294,7 @@ def test_the_recipe_for_a_disturbance_works_word_by_word(tmp_path):
     edit(sensor, old, blocks[1], "instead")
     last = re.search(r"(?m)^    plasma: Annotated.*\n", (copy / head).read_text(encoding="utf-8"))[0]
     edit(head, last, blocks[2])
-    edit(head, '        "plasma": value("plasma"),\n', blocks[3])
+    edit(preparing, "        burst_end=1 - np.exp(-PERIOD / own.burst_length),\n", blocks[3])
     edit("envs/plant/ideal.py", '"bursts", "plasma"', ', "hum"')
     settings = os.environ | {"PYTHONPATH": str(tmp_path), "KERFGYM_CACHE_DIR": str(tmp_path / "cache")}
     # Whatever tells Python where the checkout is must not find it before the copy.

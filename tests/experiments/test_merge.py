@@ -9,6 +9,7 @@ import pytest
 
 import kerfgym
 from kerfgym.envs.engine.quantity import InvalidInput
+from kerfgym.envs.scenarios import load as load_scenario
 from kerfgym.experiments.report.remake import remake
 from kerfgym.experiments.results import archive
 from kerfgym.experiments.results.archive import load
@@ -356,11 +357,22 @@ def test_one_suite_that_cannot_be_read_does_not_hide_the_others(tmp_path):
     assert notes(found, "Suite ood of run run is left out: ")
 
 
+def test_a_run_whose_jobs_still_say_a_set_height_is_joined_with_one_that_does_not(tmp_path):
+    now = load_scenario("cut-square").to_toml()
+    early = "set_height = 0.8\nduration = 3.0\n" + now
+    files = [
+        store(tmp_path / name, {controller: 1}, ("cut-square",), texts={"cut-square": text}, suite="cutting")
+        for name, controller, text in (("a", "pid", early), ("b", "mpc", now))
+    ]
+    assert merge(files, RECORD).grids["cutting"].controllers == ["pid", "mpc"]
+    assert merge(files, RECORD).texts["cutting"] == {"cut-square": now}
+
+
 @pytest.mark.parametrize(("suite", "name"), [("following", "tip-up"), ("cutting", "cut-square")])
 def test_the_first_format_is_still_read(tmp_path, suite, name):
     from kerfgym.envs import scenarios
 
-    folder, case = tmp_path / "old", scenarios.load(name)
+    folder, case = tmp_path / "old", load_scenario(name)
     frame = rows({"pid": 1}, (name,), range(2)).assign(**{"roughness": 5.0, "iso_roughness": "3"})
     runs.write_table(folder, "runs", frame)
     runs.write_json(folder / "run.json", {
@@ -368,7 +380,8 @@ def test_the_first_format_is_still_read(tmp_path, suite, name):
         "core": list(scenarios.core(suite)), "ledger": {}, "tuning": {}, "parameters": {},
     })  # fmt: skip
     with runs.atomic(folder / "scenarios" / f"{name}.toml") as part:
-        part.write_text(case.to_toml(), encoding="utf-8")
+        dead = "set_height = 0.8\n" if case.job else ""  # which early runs have
+        part.write_text(dead + case.to_toml(), encoding="utf-8")
     found = load(folder)
     results = found.grids[suite]
     assert results.controllers == ["pid"]
