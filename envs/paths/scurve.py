@@ -79,21 +79,6 @@ class Motion:
         return s, np.maximum(v, 0.0), np.where(over, 0.0, a0 + d * j), np.where(over, 0.0, j)
 
 
-def rest_to_rest(way: float, speed: float, acceleration: float, jerk: float) -> tuple[float, float]:
-    """Largest speed, mm/s, and duration, s, of :func:`move`."""
-    top = min(speed, reachable(0.0, 0.5 * way, acceleration, jerk))
-    if top == 0.0:
-        return 0.0, 0.0
-    ramp = top / acceleration + acceleration / jerk if top >= acceleration**2 / jerk else 2.0 * sqrt(top / jerk)
-    return top, way / top + ramp
-
-
-def move(way: float, speed: float, acceleration: float, jerk: float) -> Motion:
-    """From rest to rest over ``way`` mm (above 0), as fast as the limits allow."""
-    one, top = np.ones(1), rest_to_rest(way, speed, acceleration, jerk)[0]
-    return blocks(0.0 * one, 0.0 * one, top * one, way * one, acceleration * one, jerk * one)
-
-
 def blocks(v0: Array, v1: Array, top: Array, ways: Array, acceleration: Array, jerk: Array) -> Motion:
     """One block after the other: each begins with ``v0``, goes up to ``top``, ends with ``v1``, and is ``ways`` long,
     which must suffice for that (see :func:`peak`)."""

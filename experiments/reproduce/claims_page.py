@@ -10,7 +10,8 @@ from rich.console import Console
 from rich.table import Table
 
 from ..store.runs import atomic
-from .claims import CALIBRATED, DOCUMENTS, FAILS, INPUT, NOT, PRESENT, REPRODUCED, TREND, VERDICTS
+from .claims import DOCUMENTS
+from .verdicts import CALIBRATED, FAILS, INPUT, NOT, PRESENT, REPRODUCED, TREND, VERDICTS
 
 Part = dict[str, Any]
 STYLES = {

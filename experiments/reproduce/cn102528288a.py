@@ -17,24 +17,8 @@ from ...envs.plant import sensor, supervisor, z_axis
 from ..measure import rollout
 from ..plots.palette import COLOURS, GRID, QUIET
 from . import fixed_gains
-from .claims import (
-    FAILS,
-    INPUT,
-    NAMED,
-    PRESENT,
-    SILENT,
-    TREND,
-    Drawing,
-    Estimate,
-    Evidence,
-    Findings,
-    Row,
-    Trial,
-    estimate,
-    judged,
-    study,
-    weighed,
-)
+from .claims import Drawing, Estimate, Evidence, Findings, Row, Trial, estimate, judged, study, weighed
+from .verdicts import FAILS, INPUT, NAMED, PRESENT, SILENT, TREND
 
 CONTROLLER = "cn102528288a"
 SPEED = 200.0

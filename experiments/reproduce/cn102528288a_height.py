@@ -5,8 +5,9 @@ from matplotlib.figure import Figure
 
 from ...envs.scenarios import material as materials
 from ..plots.palette import COLOURS, QUIET
-from .claims import CALIBRATED, TREND, Drawing, Findings, Row, Trial, estimate, judged, study
+from .claims import Drawing, Findings, Row, Trial, estimate, judged, study
 from .huang2024 import jobs_of
+from .verdicts import CALIBRATED, TREND
 
 STACK = "huang2024-static-fast"
 """A cut without dither in C45 of 10 mm, Huang2024's fastest."""

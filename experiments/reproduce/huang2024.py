@@ -19,24 +19,8 @@ from ...envs.scenarios import material as materials
 from ..plots.palette import COLOURS, GRID, QUIET
 from ..results import jobs
 from . import fit_cut
-from .claims import (
-    CALIBRATED,
-    INPUT,
-    NOT,
-    PRESENT,
-    SILENT,
-    TREND,
-    Drawing,
-    Estimate,
-    Evidence,
-    Findings,
-    Row,
-    Trial,
-    estimate,
-    judged,
-    study,
-    weighed,
-)
+from .claims import Drawing, Estimate, Evidence, Findings, Row, Trial, estimate, judged, study, weighed
+from .verdicts import CALIBRATED, INPUT, NOT, PRESENT, SILENT, TREND
 
 METHODS = {
     "static, surface quality": "huang2024-static-quality",

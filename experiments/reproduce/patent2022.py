@@ -15,26 +15,11 @@ from ...envs.scenarios import Scenario
 from ..measure.rollout import roll
 from ..measure.stability import Injection
 from ..plots.palette import COLOURS
-from .claims import (
-    PRESENT,
-    SILENT,
-    TREND,
-    Drawing,
-    Estimate,
-    Evidence,
-    Findings,
-    Row,
-    Trial,
-    estimate,
-    judged,
-    study,
-    weighed,
-)
+from .claims import Drawing, Estimate, Evidence, Findings, Row, Trial, estimate, judged, study, weighed
+from .verdicts import PRESENT, SILENT, TREND
 
 OPEN = "guard.capture=2,guard.plan=1,guard.acceleration=50000,guard.fastest=500,guard.delay=0"
 """The supervisor's own approach planner as good as off, so that the law has to stop by itself."""
-
-ASSUMED = "no constant but the 0.01 is printed; s 5, r 1, ε 0.01 mm, h_max 8 mm, a 5000 mm/s², D 2.25 mm are assumed"
 
 
 def _seeds(trial: Trial) -> range:

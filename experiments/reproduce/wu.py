@@ -19,25 +19,8 @@ from ..plots.palette import COLOURS, QUIET
 from ..results import jobs
 from . import axes
 from .axes import IDEAL
-from .claims import (
-    CALIBRATED,
-    INPUT,
-    NAMED,
-    NOT,
-    PRESENT,
-    SILENT,
-    TREND,
-    Drawing,
-    Estimate,
-    Evidence,
-    Findings,
-    Row,
-    Trial,
-    estimate,
-    judged,
-    study,
-    weighed,
-)
+from .claims import Drawing, Estimate, Evidence, Findings, Row, Trial, estimate, judged, study, weighed
+from .verdicts import CALIBRATED, INPUT, NAMED, NOT, PRESENT, SILENT, TREND
 
 PRESETS = {
     "a": xy_axes.Params(),

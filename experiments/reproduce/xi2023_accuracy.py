@@ -13,23 +13,8 @@ from ...envs.scenarios import Axis, Head, Scenario
 from ..measure import rollout
 from ..plots.palette import COLOURS, QUIET
 from . import fit_table1 as table1
-from .claims import (
-    FAILS,
-    INPUT,
-    PRESENT,
-    SILENT,
-    TREND,
-    Drawing,
-    Estimate,
-    Evidence,
-    Findings,
-    Row,
-    Trial,
-    estimate,
-    judged,
-    study,
-    weighed,
-)
+from .claims import Drawing, Estimate, Evidence, Findings, Row, Trial, estimate, judged, study, weighed
+from .verdicts import FAILS, INPUT, PRESENT, SILENT, TREND
 from .xi2023_sensor import figure
 
 STATIC, DYNAMIC, SPEED = 0.001, 0.01, 500.0

@@ -9,21 +9,8 @@ from ...envs.plant import filters, heads, idle, machine
 from ...envs.plant.controller import make_law
 from ...envs.plant.fleet import Fleet
 from ..plots.palette import COLOURS, QUIET
-from .claims import (
-    NAMED,
-    PRESENT,
-    SILENT,
-    TREND,
-    Drawing,
-    Estimate,
-    Evidence,
-    Findings,
-    Row,
-    Trial,
-    judged,
-    study,
-    weighed,
-)
+from .claims import Drawing, Estimate, Evidence, Findings, Row, Trial, judged, study, weighed
+from .verdicts import NAMED, PRESENT, SILENT, TREND
 from .xi2023_sensor import figure
 
 REST = 3.6e6

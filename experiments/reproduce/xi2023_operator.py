@@ -6,7 +6,8 @@ from matplotlib.figure import Figure
 from ...envs.control.panel import CENTRE, LEVEL, Panel
 from ...envs.plant import supervisor
 from ..plots.palette import COLOURS, GRID, QUIET
-from .claims import INPUT, NAMED, PRESENT, SILENT, TREND, Drawing, Findings, Row, Trial, estimate, judged, study
+from .claims import Drawing, Findings, Row, Trial, estimate, judged, study
+from .verdicts import INPUT, NAMED, PRESENT, SILENT, TREND
 
 CONTROLLER = "xi2023-improved"
 

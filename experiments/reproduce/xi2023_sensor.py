@@ -5,25 +5,8 @@ from matplotlib.figure import Figure
 
 from ...envs.plant import calibration, heads, sensor
 from ..plots.palette import COLOURS, QUIET
-from .claims import (
-    CALIBRATED,
-    FAILS,
-    INPUT,
-    NOT,
-    PRESENT,
-    SILENT,
-    TREND,
-    Drawing,
-    Estimate,
-    Evidence,
-    Findings,
-    Row,
-    Trial,
-    estimate,
-    judged,
-    study,
-    weighed,
-)
+from .claims import Drawing, Estimate, Evidence, Findings, Row, Trial, estimate, judged, study, weighed
+from .verdicts import CALIBRATED, FAILS, INPUT, NOT, PRESENT, SILENT, TREND
 
 LOW, HIGH = 1.665, 4.053
 """MHz, the printed band."""

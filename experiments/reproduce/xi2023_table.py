@@ -9,23 +9,8 @@ from ...envs.scenarios import Axis, Head, Scenario
 from ..measure import rollout
 from ..plots.palette import COLOURS, INK, QUIET
 from . import fit_table1 as table1
-from .claims import (
-    CALIBRATED,
-    NOT,
-    PRESENT,
-    SILENT,
-    TREND,
-    Drawing,
-    Estimate,
-    Evidence,
-    Findings,
-    Row,
-    Trial,
-    estimate,
-    judged,
-    study,
-    weighed,
-)
+from .claims import Drawing, Estimate, Evidence, Findings, Row, Trial, estimate, judged, study, weighed
+from .verdicts import CALIBRATED, NOT, PRESENT, SILENT, TREND
 from .xi2023_sensor import figure
 
 FITTED_WITHIN, HELD_OUT_WITHIN = 0.05, 0.12
