@@ -9,13 +9,11 @@ import io
 import re
 import tokenize
 from collections.abc import Iterator
-from pathlib import Path
 from typing import NamedTuple
 
-from ... import __file__ as _root
-from ..store.markdown import table
+from ..store.markdown import as_code, table
+from ..store.stamp import ROOT
 
-ROOT = Path(_root).parent
 LAYERS = ("envs", "baselines", "agents", "experiments")
 MARK = "[A]"
 
@@ -63,7 +61,7 @@ def of_python(file: str, text: str) -> Iterator[Assumed]:
     """Constants and fields of a module."""
     if MARK not in text and "Quantity(" not in text and "_q(" not in text:
         return
-    tree, notes = ast.parse(text), _comments(text)
+    tree, notes = ast.parse(text), comments(text)
     for prefix, body in [("", tree.body), *((f"{c.name}.", c.body) for c in tree.body if isinstance(c, ast.ClassDef))]:
         for node, below in zip(body, [*body[1:], None], strict=True):
             name, value = _assigned(node)
@@ -112,7 +110,7 @@ def _prose(file: str, text: str) -> Iterator[tuple[int, int, str]]:
         for node in ast.walk(ast.parse(text)):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
                 yield node.lineno, node.end_lineno or node.lineno, node.value
-        notes = _comments(text)
+        notes = comments(text)
     else:
         notes = {n: line[1:] for n, line in enumerate(text.split("\n"), start=1) if line.startswith("#")}
     block: list[int] = []
@@ -181,13 +179,14 @@ def _text(node: ast.stmt | None) -> str:
     return value.value if isinstance(value, ast.Constant) and isinstance(value.value, str) else ""
 
 
-def _comments(text: str) -> dict[int, str]:
+def comments(text: str) -> dict[int, str]:
+    """What stands behind the ``#`` of each line of a module that has one."""
     tokens = tokenize.generate_tokens(io.StringIO(text).readline)
     return {t.start[0]: t.string.removeprefix("#").strip() for t in tokens if t.type == tokenize.COMMENT}
 
 
 def _plain(text: str) -> str:
     """Without the mark, roles and line breaks."""
-    text = re.sub(r":\w+:`~?([^`]+)`", r"`\1`", text.replace("``", "`"))
+    text = as_code(text)
     text = re.sub(rf"(, value)?\s*{re.escape(MARK)}", "", re.sub(r"\s+", " ", text))
     return re.sub(r"^[\s:;,]+|[\s;,.]+$", "", text)

@@ -11,10 +11,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 from scipy.stats import quantile_test
 
 from ...envs.engine.quantity import InvalidInput, did_you_mean
+from .pictures import Drawing
 from .verdicts import FAILS, NAMED, PRESENT, REPRODUCED, SILENT, TREND, VERDICTS
 
 DOCUMENTS = {
@@ -160,16 +160,6 @@ class Row:
         elif not self.printed and self.verdict not in (PRESENT, FAILS):
             return f"nothing is printed ('{self.paper}'); it can be '{PRESENT}' or '{FAILS}'"
         return ""
-
-
-@dataclass(frozen=True)
-class Drawing:
-    """A figure, its caption (with units and what to see) and what it corresponds to ("Xi2023 Fig. 7")."""
-
-    name: str
-    figure: Figure
-    caption: str
-    source: str
 
 
 @dataclass(frozen=True)
