@@ -8,8 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..engine.quantity import InvalidInput
-
-Points = npt.NDArray[np.float64]
+from .curve import Points
 
 MATRIX = np.array([[1, 4, 1, 0], [-3, 0, 3, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]) / 6.0
 """Eq. 6: rows for 1, t, t², t³; columns for C0 … C3."""

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from .curve import CHORD, Complex, Curve, arc, beziers, line, linked, polyline, smooth
+from .curve import CHORD, Complex, Curve, arc, beziers, line, linked, polyline, quadratic, rational, smooth
 
 CUT = ("LINE", "ARC", "CIRCLE", "LWPOLYLINE", "POLYLINE", "ELLIPSE", "SPLINE", "MLINE")
 """Entities that are cut; the contents of INSERT are looked into, everything else is skipped."""
@@ -176,14 +176,11 @@ def _ellipse(entity: Any, frame: Frame) -> Curve:
 
 def spline(tool: Any, frame: Frame) -> Curve:
     """A (rational) B-spline over the knots where it is defined."""
-    from scipy.interpolate import BSpline  # slow
-
     degree, knots = tool.order - 1, np.array(tool.knots(), float)
     points = np.array([frame.at(p) for p in tool.control_points], np.complex128)
     given = tool.weights()
     weights = np.array(given, float) if len(given) else np.ones(len(points))
-    above, below = BSpline(knots, points * weights, degree), BSpline(knots, weights, degree)
-    return smooth(lambda t: above(t) / below(t), np.unique(knots[degree : len(knots) - degree]))
+    return rational(knots, points, weights, degree, np.unique(knots[degree : len(knots) - degree]))
 
 
 def outline(path: Any, frame: Frame, chord: float = CHORD) -> list[Curve]:
@@ -200,10 +197,7 @@ def outline(path: Any, frame: Frame, chord: float = CHORD) -> list[Curve]:
             elif step.type == Command.CURVE4_TO:
                 parts.append(beziers([[here, frame.at(step.ctrl1), frame.at(step.ctrl2), there]], chord))
             elif step.type == Command.CURVE3_TO:
-                bend = frame.at(step.ctrl)
-                parts.append(
-                    beziers([[here, here + 2 / 3 * (bend - here), there + 2 / 3 * (bend - there), there]], chord)
-                )
+                parts.append(beziers([quadratic(here, frame.at(step.ctrl), there)], chord))
             here = there
         if parts:
             found.append(linked(parts))

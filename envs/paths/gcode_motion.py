@@ -11,19 +11,7 @@ from ..engine.quantity import InvalidInput
 from .collected import FARTHEST
 from .curve import EXACT, Curve
 from .drawing import LENGTH_RANGE
-from .gcode_arcs import (
-    LEAST,
-    PLANES,
-    SLACK,
-    Turn,
-    bezier,
-    by_radius,
-    flat,
-    height,
-    nurbs,
-    slack,
-    swept,
-)
+from .gcode_arcs import LEAST, PLANES, SLACK, Turn, bezier, by_radius, flat, height, nurbs, slack, swept
 from .gcode_beam import Stroke
 from .gcode_codes import AXES, CYCLES, STAY
 from .gcode_flow import Line

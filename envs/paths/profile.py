@@ -17,15 +17,12 @@ every corner is a full stop, and then the limit of acceleration holds there too.
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from ..engine.quantity import InvalidInput
 from . import scurve
-from .curve import CHORD, Indices
+from .curve import CHORD, Floats, Indices
 from .driven import Driven, joined, smooth
 from .feeds import of_spans
-
-Floats = npt.NDArray[np.float64]
 
 MILLISECOND = 1e-3
 

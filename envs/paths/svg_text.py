@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from .collected import Collected
-from .curve import Curve, beziers, line, linked
+from .curve import Curve, beziers, line, linked, quadratic
 from .svg_shapes import Matrix
 from .svg_tree import Node
 
@@ -92,9 +92,8 @@ def _outlines(z: Any, codes: Any) -> Iterator[Curve]:
             parts.append(line(here, z[i]))
             here = z[i]
         elif code == 3:  # quadratic, with the point after it
-            b, end = z[i], z[i + 1]
-            parts.append(beziers([[here, here + 2 / 3 * (b - here), end + 2 / 3 * (b - end), end]]))
-            here, i = end, i + 1
+            parts.append(beziers([quadratic(here, z[i], z[i + 1])]))
+            here, i = z[i + 1], i + 1
         elif code == 4:  # cubic, with the two points after it
             parts.append(beziers([[here, z[i], z[i + 1], z[i + 2]]]))
             here, i = z[i + 2], i + 2

@@ -20,7 +20,7 @@ MEMORY_LIMIT = 4 << 30
 REFERENCE_TIME = 60.0
 """s that the reference may take besides."""
 
-KINDS = {"dxf": "drawings", "svg": "drawings", "gcode": "gcode"}
+KINDS = {"dxf": "drawings", "svg": "drawings", "gcode": "programmes"}
 """Which module of this folder checks which format."""
 
 
