@@ -207,6 +207,18 @@ def rational(
     return smooth(lambda t: above(t) / below(t), breaks, chord)
 
 
+def drawn(start: complex, steps: Iterable[tuple[complex, ...]], chord: float = CHORD) -> list[Curve]:
+    """What a pen draws from ``start``: each step has its control points, if any, and its end."""
+    parts = []
+    for step in steps:
+        if len(step) == 1:
+            parts.append(line(start, step[0]))
+        else:
+            parts.append(beziers([(start, *step) if len(step) == 3 else quadratic(start, *step)], chord))
+        start = step[-1]
+    return parts
+
+
 # Putting them together
 
 

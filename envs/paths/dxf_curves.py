@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from .curve import CHORD, Complex, Curve, arc, beziers, line, linked, polyline, quadratic, rational, smooth
+from .curve import CHORD, Complex, Curve, arc, drawn, line, linked, polyline, rational, smooth
 
 CUT = ("LINE", "ARC", "CIRCLE", "LWPOLYLINE", "POLYLINE", "ELLIPSE", "SPLINE", "MLINE")
 """Entities that are cut; the contents of INSERT are looked into, everything else is skipped."""
@@ -185,20 +185,9 @@ def spline(tool: Any, frame: Frame) -> Curve:
 
 def outline(path: Any, frame: Frame, chord: float = CHORD) -> list[Curve]:
     """The single outlines of one of the reader's paths (of a letter or a filled area); each straight stretch a line."""
-    from ezdxf.path import Command
-
     found = []
     for single in path.sub_paths():
-        here, parts = frame.at(single.start), []
-        for step in single.commands():
-            there = frame.at(step.end)
-            if step.type == Command.LINE_TO:
-                parts.append(line(here, there))
-            elif step.type == Command.CURVE4_TO:
-                parts.append(beziers([[here, frame.at(step.ctrl1), frame.at(step.ctrl2), there]], chord))
-            elif step.type == Command.CURVE3_TO:
-                parts.append(beziers([quadratic(here, frame.at(step.ctrl), there)], chord))
-            here = there
-        if parts:
-            found.append(linked(parts))
+        steps = [tuple(map(frame.at, (*step[1:], step[0]))) for step in single.commands()]  # their ends come first
+        if steps:
+            found.append(linked(drawn(frame.at(single.start), steps, chord)))
     return found

@@ -130,16 +130,15 @@ def page() -> str:
     text = []
     for folder, some in groups.items():
         cells = (
-            (
-                f"`{each.file.rsplit('/', 1)[1]}`",
-                f"`{each.name}`" if each.name else "–",
-                f"`{each.value}`" if each.value else "–",
-                each.what.replace("|", "\\|"),
-            )
+            (f"`{each.file.rsplit('/', 1)[1]}`", _code(each.name), _code(each.value), each.what.replace("|", "\\|"))
             for each in some
         )
         text.append(f"**`{folder}/`**\n\n" + table(("file", "number", "value", "what it is"), cells))
     return "\n\n".join(text)
+
+
+def _code(text: str) -> str:
+    return f"`{text}`" if text else "–"
 
 
 def _assigned(node: ast.stmt) -> tuple[str, str | None]:

@@ -402,8 +402,8 @@ def scheduled_against_fixed(trial: Trial) -> Findings:
         "scheduled, integrals always on": {"gated": 0.0},
     }  # fmt: skip
     found = {k: [arrival(trial, gain=g, **change) for g in GAINS] for k, change in kinds.items()}
-    scheduled, small, large, wound = found.values()
-    sound = [i for i, a in enumerate(scheduled) if not a.collided.any()]
+    ours, small, large, wound = found.values()
+    sound = [i for i, a in enumerate(ours) if not a.collided.any()]
     at = sound[-1] if sound else 0
     own = stack.resolve(CONTROLLER).part("law").gain
     mine = arrival(trial, gain=own), arrival(trial, gain=own, share=near)
@@ -418,14 +418,14 @@ def scheduled_against_fixed(trial: Trial) -> Findings:
     def beside(a: Estimate, b: Estimate) -> str:
         return f"{a} beside {b}"
 
-    quick, slow = (estimate(1e3 * x[at].time, "ms") for x in (scheduled, small))
+    quick, slow = (estimate(1e3 * x[at].time, "ms") for x in (ours, small))
     rows = [
         Row("description", f"position gain scheduled, beside {100 * near:.0f} % at any error: time until within "
             f"{ARRIVED:g} mm for good", "“faster”", beside(quick, slow), judged(quick.value < 0.98 * slow.value, TREND),
             f"beside {100 * far:.0f} % at any error {estimate(1e3 * large[at].time, 'ms')}; {note}"),
         Row("description", f"position gain scheduled, beside {100 * far:.0f} % at any error: overshoot",
-            "“reduces overshoot”", beside(over(scheduled[at]), over(large[at])),
-            judged(over(scheduled[at]).value < 0.98 * over(large[at]).value, TREND),
+            "“reduces overshoot”", beside(over(ours[at]), over(large[at])),
+            judged(over(ours[at]).value < 0.98 * over(large[at]).value, TREND),
             f"beside {100 * near:.0f} % at any error {over(small[at])}. What overshoots there is the integral, and a "
             "larger gain near the sheet holds it down"),
         Row("description", f"the same with the gains of {CONTROLLER} (largest {own:g} 1/s, assumed), beside "
@@ -436,8 +436,8 @@ def scheduled_against_fixed(trial: Trial) -> Findings:
             "the gain; the drive's acceleration has a limit, and a gain that grows with the error runs into it. With "
             "the supervisor's planner on, the approach is not left to the law"),
         Row("description", "integral gains opened step by step, beside always on: overshoot", "“reduces overshoot”",
-            beside(over(scheduled[at]), over(wound[at])),
-            judged(over(scheduled[at]).value < 0.98 * over(wound[at]).value, TREND),
+            beside(over(ours[at]), over(wound[at])),
+            judged(over(ours[at]).value < 0.98 * over(wound[at]).value, TREND),
             f"{wound[at].collided.sum()} of {trial.seeds} runs with integrals always on end on the sheet: they fill on "
             "the way down"),
         *_integral_and_pid(trial),

@@ -23,10 +23,7 @@ from .claims import Estimate, Evidence, Findings, Row, Trial, estimate, judged, 
 from .pictures import drawn
 from .verdicts import CALIBRATED, INPUT, NAMED, NOT, PRESENT, SILENT, TREND
 
-PRESETS = {
-    "a": xy_axes.Params(),
-    "b": xy_axes.Params(t1=0.012, t2=0.006626, tau=0.0, gain=1.04167),
-}
+PRESETS = {"a": xy_axes.Params(), "b": xy_axes.Params(t1=0.012, t2=0.006626, tau=0.0, gain=1.04167)}
 """Drive constants that agree with the printed limit (docs/physics.md#the-x-and-y-axes); Wu gives none."""
 
 KN = 0.2

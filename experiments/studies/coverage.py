@@ -13,6 +13,7 @@ With ``--run runs/standard`` errors are drawn from the runs of a finished benchm
 of its seeds say together. The table stands in ``docs/statistics.md``.
 """
 
+import itertools
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -180,13 +181,8 @@ def shares(kind: Kind, cell: Cell, repeats: int) -> Shares:
 
 def studied(kinds: Iterable[str]) -> list[Cell]:
     """What the table has rows for; the middle of many trainings on many seeds would take longer than all the rest."""
-    return [
-        (name, statistic, count)
-        for name in kinds
-        for statistic in STATISTICS
-        for count in COUNTS
-        if (name, statistic) != ("trainings", "typical")
-    ]
+    every = itertools.product(kinds, STATISTICS, COUNTS)
+    return [cell for cell in every if cell[:2] != ("trainings", "typical")]
 
 
 def measured_cells(kinds: dict[str, Kind], repeats: int, jobs: int = 1) -> dict[Cell, Shares]:

@@ -58,8 +58,8 @@ def main(
         "wrong": len(wrong), "on_the_contour": int((everything["how"] == "on the contour").sum()),
     }  # fmt: skip
     runs.write_table(place, "leads", everything)
-    told = (f"{row.source}, contour {row.contour + 1}: {row.wrong}" for row in wrong.head(20).itertuples())
-    campaign.publish([sheet_of(everything, refused, drawn)], facts, "jobs.md", "leads" if docs else None, told=told)
+    lines = (f"{row.source}, contour {row.contour + 1}: {row.wrong}" for row in wrong.head(20).itertuples())
+    campaign.publish([sheet_of(everything, refused, drawn)], facts, "jobs.md", "leads" if docs else None, told=lines)
 
 
 if __name__ == "__main__":
