@@ -20,22 +20,3 @@ def check_travel(drawing: Drawing, travel: tuple[float, float]) -> None:
             f"drawing '{drawing.name}' is {size[0]:.1f} × {size[1]:.1f} mm; allowed: the travel of "
             f"{room[0]:g} × {room[1]:g} mm{turned}; it was read in {drawing.units}"
         )
-
-
-def require_closed(drawing: Drawing) -> None:
-    """Whether every contour is closed, as it must be to know its inside.
-
-    Raises:
-        InvalidInput: some are open; the widest gap and the first place are named.
-    """
-    apart = [
-        (piece[0] + drawing.origin, float(np.hypot(*(piece[-1] - piece[0]))))
-        for piece, closed in zip(drawing.pieces, drawing.closed, strict=True)
-        if not closed
-    ]
-    if apart:
-        (x, y), gap = apart[0]
-        raise InvalidInput(
-            f"drawing '{drawing.name}': {len(apart)} of {len(drawing.pieces)} contours are open; the first begins at "
-            f"x = {x:.3f}, y = {y:.3f} mm and ends {gap:.3f} mm away; allowed here: closed ones only"
-        )

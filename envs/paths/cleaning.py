@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from . import geos as shapely
 from .curve import Curve, line
 from .nesting import even_odd
 
@@ -102,8 +103,6 @@ def _touching(legs: Legs, owners: npt.NDArray[np.int64]) -> npt.NDArray[np.int64
 
     Of two pieces of one line that overlap, an end of the one always lies on the other; so does all of the shorter.
     """
-    import shapely  # type: ignore[import-untyped]
-
     way = legs[:, 1] - legs[:, 0]
     size, angle = np.hypot(*way.T), np.arctan2(way[:, 1], way[:, 0]) % np.pi
     found, looked = [np.zeros((0, 2), np.int64)], 0
@@ -224,8 +223,6 @@ def without_doubles(contours: list[Curve]) -> tuple[list[Curve], Cleaned]:
 
 def _distance(one: Curve, other: Curve) -> float:
     """mm, how far vertices of the one, 64 at most, lie from the other."""
-    import shapely
-
     some = one.points[:: -(-len(one.points) // 64)]
     return float(shapely.distance(shapely.points(some), shapely.LineString(other.points)).max())
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from . import geos as shapely
 from .curve import EXACT, Curve, Points, turns
 
 
@@ -19,8 +20,6 @@ class Clip:
     @classmethod
     def of(cls, corners: Sequence[complex], inverted: bool) -> "Clip":
         """The polygon with ``corners``, mm."""
-        import shapely  # type: ignore[import-untyped]
-
         shape = shapely.Polygon([(z.real, z.imag) for z in corners]) if len(corners) > 2 else shapely.Polygon()
         area = shapely.make_valid(shape)
         shapely.prepare(area)
@@ -28,8 +27,6 @@ class Clip:
 
     def inside(self, curve: Curve) -> list[Curve]:
         """The stretches of a curve that are kept, in its direction, with its corners."""
-        import shapely
-
         if len(curve.points) < 2:
             return [curve]
         whole = shapely.LineString(curve.points)
@@ -50,8 +47,6 @@ class Clip:
 
     def _crossings(self, points: Points, places: Points) -> Points:
         """Where along the polyline it meets the polygon's border, its ends included, mm, rising."""
-        import shapely
-
         border, found = self.area.boundary, [places[0], places[-1]]
         legs = shapely.linestrings(np.stack([points[:-1], points[1:]], axis=1))
         for i in np.flatnonzero(shapely.intersects(legs, border)):

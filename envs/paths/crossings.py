@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from . import geos as shapely
 from .curve import Indices, Points
 from .joining import GAP
 from .overlaps import NEAR
@@ -81,8 +82,6 @@ def meetings(pieces: Sequence[Points], closed: Sequence[bool]) -> Meetings:
 
 def _near(runs: npt.NDArray[np.object_], owners: Indices) -> tuple[npt.NDArray[np.int64], bool]:
     """Pairs of runs of different contours that come near each other, shape (n, 2), and whether that are not all."""
-    import shapely  # type: ignore[import-untyped]  # slow, as the readers of files are
-
     reach = LONG * NEAR
     tree = shapely.STRtree(runs)
     low, high = np.split(shapely.bounds(runs), 2, axis=1)
@@ -103,8 +102,6 @@ def _near(runs: npt.NDArray[np.object_], owners: Indices) -> tuple[npt.NDArray[n
 
 def _stretches(runs: npt.NDArray[np.object_], owners: Indices, pairs: npt.NDArray[np.int64]) -> list[Meeting]:
     """Contours that lie on one another; the place is the middle of the longest stretch within a run."""
-    import shapely
-
     if not len(pairs):
         return []
     one, other = runs[pairs[:, 0]], runs[pairs[:, 1]]
@@ -128,8 +125,6 @@ def _stretches(runs: npt.NDArray[np.object_], owners: Indices, pairs: npt.NDArra
 
 def _middle(line: object) -> tuple[float, float]:
     """Halfway along the longest part of what an intersection left."""
-    import shapely
-
     parts = shapely.get_parts(line)
     point = shapely.line_interpolate_point(parts[shapely.length(parts).argmax()], 0.5, normalized=True)
     return float(point.x), float(point.y)
@@ -144,8 +139,6 @@ def _crossing(
 ) -> tuple[list[Meeting], bool]:
     """Contours that reach farther than :data:`.overlaps.NEAR` to both sides of a closed one, and whether it was given
     up to look for all."""
-    import shapely
-
     shut = np.array(closed, bool)
     pairs = pairs[shut[owners[pairs]].any(axis=1)] if len(pairs) else pairs
     meet = shapely.intersects(runs[pairs[:, 0]], runs[pairs[:, 1]])
@@ -163,8 +156,6 @@ def _crossing(
 
 def _through(line: Points, ring: Points) -> tuple[float, float] | None:
     """Where a line crosses a ring; None if it stays within :data:`.overlaps.NEAR` of the one side."""
-    import shapely
-
     path, edge = shapely.LineString(line), shapely.LineString(ring)
     places = shapely.points(shapely.get_coordinates(path.intersection(edge)))
     if not len(places):
@@ -184,8 +175,6 @@ def _through(line: Points, ring: Points) -> tuple[float, float] | None:
 
 def _with_themselves(pieces: Sequence[Points], closed: Sequence[bool]) -> list[Meeting]:
     """Closed contours that cross themselves, or touch themselves in a point, each with one place."""
-    import shapely
-
     shut = [i for i, c in enumerate(closed) if c]
     rings = [shapely.linestrings(pieces[i]) for i in shut]
     found = []
@@ -197,8 +186,6 @@ def _with_themselves(pieces: Sequence[Points], closed: Sequence[bool]) -> list[M
 
 def _own_crossing(ring: Points) -> tuple[float, float] | None:
     """Where a closed polyline first meets itself after more than :data:`SHORTEST` on either way round."""
-    import shapely
-
     legs = np.stack([ring[:-1], ring[1:]], axis=1)
     way = np.append(0.0, np.cumsum(np.hypot(*np.diff(ring, axis=0).T)))
     lines = shapely.linestrings(legs)

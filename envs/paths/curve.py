@@ -14,6 +14,8 @@ from math import isfinite
 import numpy as np
 import numpy.typing as npt
 
+Floats = npt.NDArray[np.float64]
+
 Points = npt.NDArray[np.float64]
 """A polyline: shape (n, 2), mm."""
 
@@ -138,12 +140,12 @@ def arc(centre: complex, start: complex, end: complex, angle: float, chord: floa
 
 
 @lru_cache(maxsize=64)
-def _parts(count: int) -> npt.NDArray[np.float64]:
+def _parts(count: int) -> Floats:
     """From 0 to 1 in ``count`` equal steps; the holes of a sheet are mostly of a few sizes."""
     return np.linspace(0.0, 1.0, count + 1)
 
 
-def smooth(at: Callable[[npt.NDArray[np.float64]], Complex], breaks: npt.ArrayLike, chord: float = CHORD) -> Curve:
+def smooth(at: Callable[[Floats], Complex], breaks: npt.ArrayLike, chord: float = CHORD) -> Curve:
     """The curve ``at(t)`` over the rising ``breaks``, halved until the chords are close enough.
 
     Only at the breaks may its tangent jump.
@@ -175,7 +177,7 @@ def beziers(controls: npt.ArrayLike, chord: float = CHORD) -> Curve:
     """Cubic Bézier curves that follow one another, of which each row of ``controls``, shape (n, 4), has the points."""
     rows: Complex = np.asarray(controls, np.complex128)
 
-    def at(t: npt.NDArray[np.float64]) -> Complex:
+    def at(t: Floats) -> Complex:
         i = np.minimum(t.astype(np.int64), last)
         u = t - i
         a, b, c, d = part[i].T
@@ -188,6 +190,33 @@ def beziers(controls: npt.ArrayLike, chord: float = CHORD) -> Curve:
         last = len(part) - 1
         curves.append(smooth(at, np.arange(len(part) + 1.0), chord))
     return curves[0] if len(curves) == 1 else linked(curves)
+
+
+def quadratic(start: complex, bend: complex, end: complex) -> tuple[complex, complex, complex, complex]:
+    """The control points of a quadratic Bézier curve as those of a cubic one."""
+    return start, start + 2 / 3 * (bend - start), end + 2 / 3 * (bend - end), end
+
+
+def rational(
+    knots: Floats, control: Complex, weights: Floats, degree: int, breaks: npt.ArrayLike, chord: float = CHORD
+) -> Curve:
+    """A rational B-spline over ``breaks``, some of its knots."""
+    from scipy.interpolate import BSpline  # slow
+
+    above, below = BSpline(knots, control * weights, degree), BSpline(knots, weights, degree)
+    return smooth(lambda t: above(t) / below(t), breaks, chord)
+
+
+def drawn(start: complex, steps: Iterable[tuple[complex, ...]], chord: float = CHORD) -> list[Curve]:
+    """What a pen draws from ``start``: each step has its control points, if any, and its end."""
+    parts = []
+    for step in steps:
+        if len(step) == 1:
+            parts.append(line(start, step[0]))
+        else:
+            parts.append(beziers([(start, *step) if len(step) == 3 else quadratic(start, *step)], chord))
+        start = step[-1]
+    return parts
 
 
 # Putting them together

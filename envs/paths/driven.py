@@ -14,9 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .bspline import MATRIX
-from .curve import CHORD, Indices, Points
-
-Array = npt.NDArray[np.float64]
+from .curve import CHORD, Floats, Indices, Points
 
 TOLERANCE = 0.005
 """mm, the largest distance of the curve from the contour [A]: a tenth of Wu's ±0.05 mm."""
@@ -45,8 +43,8 @@ class Place:
 
     xy: Points
     tangent: Points  # unit vectors
-    curvature: Array  # 1/mm, left positive
-    curvature_rate: Array  # 1/mm², per distance
+    curvature: Floats  # 1/mm, left positive
+    curvature_rate: Floats  # 1/mm², per distance
 
 
 @dataclass(frozen=True)
@@ -60,7 +58,7 @@ class Driven:
     control: Points
     first: Indices
     corners: Indices
-    vertices: Array
+    vertices: Floats
 
     @cached_property
     def _powers(self) -> npt.NDArray[np.float64]:
@@ -68,7 +66,7 @@ class Driven:
         return np.einsum("pk,nkd->pdn", MATRIX[::-1], self.control[self.first[:, None] + np.arange(4)])
 
     @cached_property
-    def _nodes(self) -> tuple[Array, Array]:
+    def _nodes(self) -> tuple[Floats, Floats]:
         """Arc length and speed |dS/dt| at the ends of all intervals; the latter from both sides."""
         t = np.arange(NODES + 1) / NODES
         speed = self._speed(np.arange(len(self.first))[:, None], t[None, :])
@@ -83,21 +81,21 @@ class Driven:
         return float(self._nodes[0][-1])
 
     @property
-    def starts(self) -> Array:
+    def starts(self) -> Floats:
         """mm along the curve where each span begins, and where the last one ends."""
         return self._nodes[0][::NODES]
 
-    def distance(self, spans: npt.ArrayLike) -> Array:
+    def distance(self, spans: npt.ArrayLike) -> Floats:
         """mm along the curve of places given in spans."""
         along, speed = self._nodes
-        at: Array = np.asarray(spans, float) * NODES
+        at: Floats = np.asarray(spans, float) * NODES
         i = np.clip(np.floor(at), 0, len(speed) - 1).astype(np.int64)
         return _hermite(along[i], along[i + 1], speed[i, 0] / NODES, speed[i, 1] / NODES, at - i)
 
     def at(self, s: npt.ArrayLike) -> Place:
         """Where the curve is at ``s`` mm; at a corner, what comes after it."""
         along, speed = self._nodes
-        there: Array = np.clip(np.asarray(s, float), 0.0, along[-1])
+        there: Floats = np.clip(np.asarray(s, float), 0.0, along[-1])
         i = np.clip(np.searchsorted(along, there, side="right") - 1, 0, len(speed) - 1)
         way = along[i + 1] - along[i]
         part = (there - along[i]) / way
@@ -105,7 +103,7 @@ class Driven:
         span = i // NODES
         return self._place(span, t)
 
-    def bends(self) -> tuple[Array, Array]:
+    def bends(self) -> tuple[Floats, Floats]:
         """Largest curvature, 1/mm, and largest change of curvature, 1/mm², of each span."""
         span = np.arange(len(self.first))[:, None] + np.zeros((1, NODES + 1), np.int64)
         place = self._place(span, np.arange(NODES + 1)[None, :] / NODES + 0.0 * span)
@@ -117,10 +115,10 @@ class Driven:
         after = self._derivative(self.corners, np.zeros(len(self.corners)), 1)
         return before / np.hypot(*before.T)[:, None], after / np.hypot(*after.T)[:, None]
 
-    def _derivative(self, span: Indices, t: Array, order: int) -> Points:
+    def _derivative(self, span: Indices, t: Floats, order: int) -> Points:
         return np.stack(list(self._derivatives(span, t)[order]), axis=-1)
 
-    def _derivatives(self, span: Indices, t: Array) -> list[Array]:
+    def _derivatives(self, span: Indices, t: Floats) -> list[Floats]:
         """The spline and its derivatives of order 1 to 3 at ``t`` of ``span``: x and y of each."""
         a, b, c, d = self._powers[:, :, span]
         return [
@@ -130,11 +128,11 @@ class Driven:
             6.0 * a + 0.0 * t,
         ]
 
-    def _speed(self, span: Indices, t: Array) -> Array:
+    def _speed(self, span: Indices, t: Floats) -> Floats:
         a, b, c, _ = self._powers[:, :, span]
         return np.hypot(*((3.0 * a * t + 2.0 * b) * t + c))
 
-    def _place(self, span: Indices, t: Array) -> Place:
+    def _place(self, span: Indices, t: Floats) -> Place:
         xy, d1, d2, d3 = self._derivatives(span, t)
         speed = np.hypot(*d1)
         cross, cross_rate = d1[0] * d2[1] - d1[1] * d2[0], d1[0] * d3[1] - d1[1] * d3[0]
@@ -227,7 +225,7 @@ class _Legs:
         self.heading = heading
         self.bend = 2.0 * np.maximum(np.abs(self.enters), np.abs(self.leaves)) / self.length
 
-    def parameter(self, tolerance: float) -> Array:
+    def parameter(self, tolerance: float) -> Floats:
         """Running number of control points at the three nodes of each leg and at the end.
 
         The spacing grows from both ends of a leg at :data:`GRADE` until it reaches what the leg's own curvature allows;
@@ -254,7 +252,7 @@ class _Legs:
         steps = np.where(even, way / h1, way / h1 * np.log1p(ratio) / np.where(even, 1.0, ratio))
         return np.insert(np.cumsum(steps), 0, 0.0)
 
-    def at(self, at_u: Array, u: Array, low: Indices, high: Indices) -> Points:
+    def at(self, at_u: Floats, u: Floats, low: Indices, high: Indices) -> Points:
         """Points where the running number is ``at_u``, on the legs from ``low`` up to ``high``."""
         i = np.clip(np.searchsorted(u, at_u, side="right") - 1, 3 * low, 3 * high - 1)
         leg, node = i // 3, i % 3
@@ -268,14 +266,14 @@ class _Legs:
         d1, d2 = (self._direction(leg, self.enters), self._direction(leg, self.leaves))
         return _hermite(self.points[leg].T, self.points[leg + 1].T, d1, d2, t).T
 
-    def _direction(self, leg: Indices, off: Array) -> Array:
+    def _direction(self, leg: Indices, off: Floats) -> Floats:
         """Derivative by the leg's parameter, of the size that makes the leg an arc if both ends turn alike."""
         size = self.length[leg] / np.cos(0.25 * (self.leaves[leg] - self.enters[leg])) ** 2
         angle = self.heading[leg] + off[leg]
         return size * np.stack([np.cos(angle), np.sin(angle)])
 
 
-def _hermite(p0: npt.ArrayLike, p1: npt.ArrayLike, d0: npt.ArrayLike, d1: npt.ArrayLike, t: Array) -> Array:
+def _hermite(p0: npt.ArrayLike, p1: npt.ArrayLike, d0: npt.ArrayLike, d1: npt.ArrayLike, t: Floats) -> Floats:
     """The cubic with the values p and slopes d at 0 and 1."""
     p0, p1, d0, d1 = (np.asarray(v, float) for v in (p0, p1, d0, d1))
     rest = 1.0 - t

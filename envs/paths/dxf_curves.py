@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from .curve import CHORD, Complex, Curve, arc, beziers, line, linked, polyline, smooth
+from .curve import CHORD, Complex, Curve, arc, drawn, line, linked, polyline, rational, smooth
 
 CUT = ("LINE", "ARC", "CIRCLE", "LWPOLYLINE", "POLYLINE", "ELLIPSE", "SPLINE", "MLINE")
 """Entities that are cut; the contents of INSERT are looked into, everything else is skipped."""
@@ -176,35 +176,18 @@ def _ellipse(entity: Any, frame: Frame) -> Curve:
 
 def spline(tool: Any, frame: Frame) -> Curve:
     """A (rational) B-spline over the knots where it is defined."""
-    from scipy.interpolate import BSpline  # slow
-
     degree, knots = tool.order - 1, np.array(tool.knots(), float)
     points = np.array([frame.at(p) for p in tool.control_points], np.complex128)
     given = tool.weights()
     weights = np.array(given, float) if len(given) else np.ones(len(points))
-    above, below = BSpline(knots, points * weights, degree), BSpline(knots, weights, degree)
-    return smooth(lambda t: above(t) / below(t), np.unique(knots[degree : len(knots) - degree]))
+    return rational(knots, points, weights, degree, np.unique(knots[degree : len(knots) - degree]))
 
 
 def outline(path: Any, frame: Frame, chord: float = CHORD) -> list[Curve]:
     """The single outlines of one of the reader's paths (of a letter or a filled area); each straight stretch a line."""
-    from ezdxf.path import Command
-
     found = []
     for single in path.sub_paths():
-        here, parts = frame.at(single.start), []
-        for step in single.commands():
-            there = frame.at(step.end)
-            if step.type == Command.LINE_TO:
-                parts.append(line(here, there))
-            elif step.type == Command.CURVE4_TO:
-                parts.append(beziers([[here, frame.at(step.ctrl1), frame.at(step.ctrl2), there]], chord))
-            elif step.type == Command.CURVE3_TO:
-                bend = frame.at(step.ctrl)
-                parts.append(
-                    beziers([[here, here + 2 / 3 * (bend - here), there + 2 / 3 * (bend - there), there]], chord)
-                )
-            here = there
-        if parts:
-            found.append(linked(parts))
+        steps = [tuple(map(frame.at, (*step[1:], step[0]))) for step in single.commands()]  # their ends come first
+        if steps:
+            found.append(linked(drawn(frame.at(single.start), steps, chord)))
     return found

@@ -1,14 +1,11 @@
 """Programmed feeds: from mm/s of every segment of a piece to limits of the curve that is driven along it."""
 
 import numpy as np
-import numpy.typing as npt
 
 from ..engine.quantity import InvalidInput
-from .curve import Indices, Points
+from .curve import Floats, Indices, Points
 from .drawing import Drawing
 from .driven import Driven
-
-Floats = npt.NDArray[np.float64]
 
 STRAIGHT = 1e-6
 """rad, below which two segments are one line."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from .curve import Complex, Curve, arc, smooth
+from .curve import Complex, Curve, arc, rational, smooth
 from .gcode_frames import Point
 
 SLACK = 2 * 0.01 * math.sqrt(2.0)
@@ -134,15 +134,6 @@ def bezier(control: list[complex]) -> Curve:
 
 def nurbs(control: list[complex], weights: list[float], order: int) -> Curve:
     """The rational B-spline of G5.2: uniform, and held at both ends."""
-    from scipy.interpolate import BSpline  # slow to import, and rarely needed
-
     inner = len(control) - order
     knots = np.concatenate([np.zeros(order), np.arange(1, inner + 1), np.full(order, inner + 1.0)])
-    w = np.array(weights)
-    top, bottom = (BSpline(knots, values, order - 1) for values in (np.array(control) * w, w))
-
-    def at(t: npt.NDArray[np.float64]) -> Complex:
-        there: Complex = top(t) / bottom(t)
-        return there
-
-    return smooth(at, np.arange(inner + 2.0), CHORD)
+    return rational(knots, np.array(control), np.array(weights), order - 1, np.arange(inner + 2.0), CHORD)

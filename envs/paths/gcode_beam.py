@@ -14,11 +14,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from .curve import Curve, key, linked, polyline
-
-Floats = npt.NDArray[np.float64]
+from .curve import Curve, Floats, key, linked, polyline
 
 HEIGHT, TORCH = 2, 3
 """Outputs of QtPlasmaC: height control off, torch off."""

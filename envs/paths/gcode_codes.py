@@ -75,11 +75,7 @@ CODES: dict[str, Code] = {
 }  # fmt: skip
 """By name."""
 
-HARMLESS = {
-    "T": "tool",
-    "S": "spindle speed or power",
-    "Z": "heights: the head follows the sheet",
-}
+HARMLESS = {"T": "tool", "S": "spindle speed or power", "Z": "heights: the head follows the sheet"}
 """Letters that are listed."""
 
 READ = "G0 to G5.3, G7, G8, G10, G17 to G21, G28, G30, G40, G43, G49 to G64, G73, G80 to G99, M0 to M9, M30, M48 to M73"

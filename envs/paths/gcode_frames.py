@@ -31,6 +31,11 @@ class Point(NamedTuple):
     xy: complex
     z: float
 
+    def but(self, given: dict[str, float]) -> "Point":
+        """The same with other X, Y and Z where these are given."""
+        x, y = given.get("X", self.xy.real), given.get("Y", self.xy.imag)
+        return Point(complex(x, y), given.get("Z", self.z))
+
 
 class Frames:
     """``at``: where the machine is, mm."""
@@ -95,8 +100,7 @@ class Frames:
             bare = Point(self.at.xy - self.tool.xy, self.at.z - self.tool.z)
             rotation = cmath.rect(1.0, math.radians(turn))
             now = (bare.xy - old.xy) / rotation - self.shift.xy
-            point = complex(given.get("X", now.real), given.get("Y", now.imag))
-            origin = bare.xy - rotation * (point + self.shift.xy)
+            origin = bare.xy - rotation * (Point(now, 0.0).but(given).xy + self.shift.xy)
             given = {"X": origin.real, "Y": origin.imag} | (
                 {"Z": bare.z - given["Z"] - self.shift.z} if "Z" in given else {}
             )
@@ -115,13 +119,12 @@ class Frames:
     def call_here(self, given: dict[str, float]) -> None:
         """G92: where the machine is now has these coordinates."""
         here = self.here()
-        x, y = (given.get("X", here.xy.real), given.get("Y", here.xy.imag))
-        self.set_shift(Point(here.xy + self.shift.xy - complex(x, y), here.z + self.shift.z - given.get("Z", here.z)))
+        there = here.but(given)
+        self.set_shift(Point(here.xy + self.shift.xy - there.xy, here.z + self.shift.z - there.z))
 
     def move_by(self, given: dict[str, float]) -> None:
         """G52."""
-        old = self.shift
-        self.set_shift(Point(complex(given.get("X", old.xy.real), given.get("Y", old.xy.imag)), given.get("Z", old.z)))
+        self.set_shift(self.shift.but(given))
 
     def set_shift(self, shift: Point, keep: bool = True) -> None:
         """The offset of G52 and G92; ``keep``: in the parameters, too."""
@@ -148,12 +151,8 @@ class Frames:
         if not axes:
             return stored
         there = self.programmed(stored)
-        return self.machine(
-            Point(
-                complex(there.xy.real if "X" in axes else here.xy.real, there.xy.imag if "Y" in axes else here.xy.imag),
-                there.z if "Z" in axes else here.z,
-            )
-        )
+        x, y = (there if axis in axes else here for axis in "XY")
+        return self.machine(Point(complex(x.xy.real, y.xy.imag), (there if "Z" in axes else here).z))
 
 
 def numbered_position(frames: Frames, key: Key, size: float) -> float | None:

@@ -54,6 +54,7 @@ class Labels:
 
     def _line(self, i: int, label: str, keyword: str, rest: str) -> None:
         within = self._open[-1] if self._open else None
+        closing = (OPENING[within[0]], within[1]) if within else None
         match keyword:
             case "":
                 if not rest:
@@ -70,10 +71,7 @@ class Labels:
                 self._open.append((keyword, label, [i]))
             case "elseif" | "else" if within and within[:2] == ("if", label):
                 within[2].append(i)
-            case "endsub" | "endif" | "endwhile" | "endrepeat" if within and (OPENING[within[0]], within[1]) == (
-                keyword,
-                label,
-            ):
+            case "endsub" | "endif" | "endwhile" | "endrepeat" if closing == (keyword, label):
                 self._close(i, keyword)
             case "break" | "continue":
                 loops = [starts[0] for k, name, starts in self._open if k in LOOPS and name == label]

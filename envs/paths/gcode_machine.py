@@ -9,7 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-from .gcode_beam import Switches
 from .gcode_codes import AXES, CODES, CYCLES, HARMLESS, MOTION, READ
 from .gcode_flow import Line
 from .gcode_frames import SYSTEMS, Point
@@ -132,7 +131,11 @@ class Machine(State):
             self.note(line, f"S ({HARMLESS['S']}) is left out; S0 is off")
         for name in ("M62", "M63", "M64", "M65"):
             if name in codes:
-                now = self.output(line, name, codes[name], values)
+                if "P" not in values:
+                    raise self.wrong(line, codes[name], "it needs P")
+                number, before = round(values["P"].value), self.modes.switches.outputs
+                self.beam.used.add(f"P{number}")
+                now = replace(now, outputs=before | {number} if name in ("M62", "M64") else before - {number})
         for name in ("M67", "M68"):
             if name in codes:
                 if "E" not in values or "Q" not in values:
@@ -149,15 +152,6 @@ class Machine(State):
         if now != old:
             modes.switches = now
             self.beam.travel()
-
-    def output(self, line: Line, name: str, word: Word, values: dict[str, Word]) -> Switches:
-        """The switches after M62 to M65."""
-        now = self.modes.switches
-        if "P" not in values:
-            raise self.wrong(line, word, "it needs P")
-        number = round(values["P"].value)
-        self.beam.used.add(f"P{number}")
-        return replace(now, outputs=now.outputs | {number} if name in ("M62", "M64") else now.outputs - {number})
 
     # Modes
 
@@ -227,7 +221,7 @@ class Machine(State):
             frames.set_shift(Point(0j, 0.0), keep="G92.1" in codes)
         if "G92.3" in codes:
             frames.recall_shift()
-        given = {axis: self.mm(values, axis) for axis in "XYZ" if axis in values}
+        given = self.axes(values)
         if "G4" in codes and not any(CODES[name].group == "motion" for name in codes):
             self.need_none(line, values, "a dwell, G4")
         if "G10" in codes:
@@ -264,15 +258,8 @@ class Machine(State):
 
     def tool_offset(self, line: Line, codes: Codes, values: dict[str, Word], given: dict[str, float]) -> None:
         """G43.1 gives the tool's offset in words; G43.2 adds that of a tool in the table, or one in words."""
-        old = self.frames.tool
-        if "G43.2" in codes:
-            self.frames.tool = Point(
-                old.xy + complex(given.get("X", 0.0), given.get("Y", 0.0)), old.z + given.get("Z", 0.0)
-            )
-            return
-        self.frames.tool = Point(
-            complex(given.get("X", old.xy.real), given.get("Y", old.xy.imag)), given.get("Z", old.z)
-        )
+        old, more = self.frames.tool, Point(0j, 0.0).but(given)
+        self.frames.tool = Point(old.xy + more.xy, old.z + more.z) if "G43.2" in codes else old.but(given)
 
     def need_none(self, line: Line, values: dict[str, Word], of: str) -> None:
         """Axes that nothing of the line may use."""

@@ -11,19 +11,7 @@ from ..engine.quantity import InvalidInput
 from .collected import FARTHEST
 from .curve import EXACT, Curve
 from .drawing import LENGTH_RANGE
-from .gcode_arcs import (
-    LEAST,
-    PLANES,
-    SLACK,
-    Turn,
-    bezier,
-    by_radius,
-    flat,
-    height,
-    nurbs,
-    slack,
-    swept,
-)
+from .gcode_arcs import LEAST, PLANES, SLACK, Turn, bezier, by_radius, flat, height, nurbs, slack, swept
 from .gcode_beam import Stroke
 from .gcode_codes import AXES, CYCLES, STAY
 from .gcode_flow import Line
@@ -110,18 +98,11 @@ class Motion:
 
     def target(self, line: Line, values: Values) -> Point:
         """The end of the line's motion in the programme's coordinates, mm."""
-        m, here = self.m, self.m.frames.here()
-        x, y, z = here.xy.real, here.xy.imag, here.z
+        here, given = self.m.frames.here(), self.m.axes(values)
         if "@" in values or "^" in values:
             return self.polar(line, values, here)
-        step = not m.modes.absolute
-        if "X" in values:
-            x = m.mm(values, "X") + (x if step else 0.0)
-        if "Y" in values:
-            y = m.mm(values, "Y") + (y if step else 0.0)
-        if "Z" in values:
-            z = m.mm(values, "Z") + (z if step else 0.0)
-        return Point(complex(x, y), z)
+        old = {} if self.m.modes.absolute else {"X": here.xy.real, "Y": here.xy.imag, "Z": here.z}
+        return here.but({axis: value + old.get(axis, 0.0) for axis, value in given.items()})
 
     def polar(self, line: Line, values: Values, here: Point) -> Point:
         """``@`` is the distance from the origin and ``^`` the angle, degrees."""
@@ -155,9 +136,7 @@ class Motion:
             raise m.wrong(line, word, "it needs G0 or G1")
         if not m.modes.absolute:
             raise m.wrong(line, word, "it does not go with G91")
-        x, y, z = m.frames.at.xy.real, m.frames.at.xy.imag, m.frames.at.z
-        x, y, z = (m.mm(values, a) if a in values else old for a, old in zip("XYZ", (x, y, z), strict=True))
-        self.straight(line, values, Point(complex(x, y), z))
+        self.straight(line, values, m.frames.at.but(m.axes(values)))
 
     def home(self, line: Line, name: str, values: Values) -> None:
         """G28 and G30: by way of the point in the line, in its axes only; or in all."""

@@ -48,6 +48,10 @@ class State:
         if line.number not in lines[-1:]:
             lines.append(line.number)
 
+    def axes(self, values: dict[str, Word]) -> dict[str, float]:
+        """X, Y and Z as far as they are given, mm."""
+        return {axis: self.mm(values, axis) for axis in "XYZ" if axis in values}
+
     def mm(self, values: dict[str, Word], letter: str) -> float:
         """The value of a length."""
         value = values[letter].value * self.modes.size

@@ -9,17 +9,14 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ..engine.quantity import InvalidInput
-from .curve import Points
+from .curve import Floats, Indices, Points
 from .drawing import Drawing
 from .feeds import breaks, of_piece
 from .lift import duration, leap, rise
 from .profile import MILLISECOND, Limits, at_constant_feed, stretches, timed
 from .route import Cutting, Route, routed
-
-Floats = npt.NDArray[np.float64]
 
 RAPID, APPROACH, PIERCE, LEAD_IN, CUT, LIFT = range(6)
 PHASES = ("rapid", "approach", "pierce", "lead-in", "cut", "lift")
@@ -98,7 +95,7 @@ class Job:
     phase: Floats
     lift: Floats
     most: Floats
-    contours: npt.NDArray[np.int64]
+    contours: Indices
     settings: Settings
     outlines: list[Points] = field(repr=False)
     warnings: list[str] = field(default_factory=list)
@@ -256,9 +253,7 @@ def _check_duration(route: Route, feeds: list[float], s: Settings) -> None:
         )
 
 
-def _job(
-    route: Route, settings: Settings, tape: _Tape, contours: npt.NDArray[np.int64], feed: float, warnings: list[str]
-) -> Job:
+def _job(route: Route, settings: Settings, tape: _Tape, contours: Indices, feed: float, warnings: list[str]) -> Job:
     drawing = route.drawing
     at, t = (np.concatenate([row[key] for row in tape.rows]) for key in ("at", "t"))
     phase, beam = (

@@ -29,16 +29,11 @@ Gap = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Joints:
-    """Gaps that were bridged, ends that nearly meet and stay open, specks that were left out, and mm of the bridges."""
+    """Gaps that were bridged, ends that nearly meet and stay open, and specks that were left out."""
 
     bridged: tuple[Gap, ...] = ()
     apart: tuple[Gap, ...] = ()
     specks: int = 0
-
-    @property
-    def bridges(self) -> float:
-        """mm that joining added to the contours."""
-        return sum(gap for *_, gap in self.bridged)
 
 
 def joined(curves: list[Curve], tolerance: float = GAP) -> tuple[list[Curve], Joints]:

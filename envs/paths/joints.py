@@ -8,12 +8,9 @@ Only outlines have joints; what falls out of a hole is scrap.
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from .curve import Indices, Points
+from .curve import Floats, Indices, Points
 from .starts import begun
-
-Floats = npt.NDArray[np.float64]
 
 SHARE = 0.25
 """Most of a contour that its joints may be; of more joints than that as many as fit are made."""

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 
 from ..engine.quantity import InvalidInput
+from . import geos as shapely
 from .curve import Points
 from .drawing import Drawing
 from .naming import named
-from .nesting import nested
+from .nesting import around_it, nested
 from .profile import corners_of
 
 _SHARE = 0.002
@@ -39,8 +40,6 @@ def compensated(drawing: Drawing, kerf: float, mitre: bool = False) -> Drawing:
             f"kerf = {kerf:g} mm: '{drawing.name}' is a programme and is cut as programmed; allowed: 0, with the kerf "
             "compensated by the CAM system that wrote it, or a drawing"
         )
-    import shapely  # type: ignore[import-untyped]  # slow, as the readers of files are
-
     nesting = nested(drawing.pieces, drawing.closed)
     moved: list[Points] = []
     closed: list[bool] = []
@@ -86,21 +85,14 @@ def _moved(shape: Any, piece: Points, away: float, mitre: bool) -> tuple[list[Po
 
 def _begun(ring: Points, piece: Points) -> Points:
     """A ring that begins near where the contour began, and runs in its direction."""
-    if _area(ring) * _area(piece) < 0:
+    if around_it(ring)[0] * around_it(piece)[0] < 0:
         ring = ring[::-1]
     first = int(np.hypot(*(ring - piece[0]).T).argmin())
     return np.concatenate([ring[first:-1], ring[: first + 1]])
 
 
-def _area(ring: Points) -> float:
-    x, y = (ring - ring[0]).T
-    return float(x[:-1] @ y[1:] - x[1:] @ y[:-1])
-
-
 def _meeting(moved: list[Points], closed: list[bool], origin: list[int]) -> list[int]:
     """Contours whose paths meet another's."""
-    import shapely
-
     index = [k for k, shut in enumerate(closed) if shut]
     lines = [shapely.linestrings(moved[k]) for k in index]
     a, b = shapely.STRtree(lines).query(lines, predicate="intersects") if lines else ([], [])

@@ -18,7 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from .curve import CHORD, Indices, Points, arc
+from . import geos as shapely
+from .curve import CHORD, Floats, Indices, Points, arc
 from .room import Room
 from .starts import (
     ACROSS,
@@ -36,8 +37,6 @@ from .starts import (
     straight,
     together,
 )  # fmt: skip
-
-Floats = npt.NDArray[np.float64]
 
 HOW = ("none", "drawn", "shorter", "arc", "elsewhere", "on the contour")
 """Ways in which a contour is begun: without lead-in because none is wanted; where the drawing begins, at full length,
@@ -170,8 +169,6 @@ class _Search:
 
     def from_the_middle(self, left: Indices) -> dict[int, Lead]:
         """From the middle of the largest circle within a hole to where it touches."""
-        import shapely  # type: ignore[import-untyped]  # slow, as the readers of files are
-
         found: dict[int, Lead] = {}
         for i in left[self.room.nesting.hole[left]].tolist():
             ring = self.pieces[i]

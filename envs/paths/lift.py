@@ -6,9 +6,8 @@ and whose largest acceleration is 6 d/T²; a leap adds ``sin²(πu)``, with π/T
 """
 
 import numpy as np
-import numpy.typing as npt
 
-Floats = npt.NDArray[np.float64]
+from .curve import Floats
 
 
 def duration(distance: float, speed: float, acceleration: float) -> float:

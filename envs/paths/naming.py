@@ -3,9 +3,7 @@
 from collections.abc import Sequence
 
 from .drawing import Drawing
-
-NAMED = 5
-"""Contours that a warning names; of more it tells how many there are."""
+from .report import first_of
 
 
 def named(drawing: Drawing, contours: Sequence[int], what: str) -> list[str]:
@@ -16,11 +14,7 @@ def named(drawing: Drawing, contours: Sequence[int], what: str) -> list[str]:
         contours: indices.
         what: what is true of each.
     """
-    out = []
-    for i in contours[:NAMED]:
-        x, y = drawing.pieces[i][0] + drawing.origin
-        out.append(f"contour {drawing.number(i)}, which begins at x = {x:.2f}, y = {y:.2f} mm, {what}")
-    if len(contours) > NAMED:
-        rest = len(contours) - NAMED
-        out.append(f"the same is true of {rest} more contour{'s' if rest > 1 else ''}")
-    return out
+    places = ((drawing.number(i), *(drawing.pieces[i][0] + drawing.origin)) for i in contours)
+    return first_of(
+        [f"contour {n}, which begins at x = {x:.2f}, y = {y:.2f} mm, {what}" for n, x, y in places], "contour"
+    )

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..plant.path import SPACING
+from . import geos as shapely
 from .curve import Indices, Points
 
 GAP = SPACING
@@ -55,8 +56,6 @@ def nested(pieces: list[Points], closed: list[bool]) -> Nesting:
         pieces: arrays of shape (n, 2), mm.
         closed: whether each ends in its first point; open ones have nothing within them.
     """
-    import shapely  # type: ignore[import-untyped]  # slow, as the readers of files are
-
     count = len(pieces)
     area = np.array([enclosed(p) if c else 0.0 for p, c in zip(pieces, closed, strict=True)])
     around: list[list[int]] = [[] for _ in range(count)]
@@ -94,8 +93,6 @@ def nested(pieces: list[Points], closed: list[bool]) -> Nesting:
 
 def _hold(outlines: npt.NDArray[np.object_], points: list[Points]) -> npt.NDArray[np.bool_]:
     """Whether each outline holds most of its points."""
-    import shapely
-
     if not points:
         return np.zeros(0, bool)
     sizes = np.array([len(p) for p in points])
@@ -114,8 +111,6 @@ def _around(
 ) -> tuple[list[int], int]:
     """Of the contours ``near``, the smallest first, those next around ``points``, and how many are around them in all;
     ``held``: whether the smallest is."""
-    import shapely
-
     smallest = int(near[0])
     if held and depth[smallest] + 1 == len(near):
         return [smallest], len(near)  # all others are around that one
@@ -135,21 +130,21 @@ def _around(
 
 def signed_area(points: Points) -> float:
     """mm² that a closed polyline encloses, positive if it runs counter-clockwise; 0 if it is next to nothing."""
-    area, way = _around_it(points)
+    area, way = around_it(points)
     return area if abs(area) > SLIGHT * way * way else 0.0
 
 
 def enclosed(points: Points) -> float:
     """The same by the even-odd rule, where a polyline that crosses itself may enclose more than the difference of what
     it goes around one way and the other."""
-    area, way = _around_it(points)
+    area, way = around_it(points)
     if abs(area) > THIN * way * way:
         return area
     both = even_odd(points) if len(points) > 4 else abs(area)  # of three corners none is a lobe
     return float(np.copysign(both, area)) if both > SLIGHT * way * way else 0.0
 
 
-def _around_it(points: Points) -> tuple[float, float]:
+def around_it(points: Points) -> tuple[float, float]:
     """mm² that a closed polyline goes around, counter-clockwise less clockwise, and its length, mm."""
     x, y = (points - points[0]).T
     return float(x[:-1] @ y[1:] - x[1:] @ y[:-1]) / 2.0, float(np.hypot(*np.diff(points, axis=0).T).sum())
@@ -157,8 +152,6 @@ def _around_it(points: Points) -> tuple[float, float]:
 
 def even_odd(points: Points) -> float:
     """mm² of all lobes of a closed polyline; of a scribble that crosses itself thousands of times about so many."""
-    import shapely
-
     if len(points) <= 3:
         return 0.0
     return _scanned(points) if _is_scribble(points) else float(shapely.make_valid(shapely.polygons(points)).area)
@@ -166,8 +159,6 @@ def even_odd(points: Points) -> float:
 
 def _is_scribble(points: Points) -> bool:
     """Whether a polyline crosses itself so often that to take its lobes apart would take minutes."""
-    import shapely
-
     legs = shapely.linestrings(np.stack([points[:-1], points[1:]], axis=1))
     tree, met = shapely.STRtree(legs), 0
     for at in range(0, len(legs), _LEGS):

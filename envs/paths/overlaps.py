@@ -6,6 +6,7 @@ so of curves no more can be asked than that they stay within their chords' toler
 
 import numpy as np
 
+from . import geos as shapely
 from .cleaning import MOST_PAIRS, ON, Cleaned, TooMany
 from .curve import CHORD, Curve
 from .pieces import short_runs
@@ -30,8 +31,6 @@ def without_curves_on_others(curves: list[Curve]) -> tuple[list[Curve], Cleaned]
     Raises:
         TooMany: more than :data:`.cleaning.MOST_PAIRS` lie on one another.
     """
-    import shapely  # type: ignore[import-untyped]  # slow, as the readers of files are
-
     bent = np.array([i for i, c in enumerate(curves) if len(c.points) > 2], np.int64)
     opened = np.array([i for i in bent if (curves[i].points[0] != curves[i].points[-1]).any()], np.int64)
     if len(bent) < 2 or not len(opened):
@@ -57,8 +56,6 @@ def without_curves_on_others(curves: list[Curve]) -> tuple[list[Curve], Cleaned]
 
 def lies_on(one: Curve, other: Curve) -> bool:
     """Whether all of the one lies on the other, and runs along it."""
-    import shapely
-
     line, own = shapely.LineString(other.points), shapely.LineString(one.points)
     if own.length > line.length * (1.0 + ADVANCE):
         return False

@@ -124,7 +124,7 @@ def part(name: str, **dimensions: Any) -> Drawing:
     """
     if name not in PARTS:
         raise InvalidInput(f"unknown part '{name}'; {did_you_mean(name, PARTS)}, or a drawing's file")
-    known = list(inspect.signature(PARTS[name]).parameters)
+    known = sizes(name)
     for size, value in dimensions.items():
         if size not in known:
             raise InvalidInput(f"part '{name}': unknown size '{size}'; {did_you_mean(size, known)}")

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from . import geos as shapely
 from .curve import Indices, Points
 
 RUN = 24
@@ -18,8 +19,6 @@ def short_runs(pieces: Sequence[Points]) -> tuple[Any, Indices]:
     Args:
         pieces: arrays of shape (n, 2), mm.
     """
-    import shapely  # type: ignore[import-untyped]  # slow, as the readers of files are
-
     runs: list[Points] = []
     owners: list[int] = []
     for i, piece in enumerate(pieces):

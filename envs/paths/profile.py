@@ -17,15 +17,12 @@ every corner is a full stop, and then the limit of acceleration holds there too.
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from ..engine.quantity import InvalidInput
 from . import scurve
-from .curve import CHORD, Indices
-from .driven import Driven, Place, joined, smooth
+from .curve import CHORD, Floats, Indices
+from .driven import Driven, joined, smooth
 from .feeds import of_spans
-
-Floats = npt.NDArray[np.float64]
 
 MILLISECOND = 1e-3
 
@@ -173,12 +170,6 @@ def corner_speeds(curve: Driven, limits: Limits) -> Floats:
     before, after = curve.kinks()
     jump = np.hypot(*(after - before).T)
     return np.minimum(limits.speed, limits.jump / np.maximum(jump, 1e-12))
-
-
-def vectors(place: Place, v: Floats, a: Floats, j: Floats) -> tuple[Floats, Floats]:
-    """Magnitudes of acceleration, mm/s², and jerk, mm/s³, for the motion ``v``, ``a``, ``j`` along the path."""
-    k, rate = place.curvature, place.curvature_rate
-    return np.hypot(a, k * v**2), np.hypot(j - k**2 * v**3, 3.0 * k * v * a + rate * v**3)
 
 
 def _along(curve: Driven, limits: Limits, full: float | Floats, ease: float) -> tuple[Floats, Floats, Floats]:

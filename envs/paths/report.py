@@ -38,21 +38,22 @@ def _crossing(meetings: Meetings) -> Iterator[str]:
     """Contours have their numbers as they were read, which are those of ``meetings``."""
     found = meetings.found
     own = "crosses or touches itself at {}: what it goes around an even number of times is taken as outside"
-    yield from _each([f"contour {m.first + 1} {own.format(_at(m))}" for m in found if m.first == m.second], "contour")
+    yield from first_of(
+        [f"contour {m.first + 1} {own.format(_at(m))}" for m in found if m.first == m.second], "contour"
+    )
     pairs = [(m, f"contours {m.first + 1} and {m.second + 1}") for m in found if m.first != m.second]
     crossing = [f"{both} cross at {_at(m)}: each cuts into the other" for m, both in pairs if not m.along]
-    yield from _each(crossing, "pair")
+    yield from first_of(crossing, "pair")
     on = "lie on one another over {:.1f} mm, at {}: cut for each of them"
-    yield from _each([f"{both} {on.format(m.along, _at(m))}" for m, both in pairs if m.along], "pair")
+    yield from first_of([f"{both} {on.format(m.along, _at(m))}" for m, both in pairs if m.along], "pair")
     if meetings.cut_short:
         yield "too many contours meet to look at all: there may be more that cross or lie on one another"
 
 
-def _each(lines: list[str], what: str) -> Iterator[str]:
-    yield from lines[:TOLD]
-    if len(lines) > TOLD:
-        rest = len(lines) - TOLD
-        yield f"the same is true of {rest} more {what}{'s' if rest > 1 else ''}"
+def first_of(lines: list[str], what: str) -> list[str]:
+    """The first sentences, and how many more there are."""
+    rest = len(lines) - TOLD
+    return lines if rest <= 0 else [*lines[:TOLD], f"the same is true of {rest} more {what}{'s' if rest > 1 else ''}"]
 
 
 def _at(meeting: Meeting) -> str:

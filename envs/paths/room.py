@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .curve import Indices, Points
+from . import geos as shapely
+from .curve import Floats, Indices, Points
 from .nesting import Nesting
 from .pieces import short_runs
 
@@ -23,8 +24,6 @@ of each other does not wait for minutes. It is a number and not a time, so that 
 OF_A_WAY = 16
 """Such questions that one of a way and a run of a contour is worth."""
 
-Floats = npt.NDArray[np.float64]
-
 
 class Room:
     """The contours of a drawing, to be asked for what is free.
@@ -37,8 +36,6 @@ class Room:
     """
 
     def __init__(self, pieces: list[Points], nesting: Nesting, kerf: float, most: int = MOST_WORK) -> None:
-        import shapely  # type: ignore[import-untyped]  # slow, as the readers of files are
-
         self.nesting, self.half = nesting, 0.5 * kerf
         self.runs, self.owners = short_runs(pieces)
         self.tree = shapely.STRtree(self.runs)
@@ -66,8 +63,6 @@ class Room:
             starts: shape (n, 2), mm, on a contour, which does not count there.
             ways: shape (n, 2), mm.
         """
-        import shapely
-
         size = np.hypot(*ways.T)
         begin = starts + ways * (np.minimum(TOUCH[0], 0.1 * size) / np.maximum(size, 1e-12))[:, None]
         rays = shapely.linestrings(np.stack([begin, starts + ways], axis=1))
@@ -88,8 +83,6 @@ class Room:
             ways: shape (n, k, 2), from the pierce point to the contour, k odd.
             least: shape (n,), mm.
         """
-        import shapely
-
         if not len(own):
             return np.zeros(0, bool)
         good = np.ones(len(own), bool)
@@ -107,8 +100,6 @@ class Room:
         return good
 
     def _touches_in_its_end(self, own: Indices, ways: Floats, lines: Any, length: Floats) -> npt.NDArray[np.bool_]:
-        import shapely
-
         good = np.ones(len(own), bool)
         which, run = self._near(lines, "intersects")
         good[which[self.owners[run] != own[which]]] = False
@@ -121,8 +112,6 @@ class Room:
     def _in_scrap(self, own: Indices, points: Points) -> npt.NDArray[np.bool_]:
         """Whether each point lies on the scrap side of its contour: outside an outline, within a hole, and otherwise
         within what the contour lies within."""
-        import shapely
-
         if self.boxes is None:
             return np.ones(len(own), bool)
         which, outline = self.boxes.query(shapely.points(points))

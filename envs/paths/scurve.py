@@ -8,18 +8,17 @@ from dataclasses import dataclass
 from math import asinh, cbrt, sinh, sqrt
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from .curve import Floats
 
 
-def ramp_time(change: Array, acceleration: Array, jerk: Array) -> Array:
+def ramp_time(change: Floats, acceleration: Floats, jerk: Floats) -> Floats:
     """s, to change the speed by ``change`` mm/s of either sign."""
     dv = np.abs(change)
     return np.where(dv >= acceleration**2 / jerk, dv / acceleration + acceleration / jerk, 2.0 * np.sqrt(dv / jerk))
 
 
-def ramp_way(v0: Array, v1: Array, acceleration: Array, jerk: Array) -> Array:
+def ramp_way(v0: Floats, v1: Floats, acceleration: Floats, jerk: Floats) -> Floats:
     """mm, to get from ``v0`` to ``v1``."""
     return 0.5 * (v0 + v1) * ramp_time(v1 - v0, acceleration, jerk)
 
@@ -38,7 +37,7 @@ def reachable(v0: float, way: float, acceleration: float, jerk: float) -> float:
     return 0.5 * (sqrt(knee * knee - 4.0 * (knee * v0 - v0 * v0 - 2.0 * acceleration * way)) - knee)
 
 
-def peak(v0: Array, v1: Array, most: Array, way: Array, acceleration: Array, jerk: Array) -> Array:
+def peak(v0: Floats, v1: Floats, most: Floats, way: Floats, acceleration: Floats, jerk: Floats) -> Floats:
     """The largest speed up to ``most`` from which ``v1`` is still reached, on a way from v0 to v1. By bisection."""
     low, high = np.maximum(v0, v1), np.maximum(most, np.maximum(v0, v1))
     fits = ramp_way(v0, high, acceleration, jerk) + ramp_way(high, v1, acceleration, jerk) <= way
@@ -55,11 +54,11 @@ class Motion:
     """Distance against time as cubics: piece i begins at ``t[i]`` with distance ``s``, speed ``v``, acceleration ``a``
     and has the jerk ``j``; one more entry in ``t`` ends it, ``way`` is the distance travelled."""
 
-    t: Array
-    s: Array
-    v: Array
-    a: Array
-    j: Array
+    t: Floats
+    s: Floats
+    v: Floats
+    a: Floats
+    j: Floats
     way: float
 
     @property
@@ -67,7 +66,7 @@ class Motion:
         """s."""
         return float(self.t[-1])
 
-    def at(self, t: Array) -> tuple[Array, Array, Array, Array]:
+    def at(self, t: Floats) -> tuple[Floats, Floats, Floats, Floats]:
         """Distance mm, speed mm/s, acceleration mm/s² and jerk mm/s³ at ``t`` s; at rest before and after."""
         i = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.j) - 1)
         over = (t < self.t[0]) | (t >= self.t[-1])
@@ -79,22 +78,7 @@ class Motion:
         return s, np.maximum(v, 0.0), np.where(over, 0.0, a0 + d * j), np.where(over, 0.0, j)
 
 
-def rest_to_rest(way: float, speed: float, acceleration: float, jerk: float) -> tuple[float, float]:
-    """Largest speed, mm/s, and duration, s, of :func:`move`."""
-    top = min(speed, reachable(0.0, 0.5 * way, acceleration, jerk))
-    if top == 0.0:
-        return 0.0, 0.0
-    ramp = top / acceleration + acceleration / jerk if top >= acceleration**2 / jerk else 2.0 * sqrt(top / jerk)
-    return top, way / top + ramp
-
-
-def move(way: float, speed: float, acceleration: float, jerk: float) -> Motion:
-    """From rest to rest over ``way`` mm (above 0), as fast as the limits allow."""
-    one, top = np.ones(1), rest_to_rest(way, speed, acceleration, jerk)[0]
-    return blocks(0.0 * one, 0.0 * one, top * one, way * one, acceleration * one, jerk * one)
-
-
-def blocks(v0: Array, v1: Array, top: Array, ways: Array, acceleration: Array, jerk: Array) -> Motion:
+def blocks(v0: Floats, v1: Floats, top: Floats, ways: Floats, acceleration: Floats, jerk: Floats) -> Motion:
     """One block after the other: each begins with ``v0``, goes up to ``top``, ends with ``v1``, and is ``ways`` long,
     which must suffice for that (see :func:`peak`)."""
     up, up_way = _ramp(top - v0, acceleration, jerk), ramp_way(v0, top, acceleration, jerk)
@@ -124,14 +108,14 @@ def steady(way: float, speed: float) -> Motion:
     return Motion(np.array([0.0, way / speed]), zero, np.full(1, speed), zero, zero, way)
 
 
-def steps(ways: Array, speeds: Array) -> Motion:
+def steps(ways: Floats, speeds: Floats) -> Motion:
     """One constant speed after the other, each for its way."""
     s, zero = np.insert(np.cumsum(ways), 0, 0.0), np.zeros(len(ways))
     t = np.insert(np.cumsum(ways / speeds), 0, 0.0)
     return Motion(t, s[:-1], np.asarray(speeds, float), zero, zero, float(s[-1]))
 
 
-def _ramp(change: Array, acceleration: Array, jerk: Array) -> tuple[Array, Array, Array]:
+def _ramp(change: Floats, acceleration: Floats, jerk: Floats) -> tuple[Floats, Floats, Floats]:
     """s, with rising, steady and falling acceleration."""
     dv = np.abs(change)
     full = dv >= acceleration**2 / jerk

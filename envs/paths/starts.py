@@ -10,10 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from .curve import EXACT, Indices, Points
+from .curve import EXACT, Floats, Indices, Points
 from .profile import corners_of
-
-Floats = npt.NDArray[np.float64]
 
 POINTS = 9
 """Of a way while it is weighed."""

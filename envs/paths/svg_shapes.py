@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .curve import Complex, Curve, beziers, linked, polyline, smooth
+from .curve import Complex, Curve, beziers, linked, polyline, quadratic, smooth
 from .svg_tree import NUMBER, Node, short
 
 CUT = ("path", "rect", "circle", "ellipse", "line", "polyline", "polygon")
@@ -186,7 +186,8 @@ def _flat(segments: list[Any], matrix: Matrix) -> Curve:
         elif kind == "arc":
             curves += [smooth(lambda t, s=s: image(_at(s, t)), [0.0, 1.0]) for s in run]  # type: ignore[misc]
         else:
-            curves.append(beziers(image([_cubic(segment.bpoints()) for segment in run])))
+            points = (segment.bpoints() for segment in run)
+            curves.append(beziers(image([p if len(p) == 4 else quadratic(*p) for p in points])))
     return linked(curves)
 
 
@@ -194,14 +195,6 @@ def _kind(segment: Any) -> str:
     from svgpathtools import Arc, Line
 
     return "line" if isinstance(segment, Line) else "arc" if isinstance(segment, Arc) else "bezier"
-
-
-def _cubic(points: tuple[complex, ...]) -> tuple[complex, ...]:
-    """The control points of a quadratic or cubic Bézier curve as those of a cubic one."""
-    if len(points) == 4:
-        return points
-    a, b, c = points
-    return a, a + 2 / 3 * (b - a), c + 2 / 3 * (b - c), c
 
 
 def _at(arc: Any, t: npt.NDArray[np.float64]) -> Complex:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from .collected import Collected
-from .curve import Curve, beziers, line, linked
+from .curve import Curve, drawn, linked
 from .svg_shapes import Matrix
 from .svg_tree import Node
 
@@ -80,29 +80,22 @@ def _font(node: Node, properties: Any) -> Any:
 
 
 def _outlines(z: Any, codes: Any) -> Iterator[Curve]:
-    """Closed curves of matplotlib's vertices and codes."""
-    parts: list[Curve] = []
-    first = here = 0j
+    """Curves of matplotlib's vertices and codes: 1 moves, 2 to 4 draw with one vertex less, anything else closes."""
+    first: complex = 0j
+    steps: list[tuple[complex, ...]] = []
     i = 0
     while i < len(codes):
-        code = codes[i]
-        if code == 1:  # move
-            first = here = z[i]
-        elif code == 2:  # line
-            parts.append(line(here, z[i]))
-            here = z[i]
-        elif code == 3:  # quadratic, with the point after it
-            b, end = z[i], z[i + 1]
-            parts.append(beziers([[here, here + 2 / 3 * (b - here), end + 2 / 3 * (b - end), end]]))
-            here, i = end, i + 1
-        elif code == 4:  # cubic, with the two points after it
-            parts.append(beziers([[here, z[i], z[i + 1], z[i + 2]]]))
-            here, i = z[i + 2], i + 2
-        else:  # closed
-            parts.append(line(here, first))
-            if any(len(p.points) > 1 for p in parts):
-                yield linked([p for p in parts if len(p.points) > 1])
-            parts, here = [], first
-        i += 1
-    if any(len(p.points) > 1 for p in parts):
-        yield linked([p for p in parts if len(p.points) > 1])
+        code = int(codes[i])
+        count = code - 1 if 2 <= code <= 4 else 1
+        if 2 <= code <= 4:
+            steps.append(tuple(z[i : i + count]))
+        else:
+            yield from _stroke(first, steps if code == 1 else [*steps, (first,)])
+            first, steps = z[i] if code == 1 else first, []
+        i += count
+    yield from _stroke(first, steps)
+
+
+def _stroke(first: complex, steps: list[tuple[complex, ...]]) -> Iterator[Curve]:
+    if parts := [p for p in drawn(first, steps) if len(p.points) > 1]:
+        yield linked(parts)

@@ -9,13 +9,11 @@ import io
 import re
 import tokenize
 from collections.abc import Iterator
-from pathlib import Path
 from typing import NamedTuple
 
-from ... import __file__ as _root
-from ..store.markdown import table
+from ..store.markdown import as_code, table
+from ..store.stamp import ROOT
 
-ROOT = Path(_root).parent
 LAYERS = ("envs", "baselines", "agents", "experiments")
 MARK = "[A]"
 
@@ -63,7 +61,7 @@ def of_python(file: str, text: str) -> Iterator[Assumed]:
     """Constants and fields of a module."""
     if MARK not in text and "Quantity(" not in text:
         return
-    tree, notes = ast.parse(text), _comments(text)
+    tree, notes = ast.parse(text), comments(text)
     for prefix, body in [("", tree.body), *((f"{c.name}.", c.body) for c in tree.body if isinstance(c, ast.ClassDef))]:
         for node, below in zip(body, [*body[1:], None], strict=True):
             name, value = _assigned(node)
@@ -112,7 +110,7 @@ def _prose(file: str, text: str) -> Iterator[tuple[int, int, str]]:
         for node in ast.walk(ast.parse(text)):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
                 yield node.lineno, node.end_lineno or node.lineno, node.value
-        notes = _comments(text)
+        notes = comments(text)
     else:
         notes = {n: line[1:] for n, line in enumerate(text.split("\n"), start=1) if line.startswith("#")}
     block: list[int] = []
@@ -132,16 +130,15 @@ def page() -> str:
     text = []
     for folder, some in groups.items():
         cells = (
-            (
-                f"`{each.file.rsplit('/', 1)[1]}`",
-                f"`{each.name}`" if each.name else "–",
-                f"`{each.value}`" if each.value else "–",
-                each.what.replace("|", "\\|"),
-            )
+            (f"`{each.file.rsplit('/', 1)[1]}`", _code(each.name), _code(each.value), each.what.replace("|", "\\|"))
             for each in some
         )
         text.append(f"**`{folder}/`**\n\n" + table(("file", "number", "value", "what it is"), cells))
     return "\n\n".join(text)
+
+
+def _code(text: str) -> str:
+    return f"`{text}`" if text else "–"
 
 
 def _assigned(node: ast.stmt) -> tuple[str, str | None]:
@@ -181,13 +178,14 @@ def _text(node: ast.stmt | None) -> str:
     return value.value if isinstance(value, ast.Constant) and isinstance(value.value, str) else ""
 
 
-def _comments(text: str) -> dict[int, str]:
+def comments(text: str) -> dict[int, str]:
+    """What stands behind the ``#`` of each line of a module that has one."""
     tokens = tokenize.generate_tokens(io.StringIO(text).readline)
     return {t.start[0]: t.string.removeprefix("#").strip() for t in tokens if t.type == tokenize.COMMENT}
 
 
 def _plain(text: str) -> str:
     """Without the mark, roles and line breaks."""
-    text = re.sub(r":\w+:`~?([^`]+)`", r"`\1`", text.replace("``", "`"))
+    text = as_code(text)
     text = re.sub(rf"(, value)?\s*{re.escape(MARK)}", "", re.sub(r"\s+", " ", text))
     return re.sub(r"^[\s:;,]+|[\s;,.]+$", "", text)

@@ -10,16 +10,13 @@ import io
 import os
 import re
 from collections.abc import Iterator
-from pathlib import Path
 from unittest import mock
 
 import tyro
 
-from ... import __file__ as _root
 from ..cli import COMMANDS
-from ..store.markdown import table
-
-ROOT = Path(_root).parent
+from ..store.markdown import as_code, table
+from ..store.stamp import ROOT
 
 WIDE = "1000"
 """Columns of the terminal for which help is printed."""
@@ -111,5 +108,5 @@ def _plain(text: str) -> str:
     lines = re.split(r"(?<=\w[.?])\s", re.sub(r"\s+", " ", text.split("\n\n")[0]))
     first = " ".join(lines[: 2 if lines[0].endswith("?") else 1])
     first = re.sub(r"^``python -m [^`]*``: |:? ``python -m [^`]*``.*$", "", first)
-    first = re.sub(r"``([^`]+)``", r"`\1`", re.sub(r":\w+:`~?([^`]+)`", r"`\1`", first)).rstrip(":.")
+    first = as_code(first).rstrip(":.")
     return first[:1].upper() + first[1:]

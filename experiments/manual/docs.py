@@ -14,11 +14,9 @@ in a sentence (:mod:`studies.marks`). A test fails when a page is older than wha
 import ast
 import importlib
 import inspect
-import io
 import re
 import sys
-import tokenize
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from types import ModuleType
@@ -26,7 +24,6 @@ from typing import Any, get_args, get_origin
 
 import gymnasium
 
-from ... import __file__ as _root
 from ... import baselines
 from ...envs import scenarios
 from ...envs.control import stack as stacks
@@ -34,17 +31,18 @@ from ...envs.engine.lanes import is_part
 from ...envs.engine.quantity import InvalidInput, Quantity, quantities
 from ...envs.figures import evidence, job_metrics, metrics
 from ...envs.plant import controller, sensor
-from ..bounds import stored as record
+from ..bounds import stored
+from ..reproduce.verdicts import VERDICTS
 from ..results.followers import REFERENCE
 from ..statistics import budgets
-from ..store.markdown import row, table
+from ..store.markdown import as_code, row, table
 from ..store.runs import atomic
+from ..store.stamp import ROOT
 from ..studies import marks
 from ..tune import study_file
 from . import assumptions, command_line, python_api, references, tables
 
-FOLDER = Path(_root).parent / "docs"
-README = Path(_root).parent / "README.md"
+FOLDER, README = ROOT / "docs", ROOT / "README.md"
 
 PARTS = (
     "path", "sheet", "sensor", "filters", "calibration", "controller", "supervisor", "z_axis", "xy_axes", "planning",
@@ -102,7 +100,7 @@ def _table(lines: list[str]) -> list[str]:
 
 def _inline(line: str) -> str:
     """Roles such as ``:func:`x``` and double backquotes as plain code; pages of the manual as links."""
-    line = re.sub(r"``([^`]+)``", r"`\1`", re.sub(r":\w+:`~?([^`]+)`", r"`\1`", line))
+    line = as_code(line)
     return re.sub(r"(?<![`\w])docs/(\w[\w-]*\.md(?:#[\w-]+)?)", r"[\1](\1)", line)
 
 
@@ -112,11 +110,7 @@ def _inline(line: str) -> str:
 def comments(module: ModuleType) -> dict[str, dict[str, str]]:
     """What stands behind each field of the module's classes: {class: {field: comment}}."""
     source = inspect.getsource(module)
-    notes = {
-        token.start[0]: token.string.removeprefix("#").strip()
-        for token in tokenize.generate_tokens(io.StringIO(source).readline)
-        if token.type == tokenize.COMMENT
-    }
+    notes = assumptions.comments(source)
     out: dict[str, dict[str, str]] = {}
     for node in ast.parse(source).body:
         if isinstance(node, ast.ClassDef):
@@ -299,20 +293,10 @@ def signals() -> str:
     return "\n".join(text)
 
 
-def followers() -> str:
-    """Metrics of followers."""
-    return table(
-        ("metric", "unit", "better", "what it is"),
-        ((f"`{m.name}`", m.unit, m.better, m.summary) for m in metrics.METRICS.values()),
-    )
-
-
-def jobs() -> str:
-    """Metrics of jobs."""
-    return table(
-        ("metric", "unit", "better", "what it is"),
-        ((f"`{m.name}`", m.unit, m.better, m.summary) for m in job_metrics.METRICS.values()),
-    )
+def figures(known: Mapping[str, Any]) -> str:
+    """Metrics of followers or of jobs."""
+    rows = ((f"`{m.name}`", m.unit, m.better, m.summary) for m in known.values())
+    return table(("metric", "unit", "better", "what it is"), rows)
 
 
 def scenario_tables() -> str:
@@ -330,13 +314,6 @@ def scenario_tables() -> str:
         about = _inline((cls.__doc__ or "").strip().split("\n")[0])
         text += [f"**`{name}`** {about}", "", table(("key", "default", "unit", "what it is", "allowed"), rows)]
     return "\n".join(text)
-
-
-def verdicts() -> str:
-    """What a row of a reproduction may come to."""
-    from ..reproduce.claims import VERDICTS  # draws, which takes a second to load
-
-    return table(("verdict", "meaning"), VERDICTS.items())
 
 
 def capacitance() -> str:
@@ -431,14 +408,16 @@ def _distribution(value: Any) -> str:
 
 WHOLE: dict[str, Callable[[], str]] = {"machine.md": machine, "environments.md": environments}
 MADE: dict[str, Callable[[], str]] = {
-    "controllers": controllers, "signals": signals, "metrics of followers": followers, "metrics of jobs": jobs,
-    "scenario": scenario_tables, "bounds": record.table, "noise of a reading": record.noise_table,
+    "controllers": controllers, "signals": signals, "metrics of followers": lambda: figures(metrics.METRICS),
+    "metrics of jobs": lambda: figures(job_metrics.METRICS),
+    "scenario": scenario_tables, "bounds": stored.table, "noise of a reading": stored.noise_table,
     "presets": presets, "other presets": other_presets, "evidence": evidence_ranges,
-    "bounds and estimates": record.comparison,
+    "bounds and estimates": stored.comparison,
     "suites": suites, **{f"suite {name}": suite(name) for name in scenarios.suites()},
     "sources": references.bibliography, "places": references.equations, "assumptions": assumptions.page,
     "documents": references.documents, "capacitance": capacitance, "commands": command_line.commands,
-    "verdicts": verdicts, "scripts": command_line.scripts, "python": lambda: python_api.page(markdown),
+    "verdicts": lambda: table(("verdict", "meaning"), VERDICTS.items()),
+    "scripts": command_line.scripts, "python": lambda: python_api.page(markdown),
     **tables.MADE,
 }  # fmt: skip
 """What stands between marks in pages written by hand."""

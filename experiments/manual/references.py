@@ -7,14 +7,12 @@ documents are found in the same way: «Xi2023 eq. 6», «Huang2024 eqs. 9, 12 an
 
 import re
 from collections.abc import Iterable, Iterator
-from pathlib import Path
 from typing import NamedTuple
 
-from ... import __file__ as _root
 from ...envs.engine.quantity import InvalidInput
 from ..store.markdown import table
+from ..store.stamp import ROOT
 
-ROOT = Path(_root).parent
 BIBLIOGRAPHY = ROOT / "docs" / "references.bib"
 FOLDERS = ("envs", "baselines", "agents", "experiments", "tests")
 ASIDE = ("experiments/manual/", "tests/test_references.py")
@@ -194,16 +192,8 @@ def citation(entry: Entry) -> str:
     link = f.get("howpublished", "")
     link = f"[{link.removeprefix('https://')}]({link})" if link.startswith("https://") else link
     doi = f"[doi:{f['doi']}](https://doi.org/{f['doi']})" if "doi" in f else ""
-    parts = (
-        _authors(f.get("author", ""), 99 if f["topic"] == DOCUMENTS else 4),
-        f"*{f['title']}*",
-        edition,
-        where,
-        link,
-        f.get("year"),
-        doi,
-        f.get("note"),
-    )
+    authors = _authors(f.get("author", ""), 99 if f["topic"] == DOCUMENTS else 4)
+    parts = (authors, f"*{f['title']}*", edition, where, link, f.get("year"), doi, f.get("note"))
     return ". ".join(each for each in parts if each) + "."
 
 

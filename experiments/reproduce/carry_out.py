@@ -15,7 +15,8 @@ from ...envs.safety import files
 from ..plots.png import png
 from ..store import runs
 from . import claims_page
-from .claims import VERDICTS, Estimate, Evidence, Row, Study, Trial, studies
+from .claims import Estimate, Evidence, Row, Study, Trial, studies
+from .verdicts import VERDICTS
 
 PARTS, FIGURES = "parts", "figures"
 

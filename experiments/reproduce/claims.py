@@ -11,10 +11,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 from scipy.stats import quantile_test
 
 from ...envs.engine.quantity import InvalidInput, did_you_mean
+from .pictures import Drawing
+from .verdicts import FAILS, NAMED, PRESENT, REPRODUCED, SILENT, TREND, VERDICTS
 
 DOCUMENTS = {
     "xi2023": "Xi2023: Z height following, its filters and its calibration",
@@ -24,29 +25,6 @@ DOCUMENTS = {
     "patent2022": "Patent2022: velocity planning and incremental PID",
 }
 """The documents, in the order of the page; each has a module of that name here."""
-
-REPRODUCED = "reproduced"
-CALIBRATED = "calibrated"
-TREND = "trend only"
-INPUT = "input"
-PRESENT = "present"
-FAILS = "does not hold here"
-NOT = "not reproducible as printed"
-VERDICTS = {
-    REPRODUCED: "a printed figure or claim, met by the document's own method within a stated tolerance that a trivial "
-    "predictor misses; nothing was fitted to it",
-    CALIBRATED: "free parameters were fitted to this very number, so that it agrees proves nothing",
-    TREND: "direction or order agree; but no figure is printed, or it is missed, or a trivial predictor meets it too, "
-    "or another method than the document's was run",
-    INPUT: "printed, and here a setting or plain arithmetic on settings; the run shows that it is in force, no more",
-    PRESENT: "only named in the document, or not mentioned there; it is built here and does what the row says",
-    FAILS: "what is printed is clear and the run contradicts it, or what is named does not work here",
-    NOT: "what is printed contradicts itself or is incomplete; the note says which",
-}
-"""The verdicts and what they mean."""
-
-NAMED, SILENT = "named", "not mentioned"
-"""How the column of the paper begins where a document has no figure and no claim to compare with."""
 
 
 @dataclass(frozen=True)
@@ -182,16 +160,6 @@ class Row:
         elif not self.printed and self.verdict not in (PRESENT, FAILS):
             return f"nothing is printed ('{self.paper}'); it can be '{PRESENT}' or '{FAILS}'"
         return ""
-
-
-@dataclass(frozen=True)
-class Drawing:
-    """A figure, its caption (with units and what to see) and what it corresponds to ("Xi2023 Fig. 7")."""
-
-    name: str
-    figure: Figure
-    caption: str
-    source: str
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,8 @@ from rich.console import Console
 from rich.table import Table
 
 from ..store.runs import atomic
-from .claims import CALIBRATED, DOCUMENTS, FAILS, INPUT, NOT, PRESENT, REPRODUCED, TREND, VERDICTS
+from .claims import DOCUMENTS
+from .verdicts import CALIBRATED, FAILS, INPUT, NOT, PRESENT, REPRODUCED, TREND, VERDICTS
 
 Part = dict[str, Any]
 STYLES = {
@@ -39,9 +40,7 @@ def by_document(parts: list[Part]) -> dict[str, list[Part]]:
 def write(folder: Path, parts: list[Part], record: dict[str, Any], seeds: int) -> None:
     """Writes ``reproduce.html`` and ``reproduce.md`` into the run folder."""
     environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(
-            [Path(__file__).parent, Path(__file__).parents[1] / "report"]
-        ),
+        loader=jinja2.FileSystemLoader([Path(__file__).parent, Path(__file__).parents[1] / "report"]),
         autoescape=jinja2.select_autoescape(["html"]), undefined=jinja2.StrictUndefined, trim_blocks=True,
         lstrip_blocks=True,
     )  # fmt: skip
@@ -64,14 +63,8 @@ def show(parts: list[Part]) -> None:
     console = Console(width=max(Console().width, 160))
     for title, studies in by_document(parts).items():
         table = Table(title=title, title_justify="left", expand=True)
-        for name, ratio in (
-            ("where", 3),
-            ("claim", 9),
-            ("paper", 6),
-            ("simulation", 6),
-            ("true gap", 4),
-            ("verdict", 4),
-        ):
+        widths = {"where": 3, "claim": 9, "paper": 6, "simulation": 6, "true gap": 4, "verdict": 4}
+        for name, ratio in widths.items():
             table.add_column(name, ratio=ratio, overflow="fold")
         for part in studies:
             if part["error"]:

@@ -1,12 +1,14 @@
 """CN102528288A, background: where the focus belongs, and what a cutting height that is not held does to the cut."""
 
 import numpy as np
-from matplotlib.figure import Figure
+from matplotlib.axes import Axes
 
 from ...envs.scenarios import material as materials
 from ..plots.palette import COLOURS, QUIET
-from .claims import CALIBRATED, TREND, Drawing, Findings, Row, Trial, estimate, judged, study
+from .claims import Findings, Row, Trial, estimate, judged, study
 from .huang2024 import jobs_of
+from .pictures import drawn
+from .verdicts import CALIBRATED, TREND
 
 STACK = "huang2024-static-fast"
 """A cut without dither in C45 of 10 mm, Huang2024's fastest."""
@@ -59,23 +61,21 @@ def focus_and_height(trial: Trial) -> Findings:
         "“can even fail to cut through”", ", ".join(lost) or "none", judged(bool(lost), TREND),
         "the power leaves a margin of 5 %; a larger error is outside the range of settings",
     ))  # fmt: skip
-    figure = Figure(figsize=(8, 3.6), dpi=110, layout="constrained")
-    for ax, x, runs, label in zip(
-        figure.subplots(1, 2), (depths, np.array(ERRORS)), (focus, height),
-        ("depth of the focus, mm", "error of the standoff, mm"), strict=True,
-    ):  # fmt: skip
-        for (name, text, unit), colour in zip(FIGURES, COLOURS, strict=False):
-            values = np.array([np.median(m[name]) for m in runs])
-            here = np.median(level[name])
-            ax.plot(x, values / here, "o-", ms=4, color=colour, label=f"{text}, of {here:.3g} {unit}")
-        ax.set(xlabel=label, ylabel="relative to the nominal setting, 1")
-    figure.axes[1].set_xticks([-0.9, -0.5, 0.0, 0.5, 0.9])
-    figure.axes[0].axvline(third, color=QUIET, ls="--", lw=0.8)
-    figure.axes[0].legend(frameon=False, fontsize=8)
-    return Findings(rows, [Drawing(
-        "focus-and-height", figure,
-        "Roughness and dross of whole jobs relative to the nominal setting: left over the depth of the focus "
-        "(dashed: a "
-        "third of the thickness), right over the error of the standoff.",
-        "CN102528288A, background",
-    )])  # fmt: skip
+
+    @drawn("CN102528288A, background", 2)
+    def focus_and_height(left: Axes, right: Axes) -> None:
+        """Roughness and dross of whole jobs relative to the nominal setting: left over the depth of the focus (dashed:
+        a third of the thickness), right over the error of the standoff."""
+        for ax, x, runs, label in (
+            (left, depths, focus, "depth of the focus, mm"), (right, ERRORS, height, "error of the standoff, mm"),
+        ):  # fmt: skip
+            for (name, text, unit), colour in zip(FIGURES, COLOURS, strict=False):
+                values = np.array([np.median(m[name]) for m in runs])
+                here = np.median(level[name])
+                ax.plot(x, values / here, "o-", ms=4, color=colour, label=f"{text}, of {here:.3g} {unit}")
+            ax.set(xlabel=label, ylabel="relative to the nominal setting, 1")
+        right.set_xticks([-0.9, -0.5, 0.0, 0.5, 0.9])
+        left.axvline(third, color=QUIET, ls="--", lw=0.8)
+        left.legend(frameon=False, fontsize=8)
+
+    return Findings(rows, [focus_and_height()])

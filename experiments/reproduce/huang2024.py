@@ -4,6 +4,7 @@ import functools
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.interpolate import BSpline, CubicSpline
 from scipy.special import comb
@@ -19,24 +20,9 @@ from ...envs.scenarios import material as materials
 from ..plots.palette import COLOURS, GRID, QUIET
 from ..results import jobs
 from . import fit_cut
-from .claims import (
-    CALIBRATED,
-    INPUT,
-    NOT,
-    PRESENT,
-    SILENT,
-    TREND,
-    Drawing,
-    Estimate,
-    Evidence,
-    Findings,
-    Row,
-    Trial,
-    estimate,
-    judged,
-    study,
-    weighed,
-)
+from .claims import Estimate, Evidence, Findings, Row, Trial, estimate, judged, study, weighed
+from .pictures import drawn
+from .verdicts import CALIBRATED, INPUT, NOT, PRESENT, SILENT, TREND
 
 METHODS = {
     "static, surface quality": "huang2024-static-quality",
@@ -215,30 +201,28 @@ def b_spline(trial: Trial) -> Findings:
             Evidence("share of segments that change", segments / (len(many) - 3), 4 / (len(many) - 3),
                      "an interpolating spline", every)),
     ]  # fmt: skip
-    figure = Figure(figsize=(8, 3.6), dpi=110, layout="constrained")
-    left, right = figure.subplots(1, 2)
-    left.plot(*c.T, "o--", color=QUIET, lw=1.0, ms=5, label="control polygon")
-    left.plot(*curve.T, color=COLOURS[0], lw=2.0, label="corrected basis")
-    left.plot(*(printed @ c).T, color=COLOURS[1], ls=":", label="eq. 5 as printed")
-    for i, (x, y) in enumerate(c):
-        left.annotate(f"C{i}", (x, y), textcoords="offset points", xytext=(6, 4), color=QUIET)
-    left.set(xlabel="x, mm", ylabel="y, mm", xlim=(-4, 36), ylim=(-4, 20))
-    left.legend(frameon=False, fontsize=8, loc="lower center")
-    for i in range(4):
-        right.plot(t, ours[:, i], color=COLOURS[i], label=f"N{i}")
-        if i in wrong:
-            right.plot(t, printed[:, i], color=COLOURS[i], ls=":")
-    right.plot(t, printed.sum(axis=1), color=QUIET, ls=":", label="sum, printed")
-    right.plot(t, ours.sum(axis=1), color=QUIET, label="sum, corrected")
-    right.set(xlabel="parameter t, 1", ylabel="basis, 1")
-    right.legend(frameon=False, ncols=2, fontsize=8)
-    return Findings(rows, [Drawing(
-        "b-spline", figure,
-        "Left: a segment with its control polygon; right: its basis. Dotted: as printed; that curve runs off "
-        "the polygon, "
-        "since its basis does not sum to 1.",
-        "Huang2024 Fig. 2",
-    )])  # fmt: skip
+
+    @drawn("Huang2024 Fig. 2", 2)
+    def b_spline(left: Axes, right: Axes) -> None:
+        """Left: a segment with its control polygon; right: its basis. Dotted: as printed; that curve runs off the
+        polygon, since its basis does not sum to 1."""
+        left.plot(*c.T, "o--", color=QUIET, lw=1.0, ms=5, label="control polygon")
+        left.plot(*curve.T, color=COLOURS[0], lw=2.0, label="corrected basis")
+        left.plot(*(printed @ c).T, color=COLOURS[1], ls=":", label="eq. 5 as printed")
+        for i, (x, y) in enumerate(c):
+            left.annotate(f"C{i}", (x, y), textcoords="offset points", xytext=(6, 4), color=QUIET)
+        left.set(xlabel="x, mm", ylabel="y, mm", xlim=(-4, 36), ylim=(-4, 20))
+        left.legend(frameon=False, fontsize=8, loc="lower center")
+        for i in range(4):
+            right.plot(t, ours[:, i], color=COLOURS[i], label=f"N{i}")
+            if i in wrong:
+                right.plot(t, printed[:, i], color=COLOURS[i], ls=":")
+        right.plot(t, printed.sum(axis=1), color=QUIET, ls=":", label="sum, printed")
+        right.plot(t, ours.sum(axis=1), color=QUIET, label="sum, corrected")
+        right.set(xlabel="parameter t, 1", ylabel="basis, 1")
+        right.legend(frameon=False, ncols=2, fontsize=8)
+
+    return Findings(rows, [b_spline()])
 
 
 # ------------------------------------------------------------------------------------------------------ dither (§3)
@@ -282,8 +266,8 @@ def dither(trial: Trial) -> Findings:
                     "z in mm", Estimate(far, "mm"), judged(abs(far / grown - 1) < 0.1, TREND, NOT),
                     "the printed ramp has no bound; the piezo has ±1 mm, so the ramp is folded into a "
                     "triangle"))  # fmt: skip
-    rows += _compound()
-    return Findings(rows, [_shapes(), _compounds()])
+    rows += _eq_13()
+    return Findings(rows, [_dither_shapes(), _compound()])
 
 
 def _recorded(name: str, scenario: str, seed: int = 1000) -> np.ndarray:
@@ -293,7 +277,7 @@ def _recorded(name: str, scenario: str, seed: int = 1000) -> np.ndarray:
     return channels[:, :, 0]
 
 
-def _compound() -> list[Row]:
+def _eq_13() -> list[Row]:
     """Eq. 13 on a recorded cut: what the spot does beside the carrier is the dither."""
     channels, optics = _recorded("huang2024-dynamic", "cut-square"), spot.Params()
     whole = quality.travelled(channels, optics, 1.0)
@@ -321,9 +305,10 @@ def _compound() -> list[Row]:
     ]  # fmt: skip
 
 
-def _shapes() -> Drawing:
-    """Eq. 12 as printed, in three dimensions."""
-    figure = Figure(figsize=(8, 3.6), dpi=110)
+@drawn("Huang2024 Fig. 4, eq. 12", 0, layout=None)
+def _dither_shapes(figure: Figure) -> None:
+    """Dither as printed: t from 0 to 4π, 10π and 4π. Circle of 0.3 mm; hat with a = c = 0.06 mm and b = d = 0.008 mm;
+    ellipse of 0.3 and 0.15 mm. The machine folds z to ±1 mm."""
     cases = (
         ("circular", 4 * np.pi, (0.3, 0.3, 0.0, 0.0)), ("hat", 10 * np.pi, (0.06, 0.008, 0.06, 0.008)),
         ("elliptical", 4 * np.pi, (0.3, 0.15, 0.0, 0.0)),
@@ -342,19 +327,13 @@ def _shapes() -> Drawing:
             axis.pane.fill = False
         ax.set_box_aspect(None, zoom=0.95)
     figure.subplots_adjust(left=0.0, right=0.94, bottom=0.04, top=0.98, wspace=0.14)
-    return Drawing(
-        "dither-shapes", figure,
-        "Dither as printed: t from 0 to 4π, 10π and 4π. Circle of 0.3 mm; hat with a = c = 0.06 mm and b = d = "
-        "0.008 mm; "
-        "ellipse of 0.3 and 0.15 mm. The machine folds z to ±1 mm.",
-        "Huang2024 Fig. 4, eq. 12",
-    )  # fmt: skip
 
 
-def _compounds() -> Drawing:
-    """Compound trajectories at the feed and dither of the dynamic method."""
-    figure = Figure(figsize=(8, 4.2), dpi=110, layout="constrained")
-    grid = figure.subplots(2, 4, sharex=True, gridspec_kw={"height_ratios": (2, 1)})
+@drawn("Huang2024 Fig. 5, eq. 13", 4, 2, 4.2, sharex=True, gridspec_kw={"height_ratios": (2, 1)})
+def _compound(*axes: Axes) -> None:
+    """5 ms (ten turns at 2 kHz) of the spot while the carrier advances 83 µm at 1 m/min: seen from above and from the
+    side. Amplitudes 0.3 mm (ellipse: 0.15 mm across) and ±1 mm of focus, as the optics realise them."""
+    grid = np.reshape(np.array(axes, object), (2, 4))
     feed, optics = 1000.0 / 60, spot.Params()
     t = np.linspace(0.0, 5e-3, 4001)
     for i, shape in enumerate(("none", *spot.SHAPES)):
@@ -374,13 +353,6 @@ def _compounds() -> Drawing:
                 ax.set_yticklabels([])
     grid[0, 0].set(ylabel="across, mm")
     grid[1, 0].set(ylabel="focus z, mm")
-    return Drawing(
-        "compound", figure,
-        "5 ms (ten turns at 2 kHz) of the spot while the carrier advances 83 µm at 1 m/min: seen from above and "
-        "from the "
-        "side. Amplitudes 0.3 mm (ellipse: 0.15 mm across) and ±1 mm of focus, as the optics realise them.",
-        "Huang2024 Fig. 5, eq. 13",
-    )  # fmt: skip
 
 
 # ------------------------------------------------------------------------------------------------- tables 1 and 2
@@ -485,8 +457,10 @@ def area(shares: dict[str, np.ndarray]) -> dict[str, float]:
     return {m: float(np.sqrt(3) / 4 * (s * np.roll(s, 1)).sum()) for m, s in shares.items()}
 
 
-def _radar(paper: dict, simulated: dict) -> Drawing:
-    figure = Figure(figsize=(8, 3.9), dpi=110, layout="constrained")
+@drawn("Huang2024 Fig. 10, Table 2", 0, height=3.9)
+def _radar(figure: Figure, paper: dict, simulated: dict) -> None:
+    """Three methods; each axis is the share of the best of the three, outward is better: v/v_best, dross_best/dross,
+    Rz_best/Rz (no unit). Calibrated to Table 2, so that the two agree proves nothing."""
     angles = np.pi / 2 + np.arange(4) * 2 * np.pi / 3
     for i, (title, values) in enumerate((("paper", paper), ("simulation", simulated))):
         ax: Any = figure.add_subplot(1, 2, i + 1, projection="polar")
@@ -499,13 +473,6 @@ def _radar(paper: dict, simulated: dict) -> Drawing:
         ax.grid(color=GRID)
         ax.set_title(title, fontsize=10)
     figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False)
-    return Drawing(
-        "radar", figure,
-        "Three methods; each axis is the share of the best of the three, outward is better: v/v_best, "
-        "dross_best/dross, "
-        "Rz_best/Rz (no unit). Calibrated to Table 2, so that the two agree proves nothing.",
-        "Huang2024 Fig. 10, Table 2",
-    )  # fmt: skip
 
 
 # ------------------------------------------------------------------------------ what dither and its shapes are for
@@ -566,27 +533,27 @@ def absorption(trial: Trial) -> Findings:
             f"{estimate(a, unit)} → {estimate(b, unit)}", judged(np.median(b / a) < 0.98, TREND),
             f"whole jobs of cut-square, test seeds; {PROXY}",
         ))  # fmt: skip
-    figure = Figure(figsize=(8, 3.6), dpi=110, layout="constrained")
-    left, right = figure.subplots(1, 2)
-    left.plot(amplitudes, 100 * share, color=COLOURS[0])
-    left.plot([0.0], [100 * plain], "o", color=COLOURS[1], label="no dither")
-    left.set(xlabel="amplitude of the dither in x and y, mm", ylabel="absorbed share of the power, %", ylim=(0, None))
-    left.legend(frameon=False)
-    feeds = np.geomspace(0.1, 2.0, 40)
-    for (label, dither), colour in zip({"none": spot.Command(), "circle of 0.3 mm": DYNAMIC}.items(),
-                                       (COLOURS[1], COLOURS[0]), strict=True):  # fmt: skip
-        margin = [fit_cut.streamed(steel.params, steel.power, {"feed": float(v), "dither": dither}).margin
-                  for v in feeds]  # fmt: skip
-        right.semilogx(feeds, margin, color=colour, label=label)
-    right.axhline(1.0, color=QUIET, lw=0.8, ls="--")
-    right.set(xlabel="feed, m/min", ylabel="melt margin, 1", ylim=(0, 4))
-    right.legend(frameon=False)
-    return Findings(rows, [Drawing(
-        "absorption", figure,
-        "Left: absorbed share over the amplitude of a circular dither, 2 kHz. Right: melt margin over the feed at the "
-        "same power, a straight cut in C45 of 10 mm; below 1 (dashed) the beam does not cut through.",
-        "Huang2024 §4",
-    )])  # fmt: skip
+
+    @drawn("Huang2024 §4", 2)
+    def absorption(left: Axes, right: Axes) -> None:
+        """Left: absorbed share over the amplitude of a circular dither, 2 kHz. Right: melt margin over the feed at the
+        same power, a straight cut in C45 of 10 mm; below 1 (dashed) the beam does not cut through."""
+        left.plot(amplitudes, 100 * share, color=COLOURS[0])
+        left.plot([0.0], [100 * plain], "o", color=COLOURS[1], label="no dither")
+        left.set(xlabel="amplitude of the dither in x and y, mm", ylabel="absorbed share of the power, %")
+        left.set_ylim(0, None)
+        left.legend(frameon=False)
+        feeds = np.geomspace(0.1, 2.0, 40)
+        for (label, dither), colour in zip({"none": spot.Command(), "circle of 0.3 mm": DYNAMIC}.items(),
+                                           (COLOURS[1], COLOURS[0]), strict=True):  # fmt: skip
+            margin = [fit_cut.streamed(steel.params, steel.power, {"feed": float(v), "dither": dither}).margin
+                      for v in feeds]  # fmt: skip
+            right.semilogx(feeds, margin, color=colour, label=label)
+        right.axhline(1.0, color=QUIET, lw=0.8, ls="--")
+        right.set(xlabel="feed, m/min", ylabel="melt margin, 1", ylim=(0, 4))
+        right.legend(frameon=False)
+
+    return Findings(rows, [absorption()])
 
 
 @study("huang2024", "What each shape of dither is said to be good for")
@@ -613,20 +580,18 @@ def shapes(trial: Trial) -> Findings:
         row("taper u", "“improves the inclination of the section”", "taper", "mm", "elliptical", "none", inclined),
         row("taper u", "“improves the inclination of the section”", "taper", "mm", "elliptical", "circular", whole),
     ]
-    figure = Figure(figsize=(8, 3.2), dpi=110, layout="constrained")
-    for ax, (name, label) in zip(
-        figure.subplots(1, 3), (("taper", "taper u, mm"), ("roughness", "roughness Rz, µm"), ("dross", "dross, mm")),
-        strict=True,
-    ):  # fmt: skip
-        ax.bar(list(found), [np.median(f[name]) for f in found.values()], color=[QUIET, *COLOURS[:3]])
-        ax.set(ylabel=label)
-        ax.tick_params(axis="x", labelrotation=30, labelsize=8)
-    return Findings(rows, [Drawing(
-        "shapes", figure,
-        f"C45 of 10 mm, cut-square at {SAME:g} m/min and the same power: no dither and the three shapes, medians over "
-        "the seeds. What the paper says of the ellipse is about the taper.",
-        "Huang2024 §3, eq. 12",
-    )])  # fmt: skip
+
+    @drawn("Huang2024 §3, eq. 12", 3, height=3.2, words={"SAME": f"{SAME:g}"})
+    def shapes(*axes: Axes) -> None:
+        """C45 of 10 mm, cut-square at {SAME} m/min and the same power: no dither and the three shapes, medians over the
+        seeds. What the paper says of the ellipse is about the taper."""
+        labels = {"taper": "taper u, mm", "roughness": "roughness Rz, µm", "dross": "dross, mm"}
+        for ax, (name, label) in zip(axes, labels.items(), strict=True):
+            ax.bar(list(found), [np.median(f[name]) for f in found.values()], color=[QUIET, *COLOURS[:3]])
+            ax.set(ylabel=label)
+            ax.tick_params(axis="x", labelrotation=30, labelsize=8)
+
+    return Findings(rows, [shapes()])
 
 
 # --------------------------------------------------------------------------------------- Fig. 8, the adjusting unit
@@ -659,19 +624,18 @@ def focus_dither(trial: Trial) -> Findings:
             for z in strokes
         ]  # fmt: skip
         lines[kilohertz] = np.array([(1e3 * f.roughness, f.dross) for f in figures])
-    figure = Figure(figsize=(8, 3.6), dpi=110, layout="constrained")
-    for k, (ax, label) in enumerate(zip(figure.subplots(1, 2), ("roughness Rz, µm", "dross, mm"), strict=True)):
-        for colour, style, (kilohertz, values) in zip(COLOURS, ("-", "--"), lines.items(), strict=False):
-            ax.plot(strokes, values[:, k], style, color=colour, label=f"{kilohertz:g} kHz")
-        ax.set(xlabel="amplitude of the focus' dither, mm", ylabel=label)
-    figure.axes[0].legend(frameon=False)
-    return Findings(rows, [Drawing(
-        "focus-dither", figure,
-        "C45 of 10 mm at 1 m/min, ±0.3 mm in x and y, straight cut, streaming form. Calibrated at ±1 mm and 2 "
-        "kHz only; "
-        "the rest is what the model extrapolates.",
-        "Huang2024 Fig. 8",
-    )])  # fmt: skip
+
+    @drawn("Huang2024 Fig. 8", 2)
+    def focus_dither(*axes: Axes) -> None:
+        """C45 of 10 mm at 1 m/min, ±0.3 mm in x and y, straight cut, streaming form. Calibrated at ±1 mm and 2 kHz
+        only; the rest is what the model extrapolates."""
+        for k, (ax, label) in enumerate(zip(axes, ("roughness Rz, µm", "dross, mm"), strict=True)):
+            for colour, style, (kilohertz, values) in zip(COLOURS, ("-", "--"), lines.items(), strict=False):
+                ax.plot(strokes, values[:, k], style, color=colour, label=f"{kilohertz:g} kHz")
+            ax.set(xlabel="amplitude of the focus' dither, mm", ylabel=label)
+        axes[0].legend(frameon=False)
+
+    return Findings(rows, [focus_dither()])
 
 
 @study("huang2024", "The trajectory-parameter adjusting unit")
@@ -710,13 +674,13 @@ def adjusting_unit(trial: Trial) -> Findings:
         judged({"speed", "lag", "contour_error"} <= set(fed), INPUT),
         f"built in; no sensor tells it {', '.join(missing)}, which move roughness and dross most",
     ))  # fmt: skip
-    return Findings(rows, [_adjusted()])
+    return Findings(rows, [_adjusting()])
 
 
-def _adjusted() -> Drawing:
-    """What the unit does around a corner."""
-    figure = Figure(figsize=(8, 3.8), dpi=110, layout="constrained")
-    feed, error = figure.subplots(1, 2)
+@drawn("Huang2024 §4, Fig. 6", 2, height=3.8)
+def _adjusting(feed: Axes, error: Axes) -> None:
+    """The corner of cut-corners with the largest contour error (seed 1000): speed of the axes and contour error, left
+    of the path positive, with and without the unit. It goes through more slowly."""
     corner = 0.0
     for name, colour, style in (("huang2024-dynamic", COLOURS[1], "--"), ("huang2024-adjusting", COLOURS[0], "-")):
         channels = _recorded(name, "cut-corners")
@@ -731,9 +695,3 @@ def _adjusted() -> Drawing:
     feed.set(ylabel="speed, m/min", ylim=(0, 1.35))
     error.set(ylabel="contour error, µm")
     feed.legend(frameon=False, loc="upper center", ncols=1, fontsize=8)
-    return Drawing(
-        "adjusting", figure,
-        "The corner of cut-corners with the largest contour error (seed 1000): speed of the axes and contour "
-        "error, left of the path positive, with and without the unit. It goes through more slowly.",
-        "Huang2024 §4, Fig. 6",
-    )  # fmt: skip

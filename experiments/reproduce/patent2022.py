@@ -1,9 +1,10 @@
 """Patent2022: three-case control and planned descent."""
 
+import functools
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
+from matplotlib.axes import Axes
 
 from ...baselines import patent2022 as law
 from ...envs import scenarios
@@ -15,26 +16,12 @@ from ...envs.scenarios import Scenario
 from ..measure.rollout import roll
 from ..measure.stability import Injection
 from ..plots.palette import COLOURS
-from .claims import (
-    PRESENT,
-    SILENT,
-    TREND,
-    Drawing,
-    Estimate,
-    Evidence,
-    Findings,
-    Row,
-    Trial,
-    estimate,
-    judged,
-    study,
-    weighed,
-)
+from .claims import Estimate, Evidence, Findings, Row, Trial, estimate, judged, study, weighed
+from .pictures import drawn
+from .verdicts import PRESENT, SILENT, TREND
 
 OPEN = "guard.capture=2,guard.plan=1,guard.acceleration=50000,guard.fastest=500,guard.delay=0"
 """The supervisor's own approach planner as good as off, so that the law has to stop by itself."""
-
-ASSUMED = "no constant but the 0.01 is printed; s 5, r 1, ε 0.01 mm, h_max 8 mm, a 5000 mm/s², D 2.25 mm are assumed"
 
 
 def _seeds(trial: Trial) -> range:
@@ -53,9 +40,7 @@ def _flat(**changes: Any) -> Scenario:
 IMPULSES = {"impulses": 20, "impulse_samples": 2}
 
 
-def _figure(columns: int = 1) -> tuple[Figure, Any]:
-    figure = Figure(figsize=(8, 3.6), dpi=110, layout="constrained")
-    return figure, figure.subplots(1, columns)
+pictured = functools.partial(drawn, grid={"alpha": 0.3})
 
 
 def _mean(record: Recording) -> np.ndarray:
@@ -137,11 +122,13 @@ def three_cases(trial: Trial) -> Findings:
         Estimate(power), Evidence("deviation of the exponent from 1.5", power - 1.5, 0.01, "a constant kp", -0.5),
         "exponent of L over |d| below the deceleration distance: L is d times vs/vm = sqrt(|d|/D)",
     ))  # fmt: skip
-    return Findings(rows, [_characteristic(), _over_time(trial)])
+    return Findings(rows, [_characteristic(), _cases(trial)])
 
 
-def _characteristic() -> Drawing:
-    figure, (wide, near) = _figure(2)
+@pictured("Patent2022 ¶ 53–69", 2)
+def _characteristic(wide: Axes, near: Axes) -> None:
+    """Displacement of a period over a constant height difference (down positive), and the same near the target;
+    grey: the hold's band. To the left of it s multiplies the lift; within it and to the right the factor is 0.01"""
     for axes, reach in ((wide, 0.5), (near, 0.03)):
         d = np.linspace(-reach, reach, 2001)
         for i, (label, constants) in enumerate({
@@ -150,22 +137,16 @@ def _characteristic() -> Drawing:
             axes.plot(d, 1e3 * _static(d, **constants), color=COLOURS[i], label=label, ls="--" if "4" in label else "-")
         axes.axvspan(-0.01, 0.01, color="0.9", zorder=0)
         axes.set_xlabel("height difference d, mm")
-        axes.grid(alpha=0.3)
     near.set_ylim(-0.3, 0.1)
     wide.set_ylim(-60, 10)
     wide.set_ylabel("displacement L, µm a period")
     wide.legend()
-    return Drawing(
-        "characteristic", figure,
-        "Displacement of a period over a constant height difference (down positive), and the same near the target; "
-        "grey: the hold's band. To the left of it s multiplies the lift; within it and to the right the factor is 0.01",
-        "Patent2022 ¶ 53–69",
-    )  # fmt: skip
 
 
-def _over_time(trial: Trial) -> Drawing:
+@pictured("Patent2022 Fig. 1")
+def _cases(axes: Axes, trial: Trial) -> None:
+    """The three cases on a rough sheet at 200 mm/s, one run: lifts are short, the way down is slow"""
     record = roll(scenarios.load("rough").varied(duration=1.5), stacks.resolve("patent2022"), _seeds(trial)[:1])
-    figure, axes = _figure()
     t, d = (np.arange(len(record.data)) + 1) * PERIOD, record.reported_error[:, 0]
     accuracy = law.Params().accuracy
     axes.plot(t, d, color="0.6", lw=1)
@@ -175,11 +156,6 @@ def _over_time(trial: Trial) -> Drawing:
         axes.plot(t[mask], d[mask], ".", ms=3, color=COLOURS[i], label=label)
     axes.set(xlabel="time, s", ylabel="height difference d, mm")
     axes.legend()
-    axes.grid(alpha=0.3)
-    return Drawing(
-        "cases", figure, "The three cases on a rough sheet at 200 mm/s, one run: lifts are short, the way down is slow",
-        "Patent2022 Fig. 1",
-    )  # fmt: skip
 
 
 # ---------------------------------------------------------------------------------------------------------- descent
@@ -236,27 +212,24 @@ def descent(trial: Trial) -> Findings:
             "does it, is what helps",
         ),
     ]  # fmt: skip
-    figure, (gap, pace) = _figure(2)
-    which = int(np.argmax(planned["gap"][0]))
-    t = (np.arange(len(planned.data)) + 1) * PERIOD
-    shown = {"patent2022": planned, "pid, no planner": plain, "pid, supervisor's planner": supervised}
-    for i, (label, record) in enumerate(shown.items()):
-        gap.plot(t, record["gap"][:, which], color=COLOURS[i], label=label)
-        pace.plot(t, record["velocity"][:, which], color=COLOURS[i])
-    gap.axhline(p.range, color="0.6", ls=":", lw=1)
-    gap.axhline(planned.set_height[which], color="0.6", ls="--", lw=1)
-    gap.set(xlabel="time, s", ylabel="true gap, mm", xlim=(0, 1.2), ylim=(-1, 17))
-    pace.set(xlabel="time, s", ylabel="velocity of the head, mm/s", xlim=(0, 1.2))
-    gap.legend()
-    for axes in (gap, pace):
-        axes.grid(alpha=0.3)
-    drawing = Drawing(
-        "descent", figure,
-        "A descent from the highest start: gap and velocity; dotted: range h_max, dashed: set height. The plain PID "
-        "hits the sheet and the supervisor retracts it",
-        "Patent2022 ¶ 63–69",
-    )  # fmt: skip
-    return Findings(rows, [drawing])
+
+    @pictured("Patent2022 ¶ 63–69", 2)
+    def descent(gap: Axes, pace: Axes) -> None:
+        """A descent from the highest start: gap and velocity; dotted: range h_max, dashed: set height. The plain PID
+        hits the sheet and the supervisor retracts it"""
+        which = int(np.argmax(planned["gap"][0]))
+        t = (np.arange(len(planned.data)) + 1) * PERIOD
+        shown = {"patent2022": planned, "pid, no planner": plain, "pid, supervisor's planner": supervised}
+        for i, (label, record) in enumerate(shown.items()):
+            gap.plot(t, record["gap"][:, which], color=COLOURS[i], label=label)
+            pace.plot(t, record["velocity"][:, which], color=COLOURS[i])
+        gap.axhline(p.range, color="0.6", ls=":", lw=1)
+        gap.axhline(planned.set_height[which], color="0.6", ls="--", lw=1)
+        gap.set(xlabel="time, s", ylabel="true gap, mm", xlim=(0, 1.2), ylim=(-1, 17))
+        pace.set(xlabel="time, s", ylabel="velocity of the head, mm/s", xlim=(0, 1.2))
+        gap.legend()
+
+    return Findings(rows, [descent()])
 
 
 # ---------------------------------------------------------------------------------------------------- noise in the hold
@@ -332,19 +305,18 @@ def chatter(trial: Trial) -> Findings:
         f"{kv:.1f} 1/s does that too, with this many times its jitter on the level sheet, same filter",
     ))  # fmt: skip
 
-    figure, (left, right) = _figure(2)
-    t = (np.arange(len(own.data)) + 1) * PERIOD
-    left.plot(t, planner["command"][:, 0], color=COLOURS[2], lw=0.8, label="velocity planning alone")
-    right.plot(t, pid["command"][:, 0], color=COLOURS[1], lw=0.8, label="pid")
-    right.plot(t, own["command"][:, 0], color=COLOURS[0], lw=1.2, label="patent2022")
-    for axes, end in ((left, 2.3), (right, 3.0)):
-        axes.set(xlabel="time, s", ylabel="command, mm/s", xlim=(2.0, end))
-        axes.legend(loc="upper right")
-        axes.grid(alpha=0.3)
-    drawing = Drawing(
-        "chatter", figure, "Commands on a level sheet with 20 impulses a second, the same run", "Patent2022 ¶ 2"
-    )
-    return Findings(rows, [drawing])
+    @pictured("Patent2022 ¶ 2", 2)
+    def chatter(left: Axes, right: Axes) -> None:
+        """Commands on a level sheet with 20 impulses a second, the same run"""
+        t = (np.arange(len(own.data)) + 1) * PERIOD
+        left.plot(t, planner["command"][:, 0], color=COLOURS[2], lw=0.8, label="velocity planning alone")
+        right.plot(t, pid["command"][:, 0], color=COLOURS[1], lw=0.8, label="pid")
+        right.plot(t, own["command"][:, 0], color=COLOURS[0], lw=1.2, label="patent2022")
+        for axes, end in ((left, 2.3), (right, 3.0)):
+            axes.set(xlabel="time, s", ylabel="command, mm/s", xlim=(2.0, end))
+            axes.legend(loc="upper right")
+
+    return Findings(rows, [chatter()])
 
 
 # ------------------------------------------------------------------------------------------------- what s and 0.01 cost
@@ -393,23 +365,19 @@ def gain(trial: Trial) -> Findings:
         "document",
     ))  # fmt: skip
 
-    figure, (left, right) = _figure(2)
-    left.loglog(d, slope, color=COLOURS[0], label="r = 1")
-    left.loglog(d, _static(d, accuracy=1e-4, smallest=0.0, r=10.0) / d / PERIOD, color=COLOURS[1], label="r = 10")
-    left.set(xlabel="height difference d > 0, mm", ylabel="loop gain L/(d·T), 1/s")
-    left.legend()
-    right.errorbar(
-        sizes, [np.median(m) for m in means],
-        [[np.median(m) - np.quantile(m, 0.1) for m in means], [np.quantile(m, 0.9) - np.median(m) for m in means]],
-        color=COLOURS[0], marker="o", capsize=3,
-    )  # fmt: skip
-    right.set(xlabel="sensitivity s", ylabel="mean true error, µm", xscale="log")
-    for axes in (left, right):
-        axes.grid(alpha=0.3, which="both")
-    drawing = Drawing(
-        "gain", figure,
-        "Left: loop gain as printed over the height difference. Right: mean true error on a level sheet under impulses "
-        "over s, median and 10 to 90 % of the runs",
-        "Patent2022 ¶ 53–69",
-    )  # fmt: skip
-    return Findings(rows, [drawing])
+    @pictured("Patent2022 ¶ 53–69", 2, grid={"alpha": 0.3, "which": "both"})
+    def gain(left: Axes, right: Axes) -> None:
+        """Left: loop gain as printed over the height difference. Right: mean true error on a level sheet under impulses
+        over s, median and 10 to 90 % of the runs"""
+        left.loglog(d, slope, color=COLOURS[0], label="r = 1")
+        left.loglog(d, _static(d, accuracy=1e-4, smallest=0.0, r=10.0) / d / PERIOD, color=COLOURS[1], label="r = 10")
+        left.set(xlabel="height difference d > 0, mm", ylabel="loop gain L/(d·T), 1/s")
+        left.legend()
+        right.errorbar(
+            sizes, [np.median(m) for m in means],
+            [[np.median(m) - np.quantile(m, 0.1) for m in means], [np.quantile(m, 0.9) - np.median(m) for m in means]],
+            color=COLOURS[0], marker="o", capsize=3,
+        )  # fmt: skip
+        right.set(xlabel="sensitivity s", ylabel="mean true error, µm", xscale="log")
+
+    return Findings(rows, [gain()])

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
+from matplotlib.axes import Axes
 from scipy import signal
 
 from ...baselines import wu
@@ -19,30 +19,11 @@ from ..measure import axes
 from ..measure.axes import IDEAL
 from ..plots.palette import COLOURS, QUIET
 from ..results import jobs
-from .claims import (
-    CALIBRATED,
-    INPUT,
-    NAMED,
-    NOT,
-    PRESENT,
-    SILENT,
-    TREND,
-    Drawing,
-    Estimate,
-    Evidence,
-    Findings,
-    Row,
-    Trial,
-    estimate,
-    judged,
-    study,
-    weighed,
-)
+from .claims import Estimate, Evidence, Findings, Row, Trial, estimate, judged, study, weighed
+from .pictures import drawn
+from .verdicts import CALIBRATED, INPUT, NAMED, NOT, PRESENT, SILENT, TREND
 
-PRESETS = {
-    "a": xy_axes.Params(),
-    "b": xy_axes.Params(t1=0.012, t2=0.006626, tau=0.0, gain=1.04167),
-}
+PRESETS = {"a": xy_axes.Params(), "b": xy_axes.Params(t1=0.012, t2=0.006626, tau=0.0, gain=1.04167)}
 """Drive constants that agree with the printed limit (docs/physics.md#the-x-and-y-axes); Wu gives none."""
 
 KN = 0.2
@@ -293,15 +274,9 @@ def response(trial: Trial) -> Findings:
         if name == "a":
             shown = {kp: x[:, int(np.argmin(np.abs(kps - kp)))] for kp in (0.2, KP, 1.0)}
             apart = float(np.abs(x - y).max())
-            rows.append(
-                Row(
-                    "§6.1",
-                    "matched behaviour of x and y, equal constants",
-                    NAMED,
-                    f"apart by {_apart(apart)} in steps of {len(kps)} gains",
-                    judged(apart < 1e-9, PRESENT),
-                )
-            )
+            seen_apart = f"apart by {_apart(apart)} in steps of {len(kps)} gains"
+            claim = "matched behaviour of x and y, equal constants"
+            rows.append(Row("§6.1", claim, NAMED, seen_apart, judged(apart < 1e-9, PRESENT)))
         rows.append(Row(
             "§6.1", f"no overshoot: largest Kp whose step overshoots by at most 0.1 %, constants ({name})",
             f"{NAMED} as a goal", Estimate(largest, digits=2), judged(largest < 4.5, PRESENT),
@@ -314,18 +289,18 @@ def response(trial: Trial) -> Findings:
             "“at least … 7 times”", f"{ratio:.1f} ({fast:.1f})", judged(ratio >= 7.0 and fast >= 7.0, TREND),
             f"250 Hz over {250 / ratio:.1f} Hz ({250 / fast:.1f} Hz), −3 dB of the closed loop; the gains are ours",
         ))  # fmt: skip
-    figure = Figure(figsize=(8, 3.6), dpi=110, layout="constrained")
-    ax = figure.subplots()
+    return Findings(rows, [_steps(shown)])
+
+
+@drawn("Wu §4, §6.1", words={"KP": KP})
+def _steps(ax: Axes, shown: dict[float, np.ndarray]) -> None:
+    """Step of 1 mm, constants (a), slide that integrates its velocity. Kp 0.2 does not overshoot; the stack wu's {KP}
+    does, and all are far below the printed limit of 4.5."""
     ax.axhline(1.0, color=QUIET, lw=0.8)
     for (kp, x), colour in zip(shown.items(), COLOURS, strict=False):
         ax.plot(np.arange(len(x[:500])), x[:500], color=colour, label=f"Kp {kp:g} (Kv {_kv(kp, PRESETS['a']):.0f} 1/s)")
     ax.set(xlabel="time, ms", ylabel="position, mm", xlim=(0, 500))
     ax.legend(frameon=False)
-    caption = (
-        "Step of 1 mm, constants (a), slide that integrates its velocity. Kp 0.2 does not overshoot; the stack wu's "
-        f"{KP} does, and all are far below the printed limit of 4.5."
-    )
-    return Findings(rows, [Drawing("steps", figure, caption, "Wu §4, §6.1")])
 
 
 # ---------------------------------------------------------------------------------------- simulation findings (§5)
@@ -470,7 +445,7 @@ def unequal_gains(trial: Trial) -> Findings:
             )
         rows.append(Row("Fig. 5", f"case ({key}): {text}", "a drawing", result, judged(fine, TREND), note))
     rows.extend(_matched_stack(trial))
-    return Findings(rows, [_figure_5(shapes, radius)])
+    return Findings(rows, [_circles(shapes=shapes, radius=radius)])
 
 
 def _matched_stack(trial: Trial) -> list[Row]:
@@ -506,16 +481,24 @@ def _contour(name: str, scenario: Scenario, trial: Trial) -> dict[str, np.ndarra
     return job_metrics.evaluate(job_metrics.Jobs.of(fleet, job))
 
 
-def _figure_5(shapes: dict[str, tuple[np.ndarray, np.ndarray]], radius: float) -> Drawing:
-    """The four distorted circles, their errors exaggerated."""
-    times = 300.0
-    figure = Figure(figsize=(8, 2.75), dpi=110, layout="constrained")
+TIMES = 300.0
+"""By which Fig. 5 exaggerates radial errors."""
+
+
+@drawn(
+    "Wu Fig. 5 (its four inscriptions; the drawings themselves are not available)", 4, height=2.75, sharey=True,
+    words={"TIMES": f"{TIMES:g}"},
+)  # fmt: skip
+def _circles(*panels: Axes, shapes: dict[str, tuple[np.ndarray, np.ndarray]], radius: float) -> None:
+    """Circles of R 60 mm at 1.8 m/min, Kv 30 1/s, with gains that differ by 5 %; radial errors × {TIMES}, dashed: equal
+    gains; arrows: sense of travel. A gain that is weaker in one direction bulges or flattens only the half travelled
+    that way; a weaker axis makes an ellipse along a diagonal."""
     circle = np.linspace(0, 2 * np.pi, 400)
-    for ax, (key, (angle, error)) in zip(figure.subplots(1, 4, sharey=True), shapes.items(), strict=True):
+    for ax, (key, (angle, error)) in zip(panels, shapes.items(), strict=True):
         sense, _, text = CASES[key]
         ax.plot(radius * np.cos(circle), radius * np.sin(circle), color=QUIET, lw=0.8, ls="--")
         order = np.argsort(angle)
-        theta, r = angle[order], radius + times * error[order]
+        theta, r = angle[order], radius + TIMES * error[order]
         ax.plot(r * np.cos(theta), r * np.sin(theta), color=COLOURS[0 if sense > 0 else 1])
         ax.annotate("", xy=(-sense * 9, 0.55 * radius), xytext=(sense * 9, 0.55 * radius),
                     arrowprops={"arrowstyle": "->", "color": QUIET})  # fmt: skip
@@ -524,13 +507,6 @@ def _figure_5(shapes: dict[str, tuple[np.ndarray, np.ndarray]], radius: float) -
         ax.set_xticks([-60, 0, 60])
         if key == "a":
             ax.set(ylabel="y, mm")
-    return Drawing(
-        "circles", figure,
-        f"Circles of R 60 mm at 1.8 m/min, Kv 30 1/s, with gains that differ by 5 %; radial errors × {times:g}, "
-        "dashed: equal gains; arrows: sense of travel. A gain that is weaker in one direction bulges or flattens "
-        "only the half travelled that way; a weaker axis makes an ellipse along a diagonal.",
-        "Wu Fig. 5 (its four inscriptions; the drawings themselves are not available)",
-    )  # fmt: skip
 
 
 @study("wu", "Finding 3: sudden changes of the input")
@@ -551,10 +527,11 @@ def sudden_changes(trial: Trial) -> Findings:
     return Findings(rows, [_corner()])
 
 
-def _corner() -> Drawing:
-    """A corner of the square, with and without handling."""
-    figure = Figure(figsize=(8, 3.6), dpi=110, layout="constrained")
-    path, detail = figure.subplots(1, 2)
+@drawn("Wu §5.3", 2)
+def _corner(path: Axes, detail: Axes) -> None:
+    """Left: a corner of contour-square (seed 1000). Right: contour error along the whole cut, left of the path
+    positive. At constant feed the corner is cut short and the axes swing afterwards; slowed down, they overrun it less
+    and settle sooner."""
     scenario = scenarios.load("contour-square")
     for name, colour in (("wu-no-corners", COLOURS[1]), ("wu", COLOURS[0])):
         frame = jobs.traced(name, scenario, stacks.team(stacks.get(name)), 1000)
@@ -567,14 +544,6 @@ def _corner() -> Drawing:
     path.set(xlabel="x, mm", ylabel="y, mm", xlim=(right - 4, right + 0.8), ylim=(top - 4, top + 0.8), aspect="equal")
     detail.set(xlabel="way along the cut, mm", ylabel="contour error, µm")
     path.legend(frameon=False, loc="lower left")
-    return Drawing(
-        "corner",
-        figure,
-        "Left: a corner of contour-square (seed 1000). Right: contour error along the whole cut, left of the path "
-        "positive. At constant feed the corner is cut short and the axes swing afterwards; slowed down, they overrun "
-        "it less and settle sooner.",
-        "Wu §5.3",
-    )
 
 
 # ------------------------------------------------------------------------------------------- the drive at low speed
@@ -648,8 +617,13 @@ def low_speed(trial: Trial) -> Findings:
             judged((np.diff(found[slow, : len(CONVERTERS)]) < 0).all(), TREND), "the last without steps at all",
         ),
     ]  # fmt: skip
-    figure = Figure(figsize=(8, 3.6), dpi=110, layout="constrained")
-    ax = figure.subplots()
+    return Findings(rows, [_low_speed(found, steps)])
+
+
+@drawn("Wu §6.2")
+def _low_speed(ax: Axes, found: np.ndarray, steps: list[float]) -> None:
+    """Circles of R 10 mm, encoder of 1 µm. A drive whose speed comes in steps of 1.3 mm/s cannot crawl: below 1 m/min
+    it is told to stand still and to go by turns, and the circle suffers most."""
     for i, (bits, colour) in enumerate(zip(CONVERTERS, COLOURS, strict=False)):
         ax.loglog(SPEEDS, found[:, i], "o-", ms=4, color=colour, label=f"{bits} bits, steps of {steps[i]:.2g} m/min")
     ax.loglog(SPEEDS, np.maximum(found[:, -1], 1e-2), ":", color=QUIET, label="no steps")
@@ -657,12 +631,6 @@ def low_speed(trial: Trial) -> Findings:
     ax.text(SPEEDS[1], 22.0, "±0.01 mm", color=QUIET, fontsize=9)
     ax.set(xlabel="feed, m/min", ylabel="out of round, peak to valley, µm", ylim=(1e-1, None))
     ax.legend(frameon=False, fontsize=8)
-    return Findings(rows, [Drawing(
-        "low-speed", figure,
-        "Circles of R 10 mm, encoder of 1 µm. A drive whose speed comes in steps of 1.3 mm/s cannot crawl: below "
-        "1 m/min it is told to stand still and to go by turns, and the circle suffers most.",
-        "Wu §6.2",
-    )])  # fmt: skip
 
 
 # -------------------------------------------------------------------------------------------------- figures of §1
@@ -741,7 +709,7 @@ def accuracy(trial: Trial) -> Findings:
             f"lag {seen['axes_signals.error_x'][-1, i]:.2f} mm at Kv {_kv(KP, p):.0f} 1/s; the axes' limit is set to "
             "10 m/min",
         ))  # fmt: skip
-    return Findings(rows, [_approaches(errors, list(choices))])
+    return Findings(rows, [_approaches(errors=errors, names=list(choices))])
 
 
 def _travel() -> tuple[str, str, str]:
@@ -757,9 +725,12 @@ def _travel() -> tuple[str, str, str]:
     return f"{g.travel_x:g} × {g.travel_y:g} mm", judged(fits and refused, INPUT), note
 
 
-def _approaches(errors: np.ndarray, names: list[str]) -> Drawing:
-    figure = Figure(figsize=(8, 3.6), dpi=110, layout="constrained")
-    for ax, e, name in zip(figure.subplots(1, len(names), sharey=True), errors, names, strict=True):
+@drawn("Wu §1", 3, sharey=True)
+def _approaches(*panels: Axes, errors: np.ndarray, names: list[str]) -> None:
+    """Standstill error at five places over 300 mm, five approaches from each side, from brisk to slow; shaded: ±0.01
+    mm. With 8 bits the velocity command vanishes within half a D/A step, 22 µm of error, and the slide rests anywhere
+    in there."""
+    for ax, e, name in zip(panels, errors, names, strict=True):
         ax.axhspan(-10, 10, color="#eceef0", lw=0)
         for side, (marker, text) in enumerate(((">", "towards +x"), ("<", "towards −x"))):
             for k in range(len(APPROACHES)):
@@ -767,13 +738,5 @@ def _approaches(errors: np.ndarray, names: list[str]) -> Drawing:
                         label=text if k == 0 else None)  # fmt: skip
         ax.set_title(name, fontsize=9)
         ax.set(xlabel="target, mm")
-    figure.axes[0].set(ylabel="position at rest − target, µm")
-    figure.axes[-1].legend(frameon=False)
-    return Drawing(
-        "approaches",
-        figure,
-        "Standstill error at five places over 300 mm, five approaches from each side, from brisk to slow; shaded: "
-        "±0.01 mm. With 8 bits the velocity command vanishes within half a D/A step, 22 µm of error, and the "
-        "slide rests anywhere in there.",
-        "Wu §1",
-    )
+    panels[0].set(ylabel="position at rest − target, µm")
+    panels[-1].legend(frameon=False)

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from ...envs import scenarios
 from ...envs.control import stack as stacks
@@ -13,24 +14,9 @@ from ...envs.scenarios import Axis, Head, Scenario
 from ..measure import rollout
 from ..plots.palette import COLOURS, QUIET
 from . import fit_table1 as table1
-from .claims import (
-    FAILS,
-    INPUT,
-    PRESENT,
-    SILENT,
-    TREND,
-    Drawing,
-    Estimate,
-    Evidence,
-    Findings,
-    Row,
-    Trial,
-    estimate,
-    judged,
-    study,
-    weighed,
-)
-from .xi2023_sensor import figure
+from .claims import Estimate, Evidence, Findings, Row, Trial, estimate, judged, study, weighed
+from .verdicts import FAILS, INPUT, PRESENT, SILENT, TREND
+from .xi2023_sensor import pictured
 
 STATIC, DYNAMIC, SPEED = 0.001, 0.01, 500.0
 """mm, mm and mm/s, as claimed."""
@@ -83,7 +69,7 @@ def _flat(
 def static_accuracy(trial: Trial) -> Findings:
     """A level sheet and the sensor's noise, with and without interpolation."""
     found = {
-        look: {h: _static(h, look, trial.seeds) for h in HEIGHTS} for look in ("interpolate", "nearest")
+        look: {h: _at_rest(h, look, trial.seeds) for h in HEIGHTS} for look in ("interpolate", "nearest")
     }  # fmt: skip
     rows = []
     for look, runs in found.items():
@@ -100,7 +86,7 @@ def static_accuracy(trial: Trial) -> Findings:
                 estimate(true, "mm"),
                 instead="interpolation, which the paper does not mention" if look == "interpolate" else "",
             ))  # fmt: skip
-    noise = {n: np.median(_static(1.0, "interpolate", trial.seeds, n)[0]) for n in (0.5e-3, 1e-3, 2e-3, 5e-3)}
+    noise = {n: np.median(_at_rest(1.0, "interpolate", trial.seeds, n)[0]) for n in (0.5e-3, 1e-3, 2e-3, 5e-3)}
     rows.append(Row(
         "§4", "capacitance noise that 0.001 mm allows at 1 mm", SILENT,
         ", ".join(f"{1e3 * n:g} fF: {1e3 * e:.2f} µm" for n, e in noise.items()),
@@ -109,10 +95,10 @@ def static_accuracy(trial: Trial) -> Findings:
         "are 0.5–5 fF"
         + ("; at the upper end the static accuracy does not hold" if noise[5e-3] > STATIC else ""),
     ))  # fmt: skip
-    return Findings(rows, [_static_figure(found)])
+    return Findings(rows, [_static(found)])
 
 
-def _static(height: float, look: str, seeds: int, noise: float = 1e-3) -> tuple[np.ndarray, np.ndarray]:
+def _at_rest(height: float, look: str, seeds: int, noise: float = 1e-3) -> tuple[np.ndarray, np.ndarray]:
     """RMS of the true and of the reported error of each run, mm."""
     stack = stacks.get("xi2023-improved").varied({"table.look_up": look})
     record = rollout.roll(_flat(height, noise, above=0.05), stack, range(seeds))
@@ -123,9 +109,9 @@ def _static(height: float, look: str, seeds: int, noise: float = 1e-3) -> tuple[
     return true, reported
 
 
-def _static_figure(found: dict[str, dict[float, tuple[np.ndarray, np.ndarray]]]) -> Drawing:
-    drawn = figure()
-    (ax,) = drawn.axes
+@pictured("Xi2023 §4")
+def _static(ax: Axes, found: dict[str, dict[float, tuple[np.ndarray, np.ndarray]]]) -> None:
+    """Error at rest over a level sheet with the sensor's noise (1 fF), gain 50 1/s, improved."""
     for (look, runs), colour in zip(found.items(), COLOURS, strict=False):
         for i, (kind, line) in enumerate((("true gap", "o-"), ("reported height", "s:"))):
             values = [1e3 * np.median(runs[h][i]) for h in HEIGHTS]
@@ -134,10 +120,6 @@ def _static_figure(found: dict[str, dict[float, tuple[np.ndarray, np.ndarray]]])
     ax.set(xlabel="set height (mm)", ylabel="RMS error at rest (µm)", xticks=HEIGHTS)
     ax.set_ylim(bottom=0)
     ax.legend(fontsize=8)
-    return Drawing(
-        "static", drawn, "Error at rest over a level sheet with the sensor's noise (1 fF), gain 50 1/s, improved.",
-        "Xi2023 §4",
-    )  # fmt: skip
 
 
 # --------------------------------------------------------------------------------------------- dynamic, 500 mm/s
@@ -194,7 +176,7 @@ def dynamic_accuracy(trial: Trial) -> Findings:
             f"Table 1 fits a surface at {p.speed:.2g} mm/s, a wave of {wave:.0f} "
             "µm: next to a level sheet",
         ))  # fmt: skip
-    return Findings(rows, [_dynamic_figure(slopes, gain)])
+    return Findings(rows, [_dynamic(slopes, gain)])
 
 
 def _fastest() -> tuple[float, float]:
@@ -258,17 +240,13 @@ def _waves(length: float, trial: Trial) -> dict[str, tuple[np.ndarray, np.ndarra
     }
 
 
-def _dynamic_figure(slopes: dict[str, np.ndarray], gain: float) -> Drawing:
-    drawn = figure()
-    (ax,) = drawn.axes
+@pictured("Xi2023 abstract and §4")
+def _dynamic(ax: Axes, slopes: dict[str, np.ndarray], gain: float) -> None:
+    """Largest error of the true gap on a slope, median over seeds, nothing but the sensor's noise. A P law holds
+    0.01 mm up to Kv · 0.01 mm; the observer knows the slope and pays only for noise."""
     for (name, errors), colour in zip(slopes.items(), COLOURS, strict=False):
         ax.loglog(SURFACE_SPEEDS, 1e3 * np.median(errors, axis=0), "o-", ms=3, color=colour, label=name)
     ax.loglog(SURFACE_SPEEDS, 1e3 * SURFACE_SPEEDS / gain, ":", color=QUIET, label=f"v/Kv, {gain:g} 1/s")
     ax.axhline(1e3 * DYNAMIC, color=QUIET, ls="--", lw=1, label="claimed 0.01 mm")
     ax.set(xlabel="vertical speed of the surface at a feed of 500 mm/s (mm/s)", ylabel="largest true error (µm)")
     ax.legend(fontsize=8)
-    return Drawing(
-        "dynamic", drawn, "Largest error of the true gap on a slope, median over seeds, nothing but the sensor's "
-        "noise. A P law holds 0.01 mm up to Kv · 0.01 mm; the observer knows the slope and pays only for noise.",
-        "Xi2023 abstract and §4",
-    )  # fmt: skip

@@ -3,28 +3,16 @@
 from collections.abc import Sequence
 
 import numpy as np
+from matplotlib.axes import Axes
 from scipy.signal import lfilter
 
 from ...envs.plant import filters, heads, idle, machine
 from ...envs.plant.controller import make_law
 from ...envs.plant.fleet import Fleet
 from ..plots.palette import COLOURS, QUIET
-from .claims import (
-    NAMED,
-    PRESENT,
-    SILENT,
-    TREND,
-    Drawing,
-    Estimate,
-    Evidence,
-    Findings,
-    Row,
-    Trial,
-    judged,
-    study,
-    weighed,
-)
-from .xi2023_sensor import figure
+from .claims import Estimate, Evidence, Findings, Row, Trial, judged, study, weighed
+from .verdicts import NAMED, PRESENT, SILENT, TREND
+from .xi2023_sensor import pictured
 
 REST = 3.6e6
 """Hz, frequency before a response."""
@@ -142,9 +130,12 @@ def _against_lag(n: int) -> tuple[list[float], list[int]]:
     return late, [int(np.argmax(step[:, i] >= 0.95)) - 19 for i in range(len(pair))]
 
 
-def _responses() -> Drawing:
-    drawn = figure(2)
-    for ax, shape, name in zip(drawn.axes, (STEP, IMPULSE), ("step", "impulse of one sample"), strict=True):
+@pictured("Xi2023 eq. 6 and Fig. 9", 2)
+def _responses(*axes: Axes) -> None:
+    """Filters of N = 5 (k = 2). The centred form answers before the step comes, so no machine can run it; the
+    causal one lags by k = 2 samples. The improved filter jumps in the middle of the step and does not answer to an
+    impulse of one sample."""
+    for ax, shape, name in zip(axes, (STEP, IMPULSE), ("step", "impulse of one sample"), strict=True):
         x = _response(shape)
         both = (machine_filters([kind("mean", window=5), kind("improved", window=5)], x) - REST) / 1e3
         time = np.arange(len(x)) - 20
@@ -154,12 +145,7 @@ def _responses() -> Drawing:
         ax.plot(time, both[:, 0], "o-", ms=3, lw=1, color=COLOURS[1], label="eq. 6, causal")
         ax.plot(time, both[:, 1], "s-", ms=3, lw=1, color=COLOURS[0], label="improved, causal")
         ax.set(xlabel="sample (1 ms each)", ylabel=f"response to a {name}", xlim=(-4, 9), ylim=(-0.05, 1.1))
-    drawn.axes[1].legend(fontsize=8)
-    return Drawing(
-        "responses", drawn, "Filters of N = 5 (k = 2). The centred form answers before the step comes, so no machine "
-        "can run it; the causal one lags by k = 2 samples. The improved filter jumps in the middle of the step and "
-        "does not answer to an impulse of one sample.", "Xi2023 eq. 6 and Fig. 9",
-    )  # fmt: skip
+    axes[1].legend(fontsize=8)
 
 
 @study("xi2023", "Improved filter, Fig. 9")
@@ -195,12 +181,13 @@ def improved_filter(trial: Trial) -> Findings:
             f"{late[1]:.3g} samples, moving average {late[0]:.3g}", judged(abs(late[1] - late[0]) < 1e-6, PRESENT),
             "trimming costs no delay, and saves none, against the moving average of the same N"),
     ]  # fmt: skip
-    return Findings(rows, [_cleaned(pair)])
+    return Findings(rows, [_improved(pair)])
 
 
-def _cleaned(pair: list[filters.Params]) -> Drawing:
-    drawn = figure()
-    (ax,) = drawn.axes
+@pictured("Xi2023 Fig. 9")
+def _improved(ax: Axes, pair: list[filters.Params]) -> None:
+    """Both filters of N = 5 on the same samples. Single impulses (20, 50) leave the improved filter alone; of two
+    within one window (80, 82) it passes a third."""
     n = np.arange(120)
     hits = np.isin(n, (20, 50)) * 1.0 - np.isin(n, (80, 82)) * 1.0
     x = REST + 4e3 * np.sin(n / 12) + np.random.default_rng(2).normal(0, 500, len(n)) + 6e4 * hits
@@ -211,7 +198,3 @@ def _cleaned(pair: list[filters.Params]) -> Drawing:
     ax.set(xlabel="sample (1 ms each)", ylabel="frequency − 3.6 MHz (kHz)", ylim=(-30, 30))
     ax.annotate("impulses of ±60 kHz,\nbeyond the frame", (52, 20), fontsize=8, color=QUIET)
     ax.legend(fontsize=8, loc="lower left")
-    return Drawing(
-        "improved", drawn, "Both filters of N = 5 on the same samples. Single impulses (20, 50) leave the improved "
-        "filter alone; of two within one window (80, 82) it passes a third.", "Xi2023 Fig. 9",
-    )  # fmt: skip

@@ -1,12 +1,14 @@
 """Xi2023's operator functions: home, centre, calibrate, follow, and the settings that each of them takes."""
 
 import numpy as np
-from matplotlib.figure import Figure
+from matplotlib.axes import Axes
 
 from ...envs.control.panel import CENTRE, LEVEL, Panel
 from ...envs.plant import supervisor
 from ..plots.palette import COLOURS, GRID, QUIET
-from .claims import INPUT, NAMED, PRESENT, SILENT, TREND, Drawing, Findings, Row, Trial, estimate, judged, study
+from .claims import Findings, Row, Trial, estimate, judged, study
+from .pictures import drawn
+from .verdicts import INPUT, NAMED, PRESENT, SILENT, TREND
 
 CONTROLLER = "xi2023-improved"
 
@@ -38,19 +40,22 @@ def operator(trial: Trial) -> Findings:
         contacts += p["alarm"] == supervisor.COLLISION
         if seed == 0:
             log = p.log()
-    figure = Figure(figsize=(8.0, 3.6), dpi=110, layout="constrained")
-    axes = figure.subplots()
-    axes.plot(log["time"], log["head"], color=COLOURS[0])
-    names = {supervisor.MODES.index(m): m for m in ("home", "move", "follow", "calibrate")}
-    changes = np.flatnonzero(np.diff(log["mode"], prepend=-1))
-    for i in changes:
-        name = names.get(int(log["mode"][i]))
-        if name:
-            axes.axvline(log["time"][i], color=QUIET, linewidth=0.6, linestyle=":")
-            axes.text(log["time"][i] + 0.05, 101.0, {"move": "centre"}.get(name, name), rotation=90, va="top",
-                      color=QUIET, fontsize=8)  # fmt: skip
-    axes.set(xlabel="time (s)", ylabel="head (mm)", ylim=(-3.0, 103.0))
-    axes.grid(color=GRID)
+
+    @drawn("Xi2023 §2.1, operator functions", grid={"color": GRID})
+    def operator(axes: Axes) -> None:
+        """Head position (mm) over time (s) through one shift at the panel: home, centre, follow at 20 mm/s, calibrate,
+        follow, calibrate four times as fast, follow."""
+        axes.plot(log["time"], log["head"], color=COLOURS[0])
+        names = {supervisor.MODES.index(m): m for m in ("home", "move", "follow", "calibrate")}
+        changes = np.flatnonzero(np.diff(log["mode"], prepend=-1))
+        for i in changes:
+            name = names.get(int(log["mode"][i]))
+            if name:
+                axes.axvline(log["time"][i], color=QUIET, linewidth=0.6, linestyle=":")
+                axes.text(log["time"][i] + 0.05, 101.0, {"move": "centre"}.get(name, name), rotation=90, va="top",
+                          color=QUIET, fontsize=8)  # fmt: skip
+        axes.set(xlabel="time (s)", ylabel="head (mm)", ylim=(-3.0, 103.0))
+
     rows = [
         Row("§2.1", "home: the machine's zero afterwards against the true one, encoder off by ±5 mm before", NAMED,
             estimate(homes, "µm"), judged(np.abs(homes).max() < 2.0, PRESENT)),
@@ -72,12 +77,7 @@ def operator(trial: Trial) -> Findings:
         Row("§2.1", "contacts that are not part of a calibration", SILENT, f"{contacts}/{trial.seeds}",
             judged(contacts == 0, PRESENT)),
     ]  # fmt: skip
-    return Findings(rows, [Drawing(
-        "operator", figure,
-        "Head position (mm) over time (s) through one shift at the panel: home, centre, follow at 20 mm/s, calibrate, "
-        "follow, calibrate four times as fast, follow.",
-        "Xi2023 §2.1, operator functions",
-    )])  # fmt: skip
+    return Findings(rows, [operator()])
 
 
 def _bias(p: Panel) -> float:

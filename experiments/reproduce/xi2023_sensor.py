@@ -1,29 +1,15 @@
 """Xi2023 §2.2 and §3.1–3.2: oscillator, calibration run, look-up by binary search."""
 
+import functools
+
 import numpy as np
-from matplotlib.figure import Figure
+from matplotlib.axes import Axes
 
 from ...envs.plant import calibration, heads, sensor
 from ..plots.palette import COLOURS, QUIET
-from .claims import (
-    CALIBRATED,
-    FAILS,
-    INPUT,
-    NOT,
-    PRESENT,
-    SILENT,
-    TREND,
-    Drawing,
-    Estimate,
-    Evidence,
-    Findings,
-    Row,
-    Trial,
-    estimate,
-    judged,
-    study,
-    weighed,
-)
+from .claims import Estimate, Evidence, Findings, Row, Trial, estimate, judged, study, weighed
+from .pictures import drawn
+from .verdicts import CALIBRATED, FAILS, INPUT, NOT, PRESENT, SILENT, TREND
 
 LOW, HIGH = 1.665, 4.053
 """MHz, the printed band."""
@@ -38,13 +24,8 @@ TABLES = (1000, 500, 200, 100)
 """Entries of tables whose accuracy is compared."""
 
 
-def figure(columns: int = 1) -> Figure:
-    """An empty figure with a row of axes, as this document's pictures are."""
-    drawn = Figure(figsize=(8, 3.6), dpi=110, layout="constrained")
-    for ax in np.atleast_1d(drawn.subplots(1, columns)):
-        ax.grid(alpha=0.3)
-        ax.spines[["top", "right"]].set_visible(False)
-    return drawn
+pictured = functools.partial(drawn, grid={"alpha": 0.3}, spines=False)
+"""As this document's pictures are."""
 
 
 def inductance(megahertz: float, c5: float) -> float:
@@ -123,16 +104,18 @@ def oscillator(trial: Trial) -> Findings:
         Row("§2.2", "C5 in use", "10–50 pF", f"{span[0]:.1f}–{span[1]:.1f} pF from 10 to 0.1 mm",
             judged(span[1] > 45, CALIBRATED, TREND), f"50 pF is reached at {1e3 * touch:.0f} µm, next to contact"),
     ]  # fmt: skip
-    return Findings(rows, [_bands(top, bottom)])
+    return Findings(rows, [_band(top, bottom)])
 
 
 def _percent(share: float) -> str:
     return f"{100 * share:+.1f} %".replace("-", "−")
 
 
-def _bands(top: float, bottom: float) -> Drawing:
-    drawn, c5 = figure(), np.linspace(8, 80, 300)
-    (ax,) = drawn.axes
+@pictured("Xi2023 eqs. 1–3 and §2.2")
+def _band(ax: Axes, top: float, bottom: float) -> None:
+    """Frequency over the sensed capacitance. No curve passes through both printed ends: an inductance that meets one
+    misses the other, and capacitors in series only flatten the curve."""
+    c5 = np.linspace(8, 80, 300)
     ax.fill_between([C_LEAST, C_MOST], LOW, HIGH, color=QUIET, alpha=0.15, lw=0, label="printed: C5 and band")
     lines = {
         f"eq. 3, {top:.1f} µH": sensor.EQ3._replace(inductance=top),
@@ -145,11 +128,6 @@ def _bands(top: float, bottom: float) -> Drawing:
     ax.plot([C_MOST, C_LEAST], [LOW, HIGH], "k^", ms=6, label="printed ends")
     ax.set(xlabel="C5 (pF)", ylabel="frequency (MHz)", xlim=(8, 80), ylim=(1.4, 4.6))
     ax.legend(fontsize=8)
-    return Drawing(
-        "band", drawn,
-        "Frequency over the sensed capacitance. No curve passes through both printed ends: an inductance that meets "
-        "one misses the other, and capacitors in series only flatten the curve.", "Xi2023 eqs. 1–3 and §2.2",
-    )  # fmt: skip
 
 
 # -------------------------------------------------------------------------------------------------- calibration
@@ -183,7 +161,7 @@ def calibration_run(trial: Trial) -> Findings:
             "neighbours of a raw run whose frequency falls, because counting noise is as large as the step; "
             "the table made of it (fit, local mean, isotonic regression) rises everywhere"),
     ]  # fmt: skip
-    return Findings(rows, [_curve(*found[0], tables[0])])
+    return Findings(rows, [_calibration(*found[0], tables[0])])
 
 
 def _nearest_error(entries: int) -> float:
@@ -202,9 +180,10 @@ def _refused(frequency: np.ndarray, height: np.ndarray) -> str:
     return "the machine takes half a run"
 
 
-def _curve(frequency: np.ndarray, height: np.ndarray, table: calibration.Table) -> Drawing:
-    drawn = figure(2)
-    left, right = drawn.axes
+@pictured("Xi2023 Fig. 7", 2)
+def _calibration(left: Axes, right: Axes, frequency: np.ndarray, height: np.ndarray, table: calibration.Table) -> None:
+    """A calibration run of the machine: contact, then up to 10 mm at 10 mm/s. Left the samples and the table made
+    of them; right what a sample is off in height. The curve flattens upwards, so noise weighs more there."""
     inside = (frequency > 0) & (height > 0)
     f, h = frequency[inside], height[inside]
     left.plot(h, f / 1e6, ".", ms=3, color=COLOURS[4], label=f"samples, one per ms ({len(h)})")
@@ -215,12 +194,6 @@ def _curve(frequency: np.ndarray, height: np.ndarray, table: calibration.Table) 
     right.plot(h, off, ".", ms=3, color=COLOURS[4])
     right.set(xlabel="height (mm)", ylabel="sample's height − encoder (µm)")
     right.axhline(0, color=COLOURS[0], lw=1)
-    return Drawing(
-        "calibration", drawn,
-        "A calibration run of the machine: contact, then up to 10 mm at 10 mm/s. Left the samples and the table made "
-        "of them; right what a sample is off in height. The curve flattens upwards, so noise weighs more there.",
-        "Xi2023 Fig. 7",
-    )  # fmt: skip
 
 
 # ----------------------------------------------------------------------------------------------------- look-up
@@ -259,12 +232,13 @@ def look_up(trial: Trial) -> Findings:
             Estimate(1e3 * errors[1], "µm"), judged(errors[1] < 1e-3, PRESENT),
             "largest error of a straight line between two entries of an exact table, 0.1–9.9 mm"),
     ]  # fmt: skip
-    return Findings(rows, [_readings(curve, grid)])
+    return Findings(rows, [_look_up(curve, grid)])
 
 
-def _readings(frequency: np.ndarray, grid: np.ndarray) -> Drawing:
-    drawn = figure()
-    (ax,) = drawn.axes
+@pictured("Xi2023 §3.2")
+def _look_up(ax: Axes, frequency: np.ndarray, grid: np.ndarray) -> None:
+    """What the look-up alone adds, on an exact table: the nearest entry is off by up to 5 µm, a straight line
+    between two entries by far less than 1 µm."""
     heights = np.linspace(0.48, 0.54, 601)
     f = exact(heights)
     for look, label, colour in ((1.0, "nearest entry", COLOURS[1]), (0.0, "interpolated", COLOURS[0])):
@@ -274,7 +248,3 @@ def _readings(frequency: np.ndarray, grid: np.ndarray) -> Drawing:
     ax.axhspan(-1, 1, color=QUIET, alpha=0.15, lw=0, label="claimed static accuracy ±0.001 mm")
     ax.set(xlabel="height (mm)", ylabel="reading − height (µm)", ylim=(-7, 9))
     ax.legend(fontsize=8, ncols=3, loc="upper center")
-    return Drawing(
-        "look-up", drawn, "What the look-up alone adds, on an exact table: the nearest entry is off by up to 5 µm, a "
-        "straight line between two entries by far less than 1 µm.", "Xi2023 §3.2",
-    )  # fmt: skip

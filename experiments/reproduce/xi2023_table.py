@@ -3,30 +3,16 @@
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from ...envs.control import stack as stacks
 from ...envs.scenarios import Axis, Head, Scenario
 from ..measure import rollout
 from ..plots.palette import COLOURS, INK, QUIET
 from . import fit_table1 as table1
-from .claims import (
-    CALIBRATED,
-    NOT,
-    PRESENT,
-    SILENT,
-    TREND,
-    Drawing,
-    Estimate,
-    Evidence,
-    Findings,
-    Row,
-    Trial,
-    estimate,
-    judged,
-    study,
-    weighed,
-)
-from .xi2023_sensor import figure
+from .claims import Estimate, Evidence, Findings, Row, Trial, estimate, judged, study, weighed
+from .verdicts import CALIBRATED, NOT, PRESENT, SILENT, TREND
+from .xi2023_sensor import pictured
 
 FITTED_WITHIN, HELD_OUT_WITHIN = 0.05, 0.12
 """Relative deviations that count as agreement."""
@@ -117,12 +103,15 @@ def table_1(trial: Trial) -> Findings:
             "impulses of both signs are equally likely here, and those downwards weigh more: f(h) is steeper below the "
             "set height, so a mean of frequencies is pulled down further than up"),
     ]  # fmt: skip
-    return Findings(rows, [_errors(found), _traces(p)])
+    return Findings(rows, [_table_1(found=found), _traces(p=p)])
 
 
-def _errors(found: dict[tuple[float, str], table1.Largest]) -> Drawing:
-    drawn = figure(2)
-    for ax, name in zip(drawn.axes, FILTERS, strict=True):
+@pictured("Xi2023 Table 1", 2)
+def _table_1(*panels: Axes, found: dict[tuple[float, str], table1.Largest]) -> None:
+    """Largest error of a run over the set height, medians with 95 % intervals. Filled circles were fitted, open
+    ones held out; the thin line is straight between the filled ones, the trivial prediction. On the true gap the
+    two filters differ far less than on the reported height."""
+    for ax, name in zip(panels, FILTERS, strict=True):
         fitted = [h in table1.FITTED for h in HEIGHTS]
         paper = np.array([1e3 * table1.TABLE_1[h][name][1] for h in HEIGHTS])
         ax.plot(HEIGHTS, paper, "k--", lw=1, label="paper")
@@ -138,18 +127,14 @@ def _errors(found: dict[tuple[float, str], table1.Largest]) -> Drawing:
             ax.errorbar(HEIGHTS, middle, bars, fmt=line, ms=4, lw=1.2, capsize=3, color=colour, label=label)
         ax.set(xlabel="set height (mm)", ylabel="largest error (µm)", title=name, xticks=HEIGHTS)
         ax.set(ylim=(0, 40 if name == FILTERS[0] else 14))
-    drawn.axes[1].legend(fontsize=8)
-    return Drawing(
-        "table-1", drawn, "Largest error of a run over the set height, medians with 95 % intervals. Filled circles "
-        "were fitted, open ones held out; the thin line is straight between the filled ones, the trivial prediction. "
-        "On the true gap the two filters differ far less than on the reported height.",
-        "Xi2023 Table 1",
-    )  # fmt: skip
+    panels[1].legend(fontsize=8)
 
 
-def _traces(p: table1.Parameters) -> Drawing:
-    drawn = figure(2)
-    for ax, name in zip(drawn.axes, FILTERS, strict=True):
+@pictured("Xi2023 Fig. 11", 2)
+def _traces(*panels: Axes, p: table1.Parameters) -> None:
+    """One run at 0.5 mm behind either filter, same sheet and same impulses. The slow wave is the lag v/Kv, the
+    spikes are impulses."""
+    for ax, name in zip(panels, FILTERS, strict=True):
         record = table1.roll(p, MIDDLE, name, [3])
         span = slice(record.scenario.settle_steps, record.scenario.settle_steps + 3000)
         time = np.arange(3000) * 1e-3
@@ -157,11 +142,7 @@ def _traces(p: table1.Parameters) -> Drawing:
         ax.plot(time, record["gap"][span, 0], color=COLOURS[1], lw=1.2, label="true gap")
         ax.axhline(MIDDLE, color=INK, lw=0.8, ls="--", label="set height")
         ax.set(xlabel="time (s)", ylabel="height (mm)", title=name, ylim=(MIDDLE - 0.04, MIDDLE + 0.04))
-    drawn.axes[1].legend(fontsize=8, ncols=3, loc="lower center")
-    return Drawing(
-        "traces", drawn, "One run at 0.5 mm behind either filter, same sheet and same impulses. The slow wave is the "
-        "lag v/Kv, the spikes are impulses.", "Xi2023 Fig. 11",
-    )  # fmt: skip
+    panels[1].legend(fontsize=8, ncols=3, loc="lower center")
 
 
 # ------------------------------------------------------------------------------------------ error over the height
@@ -217,7 +198,7 @@ def rising_height(trial: Trial) -> Findings:
         "time to 1/e of an error of 0.05 mm at one gain of 50 1/s: a table-linearised loop answers alike at any "
         "height. The paper's reason needs a gain that grows with the height, which it does not mention",
     ))  # fmt: skip
-    return Findings(rows, [_over_height(curves)])
+    return Findings(rows, [_rising_height(curves=curves)])
 
 
 def _largest(
@@ -244,21 +225,19 @@ def _axis() -> Axis:
     return table1.scenario(table1.load(), MIDDLE).axis
 
 
-def _over_height(curves: dict[str, dict[str, list[np.ndarray]]]) -> Drawing:
-    drawn = figure(2)
-    for ax, name in zip(drawn.axes, FILTERS, strict=True):
+@pictured("Xi2023 §3.4", 2)
+def _rising_height(*panels: Axes, curves: dict[str, dict[str, list[np.ndarray]]]) -> None:
+    """What makes the error fall with the set height. Noise alone makes it rise; impulses make the moving average's
+    fall, because f(h) is steeper below; the improved filter's falls only with a gain that grows with the height
+    (its other three curves coincide)."""
+    for ax, name in zip(panels, FILTERS, strict=True):
         ax.plot(HEIGHTS, [1e3 * table1.TABLE_1[h][name][1] for h in HEIGHTS], "k--o", ms=4, lw=1, label="paper")
         for (case, lines), colour in zip(curves.items(), (*COLOURS[1:4], COLOURS[0]), strict=True):
             values = [1e3 * np.median(c) for c in lines[name]]
             ax.plot(HEIGHTS, values, "-s", ms=3, lw=1.2, color=colour, label=case)
         ax.set(xlabel="set height (mm)", ylabel="largest reported error (µm)", title=name, xticks=HEIGHTS)
         ax.set_ylim(0, 55 if name == FILTERS[0] else 12)
-    drawn.legend(*drawn.axes[0].get_legend_handles_labels(), fontsize=7.5, ncols=2, loc="outside lower center")
-    return Drawing(
-        "rising-height", drawn, "What makes the error fall with the set height. Noise alone makes it rise; impulses "
-        "make the moving average's fall, because f(h) is steeper below; the improved filter's falls only with a gain "
-        "that grows with the height (its other three curves coincide).", "Xi2023 §3.4",
-    )  # fmt: skip
+    panels[0].figure.legend(*panels[0].get_legend_handles_labels(), fontsize=7.5, ncols=2, loc="outside lower center")
 
 
 # ------------------------------------------------------------------------------------------- above the set height
@@ -315,7 +294,7 @@ def above_set_height(trial: Trial) -> Findings:
                 for b, (s, e) in banded.items()
             ) + ". A law of this kind is what the sentence describes; its price is that error"),
     ]  # fmt: skip
-    return Findings(rows, [_sides(error, banded)])
+    return Findings(rows, [_above(error, banded)])
 
 
 def _banded(p: table1.Parameters, band: float, seeds: range) -> tuple[np.ndarray, np.ndarray]:
@@ -327,9 +306,9 @@ def _banded(p: table1.Parameters, band: float, seeds: range) -> tuple[np.ndarray
     return 100 * (error > 0).mean(axis=0), np.abs(error).max(axis=0)
 
 
-def _sides(error: np.ndarray, banded: dict[float, tuple[np.ndarray, np.ndarray]]) -> Drawing:
-    drawn = figure(2)
-    left, right = drawn.axes
+@pictured("Xi2023 §3.4", 2)
+def _above(left: Axes, right: Axes, error: np.ndarray, banded: dict[float, tuple[np.ndarray, np.ndarray]]) -> None:
+    """What puts the reported height above the set height (0.5 mm); either costs its own width."""
     bias = np.linspace(0, 0.02, 40)
     share = [100 * (error + b > 0).mean() for b in bias]
     worst = [1e3 * np.median(np.abs(error + b).max(axis=0)) for b in bias]
@@ -345,7 +324,3 @@ def _sides(error: np.ndarray, banded: dict[float, tuple[np.ndarray, np.ndarray]]
     right.axhline(1e3 * table1.TABLE_1[MIDDLE]["improved"][1], color=QUIET, ls="--", lw=1, label="Table 1")
     right.set_ylim(bottom=0)
     right.legend(fontsize=8)
-    return Drawing(
-        "above", drawn, "What puts the reported height above the set height (0.5 mm); either costs its own width.",
-        "Xi2023 §3.4",
-    )  # fmt: skip

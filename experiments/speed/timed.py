@@ -1,6 +1,7 @@
 """What ``kerfgym speed`` times: each runs some machine-steps, proves them, and gives CPU-seconds per step."""
 
 import contextlib
+import functools
 import importlib.util
 import time
 from collections.abc import Callable, Iterator
@@ -60,27 +61,37 @@ class Task:
         return f"{self.name}, N = {self.machines}, threads: {self.threads}"
 
 
-def _environment(name: str, id_: str, steps: int, lived: Callable[[Any], proof.Life], **arguments: Any) -> Task:
+def _repeated(
+    group: str, name: str, size: int, step: Callable[[], Any], calls: int, lived: Callable[[], proof.Life],
+    threads: int = 1, periods: int = 1, prepare: Callable[[], Any] = lambda: None,
+) -> Task:  # fmt: skip
+    """``step`` so many times, each of so many periods of ``size`` machines."""
+
+    def run() -> int:
+        for _ in range(calls):
+            step()
+        return calls * periods * size
+
+    return Task(group, name, size, threads, run, lived, prepare)
+
+
+def _environment(
+    group: str, name: str, id_: str, steps: int, lived: Callable[[Any], proof.Life], periods: int = 1, **arguments: Any
+) -> Task:
     """Steps of a Gymnasium environment; its resets are not timed."""
     import gymnasium as gym
 
     env = gym.make(id_, **arguments).unwrapped
     assert isinstance(env.action_space, gym.spaces.Box)
-    action = np.zeros(env.action_space.shape, np.float32)
-
-    def run() -> int:
-        for _ in range(steps):
-            env.step(action)
-        return steps
-
-    return Task("single", name, 1, 1, run, lambda: lived(env), lambda: env.reset(seed=0))
+    step, reset = functools.partial(env.step, np.zeros(env.action_space.shape, np.float32)), lambda: env.reset(seed=0)
+    return _repeated(group, name, 1, step, steps, lambda: lived(env), periods=periods, prepare=reset)
 
 
 def references() -> Iterator[Task]:
     """What the machine is compared with."""
-    yield _environment("Pendulum-v1 unwrapped", "Pendulum-v1", 2000, lambda env: proof.of_state(env.state))
+    yield _environment("single", "Pendulum-v1 unwrapped", "Pendulum-v1", 2000, lambda env: proof.of_state(env.state))
     if importlib.util.find_spec("mujoco"):
-        yield _environment("HalfCheetah-v5 unwrapped", "HalfCheetah-v5", 300, _cheetah)
+        yield _environment("single", "HalfCheetah-v5 unwrapped", "HalfCheetah-v5", 300, _cheetah)
 
 
 def _cheetah(env: Any) -> proof.Life:
@@ -89,9 +100,11 @@ def _cheetah(env: Any) -> proof.Life:
 
 def single() -> Task:
     """The environment, one step after the other."""
-    return _environment(
-        "env.step", "kerfgym/HeightFollowing-v0", 2500, lambda env: proof.of_batch(env.batch), scenario="wavy"
-    )
+    return _environment("single", "env.step", "kerfgym/HeightFollowing-v0", 2500, _batched, scenario="wavy")
+
+
+def _batched(env: Any) -> proof.Life:
+    return proof.of_batch(env.batch)
 
 
 def _fleet(size: int, controller: str, threads: int = 1) -> Fleet:
@@ -103,36 +116,21 @@ def _fleet(size: int, controller: str, threads: int = 1) -> Fleet:
 def kernel(size: int, threads: int = 1, name: str = "kernel, step by step") -> Task:
     """The block kernel in closed loop, one call for each period."""
     fleet, calls = _fleet(size, "xi2023-improved", threads), max(10, min(20_000, 60_000 // size))
-    advance = fleet.stepper()
-
-    def run() -> int:
-        for _ in range(calls):
-            advance()
-        return calls * size
-
-    return Task("kernel", name, size, threads, run, lambda: proof.of_fleet(fleet))
+    return _repeated("kernel", name, size, fleet.stepper(), calls, lambda: proof.of_fleet(fleet), threads)
 
 
 def closed_loop(controller: str, size: int = MACHINES, threads: int = 1) -> Task:
     """A compiled roll-out: many periods in one call."""
     fleet, periods = _fleet(size, controller, threads), max(20, min(20_000, 60_000 // size))
-
-    def run() -> int:
-        fleet.advance(periods)
-        return periods * size
-
-    return Task("roll-out", f"roll-out, {controller}", size, threads, run, lambda: proof.of_fleet(fleet))
+    name, step = f"roll-out, {controller}", lambda: fleet.advance(periods)
+    return _repeated("roll-out", name, size, step, 1, lambda: proof.of_fleet(fleet), threads, periods)
 
 
 def from_registers(size: int = MACHINES) -> Task:
     """The roll-out of ``pid``, one machine after the other."""
     fleet, periods = _fleet(size, "pid"), 15
-
-    def run() -> int:
-        fleet.run_kernel(kernel_parts.registers, periods)
-        return periods * size
-
-    return Task("registers", "from registers, pid", size, 1, run, lambda: proof.of_fleet(fleet))
+    step, lived = lambda: fleet.run_kernel(kernel_parts.registers, periods), lambda: proof.of_fleet(fleet)
+    return _repeated("registers", "from registers, pid", size, step, 1, lived, periods=periods)
 
 
 def vector(size: int, threads: int = 1) -> Task:
@@ -140,15 +138,14 @@ def vector(size: int, threads: int = 1) -> Task:
     from ...envs.height_following import HeightFollowingVectorEnv
 
     env = HeightFollowingVectorEnv(size, num_threads=threads, scenario="wavy")
-    actions, calls = np.zeros((size, 1), np.float32), max(10, 60_000 // size)
     env.reset(seed=0)
+    return _vector("VectorEnv.step", env, np.zeros((size, 1), np.float32), threads)
 
-    def run() -> int:
-        for _ in range(calls):
-            env.step(actions)
-        return calls * size
 
-    return Task("vector", "VectorEnv.step", size, threads, run, lambda: proof.of_batch(env.batch))
+def _vector(name: str, env: Any, actions: np.ndarray, threads: int = 1) -> Task:
+    """60 000 machine-steps of an environment of many machines, or ten calls."""
+    size, step = len(actions), functools.partial(env.step, actions)
+    return _repeated("vector", name, size, step, max(10, 60_000 // size), lambda: _batched(env), threads)
 
 
 def with_policy(size: int) -> Task:
@@ -159,13 +156,8 @@ def with_policy(size: int) -> Task:
     every = np.arange(size)
     batch.sequence(every, every)
     batch.restart(every)
-
-    def run() -> int:
-        for _ in range(calls):
-            batch.advance()
-        return calls * size
-
-    return Task("vector", "kernel with action and observation", size, 1, run, lambda: proof.of_batch(batch))
+    name = "kernel with action and observation"
+    return _repeated("vector", name, size, batch.advance, calls, lambda: proof.of_batch(batch))
 
 
 def sb3(size: int, threads: int = 1) -> Task:
@@ -173,31 +165,14 @@ def sb3(size: int, threads: int = 1) -> Task:
     from ...agents.vec_env import HeightFollowingVecEnv
 
     env = HeightFollowingVecEnv(size, num_threads=threads, scenario="wavy")
-    actions, calls = np.zeros((size, 1), np.float32), max(10, 60_000 // size)
     env.seed(0)
     env.reset()
-
-    def run() -> int:
-        for _ in range(calls):
-            env.step(actions)
-        return calls * size
-
-    return Task("vector", "stable-baselines3 VecEnv.step", size, threads, run, lambda: proof.of_batch(env.batch))
+    return _vector("stable-baselines3 VecEnv.step", env, np.zeros((size, 1), np.float32), threads)
 
 
 def job_step() -> Task:
     """Cutting-v0, one step of 8 ms after the other, with the quality of the cut."""
-    import gymnasium as gym
-
-    env: Any = gym.make("kerfgym/Cutting-v0").unwrapped
-    action = np.zeros(8, np.float32)
-
-    def run() -> int:
-        for _ in range(400):
-            env.step(action)
-        return 8 * 400
-
-    return Task("jobs", "Cutting-v0 step", 1, 1, run, lambda: proof.of_batch(env.batch), lambda: env.reset(seed=0))
+    return _environment("jobs", "Cutting-v0 step", "kerfgym/Cutting-v0", 400, _batched, periods=8)
 
 
 def job_vector(size: int) -> Task:
@@ -205,15 +180,9 @@ def job_vector(size: int) -> Task:
     from ...envs.cutting import CuttingVectorEnv
 
     env = CuttingVectorEnv(size)
-    actions, calls = np.zeros((size, 8), np.float32), max(4, 12_000 // size)
     env.reset(seed=0)
-
-    def run() -> int:
-        for _ in range(calls):
-            env.step(actions)
-        return 8 * calls * size
-
-    return Task("jobs", "Cutting-v0 VectorEnv.step", size, 1, run, lambda: proof.of_batch(env.batch))
+    step, calls = functools.partial(env.step, np.zeros((size, 8), np.float32)), max(4, 12_000 // size)
+    return _repeated("jobs", "Cutting-v0 VectorEnv.step", size, step, calls, lambda: _batched(env), periods=8)
 
 
 def oracle(size: int) -> Task | None:
@@ -228,15 +197,10 @@ def oracle(size: int) -> Task | None:
     seeds = np.arange(size)
     model = module.ZMachine.like(_fleet(size, "xi2023-improved"), scenarios.noise_keys(seeds), heads.POOL)
 
-    def run() -> int:
-        for _ in range(3):
-            model.step()
-        return 3 * size
-
     def lived() -> proof.Life:
         return proof.of_state(np.stack([model.head, model.gap, model.frequency], axis=1), model.tick)
 
-    return Task("NumPy", "plain NumPy model, batched", size, 1, run, lived)
+    return _repeated("NumPy", "plain NumPy model, batched", size, model.step, 3, lived)
 
 
 @contextlib.contextmanager

@@ -20,27 +20,55 @@ from .timed import MACHINES, SIZES, Task
 LARGEST = SIZES[-1]
 POLICIES = 256  # machines of the vector environments that training uses
 
-FLOORS: tuple[tuple[str, str, float], ...] = (
-    ("env.step × Pendulum-v1 unwrapped", ">=", 4.0),
-    ("env.step × HalfCheetah-v5 unwrapped", ">=", 15.0),
-    ("roll-out of 1024, one thread × Pendulum-v1", ">=", 90.0),
-    ("kernel of 4096 × plain NumPy model", ">=", 8.0),
-    ("lanes × the same machine from registers", ">=", 4.0),
-    ("two threads ÷ one, per CPU-second", ">=", 0.9),
-    ("two threads ÷ one, per CPU-second, cores loaded", ">=", 0.9),
-    ("slowest law ÷ open loop, roll-out of 1024", ">=", 0.6),
-    ("stable-baselines3 VecEnv ÷ kernel, 256, time", "<=", 1.6),
-    ("stable-baselines3 VecEnv ÷ kernel with action and observation, 256, time", "<=", 1.6),
-    ("environment's share of PPO's time, 256, batches of 512", "<=", 0.05),
-    ("import kerfgym ÷ import gymnasium", "<=", 1.3),
-    ("kerfgym list, CPU-s", "<=", 1.5),
-    ("first step warm, CPU-s", "<=", 0.4),
-    ("machine compiled, CPU-s", "<=", 8.0),
-    ("Cutting-v0 × real time", ">=", 150.0),
-    ("Cutting-v0 × real time, 256 on one core", ">=", 600.0),
-    ("KB per machine, block", "<=", 4.5),
-)
-"""What the project promises of its speed."""
+
+class Costs:
+    """What was measured: ns per step of each round, medians of start-ups in CPU-s, and what was measured apart."""
+
+    def __init__(self, costs: pd.DataFrame, start: dict[str, list[float]], extra: dict[str, float]) -> None:
+        self.frame, self.extra = costs, extra
+        self.start = {name: startup.median(values) for name, values in start.items()}
+
+    def of(self, name: str, machines: int = 1, threads: int = 1) -> np.ndarray:
+        """Of each round; a ratio is the median of the rounds' ratios."""
+        c = self.frame
+        row = c[(c.name == name) & (c.machines == machines) & (c.threads == threads)]
+        return np.array(row.each.iloc[0]) if len(row) else np.array([np.nan])
+
+    def rolled(self, controller: str) -> np.ndarray:
+        """Of a roll-out."""
+        return self.of(f"roll-out, {controller}", MACHINES)
+
+
+_PENDULUM, _KERNEL, _VEC = "Pendulum-v1 unwrapped", "kernel, step by step", "stable-baselines3 VecEnv.step"
+_APART = None  # found in ``Costs.extra`` by its name
+
+PROMISES: tuple[tuple[str, str, float, Callable[[Costs], Any] | None], ...] = (
+    ("env.step × Pendulum-v1 unwrapped", ">=", 4.0, lambda c: c.of(_PENDULUM) / c.of("env.step")),
+    ("env.step × HalfCheetah-v5 unwrapped", ">=", 15.0, lambda c: c.of("HalfCheetah-v5 unwrapped") / c.of("env.step")),
+    ("roll-out of 1024, one thread × Pendulum-v1", ">=", 90.0, lambda c: c.of(_PENDULUM) / c.rolled("pid")),
+    ("kernel of 4096 × plain NumPy model", ">=", 8.0,
+     lambda c: c.of("plain NumPy model, batched", LARGEST) / c.of(_KERNEL, LARGEST)),
+    ("lanes × the same machine from registers", ">=", 4.0,
+     lambda c: c.of("from registers, pid", MACHINES) / c.rolled("pid")),
+    ("two threads ÷ one, per CPU-second", ">=", 0.9, lambda c: c.of(_KERNEL, LARGEST) / c.of(_KERNEL, LARGEST, 2)),
+    ("two threads ÷ one, per CPU-second, cores loaded", ">=", 0.9, _APART),
+    ("slowest law ÷ open loop, roll-out of 1024", ">=", 0.6, lambda c: min(
+        (c.rolled("idle") / c.rolled(name) for name in timed.CONTROLLERS if name != "idle"), key=np.median)),
+    ("stable-baselines3 VecEnv ÷ kernel, 256, time", "<=", 1.6,
+     lambda c: c.of(_VEC, POLICIES) / c.of(_KERNEL, POLICIES)),
+    ("stable-baselines3 VecEnv ÷ kernel with action and observation, 256, time", "<=", 1.6,
+     lambda c: c.of(_VEC, POLICIES) / c.of("kernel with action and observation", POLICIES)),
+    ("environment's share of PPO's time, 256, batches of 512", "<=", 0.05, _APART),
+    ("import kerfgym ÷ import gymnasium", "<=", 1.3, lambda c: c.start["import kerfgym"] / c.start["import gymnasium"]),
+    ("kerfgym list, CPU-s", "<=", 1.5, lambda c: c.start["kerfgym list"]),
+    ("first step warm, CPU-s", "<=", 0.4, lambda c: c.start["first step, warm"]),
+    ("machine compiled, CPU-s", "<=", 8.0, lambda c: c.start["machine compiled, empty cache"]),
+    ("Cutting-v0 × real time", ">=", 150.0, lambda c: 1e6 / c.of("Cutting-v0 step")),
+    ("Cutting-v0 × real time, 256 on one core", ">=", 600.0,
+     lambda c: 1e6 / c.of("Cutting-v0 VectorEnv.step", POLICIES)),
+    ("KB per machine, block", "<=", 4.5, _APART),
+)  # fmt: skip
+"""What the project promises of its speed, and how it is found."""
 
 
 def _all_tasks() -> list[Task]:
@@ -109,42 +137,10 @@ def memory() -> pd.DataFrame:
 
 
 def ratios(costs: pd.DataFrame, start: dict[str, list[float]], extra: dict[str, float]) -> pd.DataFrame:
-    """The promises of :data:`FLOORS` and what was measured; NaN where it could not be."""
-
-    def cost(name: str, machines: int = 1, threads: int = 1) -> np.ndarray:
-        """Of each round; a ratio is the median of the rounds' ratios."""
-        row = costs[(costs.name == name) & (costs.machines == machines) & (costs.threads == threads)]
-        return np.array(row.each.iloc[0]) if len(row) else np.array([np.nan])
-
-    pendulum, step = cost("Pendulum-v1 unwrapped"), cost("env.step")
-    large, vec = cost("kernel, step by step", LARGEST), cost("stable-baselines3 VecEnv.step", POLICIES)
-    warm = {name: startup.median(values) for name, values in start.items()}
-    rolled = {c: cost(f"roll-out, {c}", MACHINES) for c in timed.CONTROLLERS}
-    quotients = {
-        "env.step × Pendulum-v1 unwrapped": pendulum / step,
-        "env.step × HalfCheetah-v5 unwrapped": cost("HalfCheetah-v5 unwrapped") / step,
-        "roll-out of 1024, one thread × Pendulum-v1": pendulum / rolled["pid"],
-        "kernel of 4096 × plain NumPy model": cost("plain NumPy model, batched", LARGEST) / large,
-        "lanes × the same machine from registers": cost("from registers, pid", MACHINES) / rolled["pid"],
-        "two threads ÷ one, per CPU-second": large / cost("kernel, step by step", LARGEST, 2),
-        "slowest law ÷ open loop, roll-out of 1024": min(
-            (rolled["idle"] / c for name, c in rolled.items() if name != "idle"), key=np.median
-        ),
-        "Cutting-v0 × real time": 1e6 / cost("Cutting-v0 step"),
-        "Cutting-v0 × real time, 256 on one core": 1e6 / cost("Cutting-v0 VectorEnv.step", POLICIES),
-        "stable-baselines3 VecEnv ÷ kernel, 256, time": vec / cost("kernel, step by step", POLICIES),
-        "stable-baselines3 VecEnv ÷ kernel with action and observation, 256, time": vec
-        / cost("kernel with action and observation", POLICIES),
-    }  # fmt: skip
-    values = {name: float(np.median(each)) for name, each in quotients.items()} | {
-        "import kerfgym ÷ import gymnasium": warm["import kerfgym"] / warm["import gymnasium"],
-        "kerfgym list, CPU-s": warm["kerfgym list"],
-        "first step warm, CPU-s": warm["first step, warm"],
-        "machine compiled, CPU-s": warm["machine compiled, empty cache"],
-    } | extra  # fmt: skip
-    rows = []
-    for name, sense, floor in FLOORS:
-        value = values.get(name, float("nan"))
+    """:data:`PROMISES` and what was measured; NaN where it could not be."""
+    measured, rows = Costs(costs, start, extra), []
+    for name, sense, floor, quotient in PROMISES:
+        value = extra.get(name, np.nan) if quotient is None else float(np.median(quotient(measured)))
         held = np.nan if np.isnan(value) else float(value >= floor if sense == ">=" else value <= floor)
         rows.append({"ratio": name, "measured": value, "sense": sense, "promised": floor, "held": held})
     return pd.DataFrame(rows)

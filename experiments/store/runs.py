@@ -102,17 +102,17 @@ def near(name: str) -> Path | None:
     return path
 
 
+def git(*words: str) -> str:
+    """What git says in the package's checkout; nothing outside of one."""
+    try:
+        out = subprocess.run(["git", *words], capture_output=True, text=True, cwd=Path(__file__).parents[2], timeout=10)
+    except (OSError, subprocess.TimeoutExpired):
+        return ""
+    return out.stdout.strip() if out.returncode == 0 else ""
+
+
 def git_state() -> dict[str, Any]:
     """Commit of the package's checkout and whether it was changed since; empty outside a checkout."""
-    folder = Path(__file__).parents[2]
-
-    def git(*words: str) -> str | None:
-        try:
-            out = subprocess.run(["git", *words], capture_output=True, text=True, cwd=folder, timeout=10)
-        except (OSError, subprocess.TimeoutExpired):
-            return None
-        return out.stdout.strip() if out.returncode == 0 else None
-
     commit = git("rev-parse", "HEAD")
     return {"commit": commit, "changed": bool(git("status", "--porcelain", "-uno"))} if commit else {}
 

@@ -23,7 +23,7 @@ _ALL = (*LOADED, *LAWS, *POLICIES, *trained("height-"), *suite("following"))
 )  # fmt: skip
 def of_minutes(trial: Trial) -> dict[str, Any]:
     """What is promised, and whether it held."""
-    words = ["python", "-m", of_endurance.MODULE, "--seeds", str(SEEDS), "--duration", f"{SECONDS:g}"]
+    words = ["--seeds", str(SEEDS), "--duration", f"{SECONDS:g}"]
     seeds, found = grids.split_seeds(SEEDS), sheets.sheets(duration=SECONDS)
     folder = runs.open_folder(trial.folder, overwrite=True)
     controllers = grids.shipped("following")
@@ -37,7 +37,7 @@ def of_minutes(trial: Trial) -> dict[str, Any]:
 )  # fmt: skip
 def of_moments(trial: Trial) -> dict[str, Any]:
     """Lost runs by cause."""
-    words = ["python", "-m", of_faults.MODULE, "--faults", str(FAULTS), "--seed", "0"]
+    words = ["--faults", str(FAULTS), "--seed", "0"]
     folder = runs.open_folder(trial.folder, overwrite=True)
     controllers = grids.shipped("following")
     frame = of_faults.made(controllers, FAULTS, 0, folder, words, trial.workers, of_faults.PAGE)

@@ -13,6 +13,7 @@ With ``--run runs/standard`` errors are drawn from the runs of a finished benchm
 of its seeds say together. The table stands in ``docs/statistics.md``.
 """
 
+import itertools
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -26,7 +27,7 @@ from scipy import stats
 
 from ..statistics.bootstrap import Statistic, log_score, mean_of_middle, replicate
 from ..statistics.intervals import LEVEL, Interval, Sample
-from ..store import script
+from ..store import markdown, script
 from ..store.progress import Bars
 
 COUNTS = (5, 10, 20, 50)
@@ -166,37 +167,38 @@ Cell = tuple[str, str, int]
 """Name of the kind, statistic, number of runs."""
 
 
-def row(kind: Kind, cell: Cell, repeats: int) -> str:
-    """A row of the table, in Markdown."""
-    name, statistic, count = cell
-    held = coverage(kind, statistic, count, repeats)
-    wrong = f"{false_winners(kind, count, repeats):.1%}" if statistic == "score" else "–"
-    words = [name, statistic, str(count), *(f"{held[each]:.1%}" for each in INTERVALS), wrong]
-    return f"| {' | '.join(words)} |".replace("%", " %")
+Shares = dict[str, float | None]
+"""In which an interval of each kind holds the truth, and in which there is a false winner; in percent."""
+
+
+def shares(kind: Kind, cell: Cell, repeats: int) -> Shares:
+    """Of one cell, rounded as the table shows them."""
+    _, statistic, count = cell
+    held: Shares = {name: round(100.0 * share, 1) for name, share in coverage(kind, statistic, count, repeats).items()}
+    wrong = round(100.0 * false_winners(kind, count, repeats), 1) if statistic == "score" else None
+    return held | {"false winners": wrong}
 
 
 def studied(kinds: Iterable[str]) -> list[Cell]:
     """What the table has rows for; the middle of many trainings on many seeds would take longer than all the rest."""
-    return [
-        (name, statistic, count)
-        for name in kinds
-        for statistic in STATISTICS
-        for count in COUNTS
-        if (name, statistic) != ("trainings", "typical")
-    ]
+    every = itertools.product(kinds, STATISTICS, COUNTS)
+    return [cell for cell in every if cell[:2] != ("trainings", "typical")]
 
 
-def table(kinds: dict[str, Kind], repeats: int, jobs: int = 1) -> str:
-    """Coverage of every kind of interval, and false winners, in Markdown."""
+def measured_cells(kinds: dict[str, Kind], repeats: int, jobs: int = 1) -> dict[Cell, Shares]:
+    """Coverage of every kind of interval, and false winners, by cell."""
     cells = studied(kinds)
     pool = Parallel(n_jobs=jobs, return_as="generator", inner_max_num_threads=1 if jobs > 1 else None)
     with Bars() as bars:
-        rows = pool(delayed(row)(kinds[cell[0]], cell, repeats) for cell in cells)
-        head = [
-            f"| errors | figure | runs | {' | '.join(INTERVALS)} | false winners |",
-            "|---|---|" + "---:|" * (len(INTERVALS) + 2),
-        ]
-        return "\n".join([*head, *bars.each("cells", rows, len(cells))]) + "\n"
+        found = pool(delayed(shares)(kinds[cell[0]], cell, repeats) for cell in cells)
+        return dict(zip(cells, bars.each("cells", found, len(cells)), strict=True))
+
+
+def table(found: dict[Cell, Shares]) -> str:
+    """The same in Markdown."""
+    titles = ("errors", "figure", "runs", *INTERVALS, "false winners")
+    rows = [(*cell, *("–" if x is None else f"{x:.1f} %" for x in each.values())) for cell, each in found.items()]
+    return "\n".join(map(markdown.row, [titles, ["---", "---", *["---:"] * (len(titles) - 2)], *rows])) + "\n"
 
 
 def main(
@@ -209,7 +211,7 @@ def main(
         run: a benchmark's folder; errors are drawn from its runs too.
         jobs: worker processes.
     """
-    print(table(KINDS | (measured(run) if run else {}), repeats, jobs))
+    print(table(measured_cells(KINDS | (measured(run) if run else {}), repeats, jobs)))
 
 
 if __name__ == "__main__":

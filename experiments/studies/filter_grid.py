@@ -49,8 +49,6 @@ VALUES: dict[str, tuple[float, ...]] = {
 IMPULSES = 20.0
 """1/s"""
 
-RESAMPLES = 4999
-
 
 def grid() -> Iterator[tuple[bool, dict[str, Any]]]:
     """Every point of the finer grid, as parameters of a stack, and whether the plain one is without it."""

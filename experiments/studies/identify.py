@@ -41,15 +41,13 @@ NOMINAL = Axis(
 
 @dataclass(frozen=True)
 class Identified:
-    """Fits of shape (machines,); ``true_…``: parameters that the plants were given."""
+    """Fits of shape (machines,); ``true_bandwidth``: that the plants were given."""
 
     bandwidth: np.ndarray  # Hz
     zeta: np.ndarray
     dead_time: np.ndarray  # ms, from the middle of the gate
     rms: np.ndarray  # mm, of what the model leaves of the encoder's course
     true_bandwidth: np.ndarray
-    true_zeta: np.ndarray
-    true_dead_time: np.ndarray  # ms, from command to drive
 
 
 def command(levels: tuple[float, float], periods: int = PERIODS) -> np.ndarray:
@@ -118,9 +116,8 @@ def identify(axis: Axis, seeds: Any, levels: tuple[float, float]) -> Identified:
     fits = [fit(commands, course) for course in courses.T]
     bandwidth, zeta, dead_time = np.array([drive for drive, _ in fits]).T
     return Identified(
-        bandwidth, zeta, dead_time, np.array([rms for _, rms in fits]), fleet.column("z.omega") / (2 * np.pi),
-        fleet.column("z.zeta"), fleet.column("z.dead_time"),
-    )  # fmt: skip
+        bandwidth, zeta, dead_time, np.array([rms for _, rms in fits]), fleet.column("z.omega") / (2 * np.pi)
+    )
 
 
 def main() -> None:

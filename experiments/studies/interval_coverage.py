@@ -15,14 +15,7 @@ REPEATS = 1000
 )  # fmt: skip
 def of_intervals(trial: Trial) -> dict[str, Any]:
     """One row for each cell of the table, in percent."""
-    lines = coverage.table(coverage.KINDS, REPEATS, trial.workers).strip().split("\n")
-    titles, *rows = ([cell.strip() for cell in line.strip("|").split("|")] for line in (lines[0], *lines[2:]))
     found: dict[str, Any] = {}
-    for kind, figure, count, *shares in rows:
-        cells = {title: _percent(share) for title, share in zip(titles[3:], shares, strict=True)}
-        found.setdefault(kind, {}).setdefault(figure, {})[count] = cells
+    for (kind, figure, count), shares in coverage.measured_cells(coverage.KINDS, REPEATS, trial.workers).items():
+        found.setdefault(kind, {}).setdefault(figure, {})[str(count)] = shares
     return {"numbers": found, "repeats": REPEATS}
-
-
-def _percent(text: str) -> float | None:
-    return float(text.removesuffix("%")) if text.endswith("%") else None

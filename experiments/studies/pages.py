@@ -10,6 +10,7 @@ takes minutes says beside the table with which command, version and commit it wa
 
 import re
 import time
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -43,40 +44,56 @@ def manual(name: str) -> Path:
     return ROOT / "docs" / name
 
 
-class Cost:
-    """What a campaign takes, from now on: wall time, and how many processes share it.
+class Campaign:
+    """A run whose tables stand in the manual: command, folder, and what it takes from now on.
 
     The CPU time of worker processes is not seen from here, so it is not told.
+
+    Args:
+        module: as typed after ``python -m``.
+        words: as typed after it.
+        folder: of the run, open.
+        processes: that share the work.
     """
 
-    def __init__(self, processes: int) -> None:
-        self.processes, self._begun = processes, time.time()
+    def __init__(self, module: str, words: Iterable[object], folder: Path, processes: int = 1) -> None:
+        self.module, self.words, self.folder, self.processes = module, list(map(str, words)), folder, processes
+        self._begun = time.time()
 
-    def record(self) -> dict[str, Any]:
-        """For run.json, s."""
-        return {"wall_seconds": round(time.time() - self._begun, 1), "processes": self.processes}
+    def publish(
+        self, sheets: list[Sheet], found: dict[str, Any], page: str, mark: str | None, documented: int | None = None,
+        told: Iterable[str] = (),
+    ) -> None:  # fmt: skip
+        """Keeps the record, shows the tables, and writes the first of them into the manual.
+
+        Args:
+            sheets: the tables.
+            found: for run.json.
+            page: of the manual.
+            mark: between which the tables are written there; none: nowhere.
+            documented: so many tables; without a number, all.
+            told: lines below the tables.
+        """
+        wall = round(time.time() - self._begun, 1)
+        record = runs.record(["python", "-m", self.module, *self.words])
+        record |= {"wall_seconds": wall, "processes": self.processes, **found}
+        runs.write_json(self.folder / "run.json", record)
+        for sheet in sheets:
+            sheet.show()
+        for line in told:
+            print(line)
+        if mark:
+            parts = [origin(record, self.module), *(sheet.markdown() for sheet in sheets[:documented])]
+            put(mark, "\n\n".join(parts), manual(page))
+        print(f"\n{self.folder}")
 
 
 def origin(record: dict[str, Any], module: str) -> str:
     """Where a table comes from, in a sentence; ``record`` is that of a run, see :func:`runs.record`."""
-    commit = (record.get("git") or {}).get("commit")
-    changed = ", changed since" if (record.get("git") or {}).get("changed") else ""
+    git = record.get("git") or {}
+    commit = f", commit {git['commit'][:10]}{', changed since' * bool(git.get('changed'))}" if git.get("commit") else ""
     shared = f" on {record['processes']} processes" if record["processes"] > 1 else ""
     return (
-        f"Made by `{record['command']}` (`{module}`), version {record['kerfgym']}"
-        + (f", commit {commit[:10]}{changed}" if commit else "")
-        + f", in {record['wall_seconds']:.0f} s{shared}."
+        f"Made by `{record['command']}` (`{module}`), version {record['kerfgym']}{commit}, in "
+        f"{record['wall_seconds']:.0f} s{shared}."
     )
-
-
-def publish(
-    folder: Path, record: dict[str, Any], sheets: list[Sheet], module: str, mark: str | None, page: str = ""
-) -> None:
-    """Keeps a campaign's record, shows its tables, and writes them between ``mark`` of the manual's ``page``, if one is
-    named."""
-    runs.write_json(folder / "run.json", record)
-    for sheet in sheets:
-        sheet.show()
-    if mark:
-        put(mark, "\n\n".join([origin(record, module), *(sheet.markdown() for sheet in sheets)]), manual(page))
-    print(f"\n{folder}")

@@ -1,7 +1,6 @@
 """Recorded results: ``docs/results/<study>.json``, small and readable, in the repository."""
 
 import math
-import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -116,16 +115,8 @@ def _flat(value: Any, path: str = "") -> Any:
 
 def origin() -> dict[str, Any]:
     """Commit, its date, and whether sources were changed since; what this script itself writes does not count."""
-
-    def git(*words: str) -> str:
-        try:
-            out = subprocess.run(["git", *words], capture_output=True, text=True, cwd=ROOT, timeout=10)
-        except (OSError, subprocess.TimeoutExpired):
-            return ""
-        return out.stdout.strip() if out.returncode == 0 else ""
-
-    commit = git("rev-parse", "HEAD")
+    commit = runs.git("rev-parse", "HEAD")
     if not commit:
         return {}
-    dirty = git("status", "--porcelain", "-uno", "--", ".", ":!docs", ":!README.md", ":!CHANGELOG.md")
-    return {"commit": commit, "committed": git("show", "-s", "--format=%cs", "HEAD"), "changed": bool(dirty)}
+    dirty = runs.git("status", "--porcelain", "-uno", "--", ".", ":!docs", ":!README.md", ":!CHANGELOG.md")
+    return {"commit": commit, "committed": runs.git("show", "-s", "--format=%cs", "HEAD"), "changed": bool(dirty)}

@@ -8,12 +8,12 @@ policy: one seed says nothing about a training. Which seed is shipped stands her
 training goes on where its last checkpoint stands, unless machine, laws or settings have changed since it began.
 """
 
-import argparse
 import shutil
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import pandas as pd
+from tyro.conf import Positional, arg
 
 from ...agents import settings as presets
 from ...agents import train
@@ -25,7 +25,7 @@ from ..report.terminal import WEIGHED
 from ..results.followers import REFERENCE
 from ..results.jobs import JobResults
 from ..statistics import comparison
-from ..store import runs
+from ..store import runs, script
 from ..store.stamp import LAWS, LOADED, PLANNED, with_imports
 from ..train.folder import into
 
@@ -123,24 +123,21 @@ def _suite_of(env: str) -> str:
     return next(suite for suite in grids.SHOWN if scenarios.rules(suite)["environment"] == env)
 
 
-def main() -> None:
-    """Ships the policies named on the command line (all of them if none is)."""
-    parser = argparse.ArgumentParser(
-        prog="python -m kerfgym.experiments.studies.ship", description=(__doc__ or "").split("\n")[0]
-    )
-    parser.add_argument("names", nargs="*", metavar="NAME", choices=[*SHIPPED, []], help=", ".join(SHIPPED))
-    parser.add_argument(
-        "--seeds", type=int, default=0, metavar="N", help="compare trainings with the seeds 0 … N−1 too"
-    )
-    asked = parser.parse_args()
-    for name in asked.names or list(SHIPPED):
+def main(names: Annotated[Positional[tuple[str, ...]], arg(metavar="NAME")] = (), seeds: int = 0) -> None:
+    """Train the shipped policies from the presets as they stand.
+
+    Args:
+        names: of policies; without any, all.
+        seeds: compare trainings with the seeds 0 … N−1 too.
+    """
+    for name in script.known(names, SHIPPED, "policy"):
         print(ship(name))
-        if asked.seeds:
-            table = seeds_of(name, asked.seeds)
+        if seeds:
+            table = seeds_of(name, seeds)
             with runs.atomic(TRAINED / name / "seeds.csv") as part:
                 table.to_csv(part, index=False, float_format="%.5g")
             print(table.to_string(index=False))
 
 
 if __name__ == "__main__":
-    main()
+    script.run(main, "kerfgym.experiments.studies.ship")

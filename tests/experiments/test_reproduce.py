@@ -11,7 +11,9 @@ from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.experiments.cli import main
 from kerfgym.experiments.reproduce import claims, claims_page
 from kerfgym.experiments.reproduce.carry_out import reproduce
-from kerfgym.experiments.reproduce.claims import (
+from kerfgym.experiments.reproduce.claims import Estimate, Evidence, Findings, Row, Trial, estimate, judged, weighed
+from kerfgym.experiments.reproduce.pictures import Drawing
+from kerfgym.experiments.reproduce.verdicts import (
     CALIBRATED,
     FAILS,
     INPUT,
@@ -21,15 +23,6 @@ from kerfgym.experiments.reproduce.claims import (
     REPRODUCED,
     SILENT,
     TREND,
-    Drawing,
-    Estimate,
-    Evidence,
-    Findings,
-    Row,
-    Trial,
-    estimate,
-    judged,
-    weighed,
 )
 
 

@@ -44,32 +44,6 @@ def test_a_curve_is_that_of_scipys_uniform_b_spline():
     assert len(around) == 20 * len(CONTROL) + 1
 
 
-@pytest.mark.parametrize("closed", [False, True])
-def test_an_interpolating_curve_passes_its_points(closed):
-    control = bspline.through(CONTROL, closed)
-    passed = bspline.sampled(control, 1, closed)
-    assert np.allclose(passed[: len(CONTROL)], CONTROL, atol=1e-10)
-
-
-def test_a_straight_and_a_circular_fit_recover_their_shape():
-    line = np.stack([np.linspace(0.0, 50.0, 200), np.linspace(3.0, 8.0, 200)], axis=1)
-    control = bspline.fit(line, 1e-6)
-    assert len(control) == 4  # one segment
-    curve = bspline.sampled(control, 100)
-    slope = (curve[:, 1] - 3.0) - 0.1 * curve[:, 0]
-    assert np.abs(slope).max() < 1e-9
-    angle = np.linspace(0.0, 2 * np.pi, 721)[:-1]
-    ring = 20.0 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    control = bspline.fit(ring, 0.005, closed=True)
-    radius = np.hypot(*bspline.sampled(control, 50, closed=True).T)
-    assert np.abs(radius - 20.0).max() < 0.006
-    assert len(control) <= 16
-
-
 def test_bad_input_is_named():
     with pytest.raises(InvalidInput, match="3 control points; a cubic B-spline needs at least 4"):
         bspline.sampled(CONTROL[:3], 5)
-    with pytest.raises(InvalidInput, match="points 2 and 3 are the same"):
-        bspline.through(CONTROL[[0, 1, 1, 2]])
-    with pytest.raises(InvalidInput, match="a fit needs at least 4"):
-        bspline.fit(CONTROL[:3], 0.1)

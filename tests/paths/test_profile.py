@@ -27,7 +27,10 @@ def made(name, **sizes):
 
 
 def straight(way, limits):
-    return scurve.move(way, limits.speed, limits.acceleration, limits.jerk).duration
+    zero, one = np.zeros(1), np.ones(1)
+    a, j = limits.acceleration * one, limits.jerk * one
+    top = scurve.peak(zero, zero, limits.speed * one, way * one, a, j)
+    return scurve.blocks(zero, zero, top, way * one, a, j).duration
 
 
 def planned(path, limits):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from kerfgym.envs.engine.quantity import InvalidInput
-from kerfgym.envs.paths.checks import check_travel, require_closed
+from kerfgym.envs.paths.checks import check_travel
 from kerfgym.envs.paths.curve import CHORD
 from kerfgym.envs.paths.read import FORMATS, read
 
@@ -74,15 +74,6 @@ def test_a_drawing_larger_than_the_travel_is_refused_with_both_sizes(tmp_path):
         check_travel(drawing, (1199, 1000))
     with pytest.raises(InvalidInput, match=r"1000 × 1500 mm; turned by 90° it would fit; it was read in mm$"):
         check_travel(drawing, (1000, 1500))
-
-
-def test_open_contours_are_refused_where_closed_ones_are_needed(tmp_path):
-    (tmp_path / "part.ngc").write_text(PROGRAMME)
-    require_closed(read(tmp_path / "part.ngc"))
-    (tmp_path / "part.svg").write_text(PICTURE)
-    first = r"1 of 2 contours are open; the first begins at x = 0\.000, y = 25\.400 mm and ends 35\.921 mm away"
-    with pytest.raises(InvalidInput, match=first):
-        require_closed(read(tmp_path / "part.svg"))
 
 
 # Real files

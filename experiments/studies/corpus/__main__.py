@@ -32,24 +32,17 @@ def main(
     if not paths:
         raise InvalidInput(f"{folder}: no DXF, SVG or G-code file in it")
     out = runs.open_folder(runs.named(name), overwrite=True)
-    cost, found = pages.Cost(1), []
+    campaign, found = pages.Campaign(MODULE, [folder.name], out), []
     with progress("files") as told:
         for verdict in verdicts(paths, limit):
             found.append(verdict)
             told(len(found), len(paths), verdict.path.name)
-    record = runs.record(["python", "-m", MODULE, folder.name]) | cost.record()
-    runs.write_json(out / "run.json", record)
     runs.write_json(out / "verdicts.json", [
         {**vars(v), "path": str(v.path), "box": list(v.box) if v.box else None} for v in found
     ])  # fmt: skip
     shown = [summary(found), list_of(found, folder, REFUSED), list_of(found, folder, FAILED), farthest(found, folder)]
     shown = [sheet for sheet in shown if sheet.sections and sheet.sections[0]]
-    for sheet in shown:
-        sheet.show()
-    if docs:
-        text = [pages.origin(record, MODULE), *(sheet.markdown() for sheet in shown[:2])]
-        pages.put(docs, "\n\n".join(text), pages.manual("corpus.md"))
-    print(f"\n{out}")
+    campaign.publish(shown, {}, "corpus.md", docs, documented=2)
 
 
 if __name__ == "__main__":

@@ -6,18 +6,17 @@ out of the other reading by shapely: what is cut may be as long as everything th
 when it lies on something else, but no longer and no shorter.
 """
 
-import time
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ....envs.engine.quantity import InvalidInput
 from ....envs.paths.drawing import UNITS, Drawing
 from ....envs.paths.read import FORMATS, read
-from .judged import ACCEPTED, FAILED, NOTHING, REFUSED, Verdict
+from .judged import ACCEPTED, FAILED, Verdict, seen
 
 TOLERANCE = 0.005
 """Share by which length and box may differ."""
@@ -39,28 +38,20 @@ Polyline = npt.NDArray[np.float64]
 
 def check(path: Path) -> Verdict:
     """The verdict on a drawing."""
-    kind, began = FORMATS[path.suffix.lower()], time.perf_counter()
-    try:
-        drawing = read(path)
-    except InvalidInput as error:
-        seconds = time.perf_counter() - began
-        reason = str(error).removeprefix(str(path)).lstrip(",: ")
-        outcome = NOTHING if "nothing to cut" in reason else REFUSED
-        return Verdict(path, kind, outcome, reason, seconds=seconds, counted=outcome == REFUSED)
-    seconds = time.perf_counter() - began
-    size = drawing.bounds[1] - drawing.bounds[0]
-    told: dict[str, Any] = {
-        "length_mm": drawing.cut_length, "box": (float(size[0]), float(size[1])), "seconds": seconds,
-    }  # fmt: skip
+    kind = FORMATS[path.suffix.lower()]
+    drawing, verdict = seen(path, kind, read)
+    if drawing is None:
+        return verdict
     try:
         pieces = list(of_dxf(path, UNITS[drawing.units]) if kind == "dxf" else of_svg(path))
     except Exception as error:  # another library's failure is not ours
-        return Verdict(path, kind, ACCEPTED, reference=f"none: {type(error).__name__}: {error}"[:200], **told)
+        return replace(verdict, reference=f"none: {type(error).__name__}: {error}"[:200])
     name = "ezdxf" if kind == "dxf" else "svgelements"
     if not pieces:
-        return Verdict(path, kind, ACCEPTED, reference=f"none: {name} finds nothing", **told)
+        return replace(verdict, reference=f"none: {name} finds nothing")
     deviation, problem = apart(drawing, pieces), compared(drawing, pieces)
-    return Verdict(path, kind, FAILED if problem else ACCEPTED, problem, reference=name, deviation_mm=deviation, **told)
+    outcome = FAILED if problem else ACCEPTED
+    return replace(verdict, outcome=outcome, reason=problem, reference=name, deviation_mm=deviation)
 
 
 def compared(drawing: Drawing, pieces: list[Polyline]) -> str:

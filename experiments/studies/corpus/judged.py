@@ -1,7 +1,12 @@
 """What is said of a file of a corpus."""
 
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+
+from ....envs.engine.quantity import InvalidInput
+from ....envs.paths.drawing import Drawing
 
 ACCEPTED, REFUSED, NOTHING, FAILED = "accepted", "refused", "nothing to cut", "failed"
 
@@ -33,3 +38,17 @@ class Verdict:
     def __post_init__(self) -> None:
         if self.outcome not in OUTCOMES:
             raise ValueError(f"outcome = '{self.outcome}'; allowed: {', '.join(OUTCOMES)}")
+
+
+def seen(path: Path, kind: str, read: Callable[[Path], Drawing]) -> tuple[Drawing | None, Verdict]:
+    """What a reader makes of a file, and the verdict as far as it goes without another reading."""
+    began = time.perf_counter()
+    try:
+        drawing = read(path)
+    except InvalidInput as error:
+        seconds, reason = time.perf_counter() - began, str(error).removeprefix(str(path)).lstrip(",: ")
+        outcome = NOTHING if "nothing to cut" in reason else REFUSED
+        return None, Verdict(path, kind, outcome, reason, seconds=seconds, counted=outcome == REFUSED)
+    seconds, (low, high) = time.perf_counter() - began, drawing.bounds
+    size = (float(high[0] - low[0]), float(high[1] - low[1]))
+    return drawing, Verdict(path, kind, ACCEPTED, length_mm=drawing.cut_length, box=size, seconds=seconds)

@@ -74,7 +74,7 @@ def main(name: str = "large", docs: bool = False) -> None:
         name: of the folder in runs/.
         docs: write the table into docs/corpus.md, too.
     """
-    out, cost = runs.open_folder(runs.named(name), overwrite=True), pages.Cost(1)
+    campaign = pages.Campaign(MODULE, [], runs.open_folder(runs.named(name), overwrite=True))
     context = multiprocessing.get_context("spawn")
     rows = []
     with tempfile.TemporaryDirectory() as folder:
@@ -89,12 +89,7 @@ def main(name: str = "large", docs: bool = False) -> None:
     sheet = Sheet("Large drawings", ["drawing", "contours", "m", "read, s", "planned, s", "of a processor, s", "MB"])
     sheet.sections.append(rows)
     sheet.notes = ["one process each, without the import of libraries; of a processor: both together."]
-    record = runs.record(["python", "-m", MODULE]) | cost.record()
-    runs.write_json(out / "run.json", record | {"rows": rows})
-    sheet.show()
-    if docs:
-        pages.put("large", f"{pages.origin(record, MODULE)}\n\n{sheet.markdown()}", pages.manual("corpus.md"))
-    print(f"\n{out}")
+    campaign.publish([sheet], {"rows": rows}, "corpus.md", "large" if docs else None)
 
 
 def _drawn(draw: Callable[[Any, np.random.Generator], None], file: Path) -> None:

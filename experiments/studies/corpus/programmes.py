@@ -5,15 +5,13 @@ it probes nothing, it does not turn a workpiece, and no machine's own words are 
 """
 
 import re
-import time
+from dataclasses import replace
 from pathlib import Path
 
-from ....envs.engine.quantity import InvalidInput
-from ....envs.paths.drawing import Drawing
 from ....envs.paths.gcode import read_gcode
 from . import canonical, rs274
 from .compare import apart
-from .judged import ACCEPTED, NOTHING, REFUSED, Verdict
+from .judged import REFUSED, Verdict, seen
 
 TURNED = re.compile(r"(?i)\bG0*(?:33(?:\.1)?|7[0-2](?:\.[12])?|76|38\.[2-5])(?![\d.])")
 """Threads, cycles of a lathe, probes."""
@@ -24,15 +22,7 @@ ROTARY = re.compile(r"(?i)(?<![A-Z_<])[ABCUVW]\s*(?:[-+]?[\d.]*[1-9]|[#\[])")
 
 def check(path: Path) -> Verdict:
     """The verdict on a programme."""
-    began = time.perf_counter()
-    drawing: Drawing | None = None
-    reason = ""
-    try:
-        drawing = read_gcode(path)
-    except InvalidInput as error:
-        reason = str(error).removeprefix(f"{path}").lstrip(",: ")
-    seconds = time.perf_counter() - began
-    outcome = ACCEPTED if drawing else NOTHING if "nothing to cut" in reason else REFUSED
+    drawing, verdict = seen(path, "gcode", read_gcode)
     output = rs274.run(path)
     reference, path_of_reference, deviation = _told(output), None, None
     if output and not output.refused:
@@ -42,12 +32,8 @@ def check(path: Path) -> Verdict:
     elif path_of_reference and drawing:
         distance = apart([piece[:, 0] + 1j * piece[:, 1] for piece in drawing.pieces], path_of_reference.pieces)
         deviation = max(distance - path_of_reference.rounding, 0.0)
-    counted = outcome == ACCEPTED or (outcome == REFUSED and planar(path, output))
-    if drawing is None:
-        return Verdict(path, "gcode", outcome, reason, None, None, seconds, reference, None, counted)
-    low, high = drawing.bounds
-    size = (float(high[0] - low[0]), float(high[1] - low[1]))
-    return Verdict(path, "gcode", outcome, "", drawing.cut_length, size, seconds, reference, deviation, counted)
+    counted = drawing is not None or (verdict.outcome == REFUSED and planar(path, output))
+    return replace(verdict, reference=reference, deviation_mm=deviation, counted=counted)
 
 
 def planar(path: Path, output: rs274.Output | None) -> bool:

@@ -39,7 +39,7 @@ def main(
     seeds, duration = (min(seeds, QUICK[1]), min(duration, QUICK[2])) if quick else (seeds, duration)
     found = sheets_of(sheets, duration, path)
     which = grids.split_seeds(seeds, split)
-    words = ["python", "-m", MODULE, *(["--quick"] if quick else []), "--seeds", str(seeds)]
+    words = [*(["--quick"] if quick else []), "--seeds", str(seeds)]
     words += ["--duration", f"{duration:g}", *(["--sheets", *sheets] if sheets else [])]
     words += [*(["--controllers", *controllers] if controllers else []), *(["--path", path.name] if path else [])]
     folder = runs.open_folder(runs.named(name), overwrite=True)
@@ -48,4 +48,4 @@ def main(
 
 
 if __name__ == "__main__":
-    script.run(main, "kerfgym.experiments.studies.endurance")
+    script.run(main, MODULE)

@@ -23,15 +23,15 @@ def made(
     jobs: int = 1, mark: str | None = None,
 ) -> pd.DataFrame:  # fmt: skip
     """Runs controllers over sheets, keeps and shows the verdicts, and writes them between ``mark``, if one is named."""
-    cost = pages.Cost(jobs)
+    campaign = pages.Campaign(MODULE, words, folder, jobs)
     with progress("runs") as told:
         frame, windows = endurance(controllers, found, seeds, jobs=jobs, told=told)
     kept = promises(frame)
-    record = runs.record(words) | {
-        **cost.record(), "seeds": f"{seeds[0]}-{seeds[-1]}", "controllers": list(controllers),
+    facts = {
+        "seeds": f"{seeds[0]}-{seeds[-1]}", "controllers": list(controllers),
         "seconds": {name: scenario.duration for name, scenario in found.items() if not scenario.job}, "promises": kept,
     }  # fmt: skip
     runs.write_table(folder, "verdicts", frame)
     runs.write_table(folder, "windows", windows)
-    pages.publish(folder, record, [promised(kept), table(frame)], MODULE, mark, f"{PAGE}.md")
+    campaign.publish([promised(kept), table(frame)], facts, f"{PAGE}.md", mark)
     return frame

@@ -9,9 +9,6 @@ from ....envs.engine.quantity import InvalidInput, did_you_mean
 from ....envs.scenarios import Scenario
 from ...measure.grids import along
 
-PLAIN = ("wavy", "rough", "chatter")
-"""Scenarios as they are, but for their duration."""
-
 MIXED = "rough+flutter+impulses"
 """The waves of ``rough``, the vibration of ``flutter``, the sensor of ``impulses``."""
 

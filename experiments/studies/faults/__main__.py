@@ -40,11 +40,11 @@ def main(
         raise InvalidInput(f"--faults {faults} is out of range; at least 1")
     chosen = controllers or (QUICK[0] if quick else tuple(grids.shipped("following")))
     wanted = min(faults, QUICK[1]) if quick else faults
-    words = ["python", "-m", MODULE, *(["--quick"] if quick else []), "--faults", str(faults), "--seed", str(seed)]
+    words = [*(["--quick"] if quick else []), "--faults", str(faults), "--seed", str(seed)]
     words += ["--controllers", *controllers] if controllers else []
     folder = runs.open_folder(runs.named(name), overwrite=True)
     made(chosen, wanted, seed, folder, words, jobs, PAGE if docs else None)
 
 
 if __name__ == "__main__":
-    script.run(main, "kerfgym.experiments.studies.faults")
+    script.run(main, MODULE)

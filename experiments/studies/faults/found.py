@@ -20,15 +20,15 @@ def made(
     mark: str | None = None,
 ) -> pd.DataFrame:  # fmt: skip
     """Puts faults into controllers, keeps and shows the tables, and writes them between ``mark``, if one is named."""
-    cost = pages.Cost(jobs)
+    kept = pages.Campaign(MODULE, words, folder, jobs)
     with progress("faults") as told:
         frame = campaign(controllers, faults, seed, jobs, told)
-    record = runs.record(words) | {
-        **cost.record(), "seed": seed, "controllers": list(controllers), "scenarios": list(SCENARIOS),
+    found = {
+        "seed": seed, "controllers": list(controllers), "scenarios": list(SCENARIOS),
         "faults": len(frame), "seeds": f"test, from {scenarios.SPLITS['test'].start} on",
         "lost": int(frame["lost"].sum()), "lost_by": frame["cause"].value_counts().drop("", errors="ignore").to_dict(),
         "harmed": len(harmed(frame)),
     }  # fmt: skip
     runs.write_table(folder, "faults", frame)
-    pages.publish(folder, record, sheets(frame, seed), MODULE, mark, f"{PAGE}.md")
+    kept.publish(sheets(frame, seed), found, f"{PAGE}.md", mark)
     return frame

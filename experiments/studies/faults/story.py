@@ -27,16 +27,10 @@ def story(case: str, seed: int = 0) -> list[Sheet]:
     stack, scenario = check(stacks.resolve(pieces[0])), scenarios.load(pieces[1])
     given = [drawn(pieces[1], int(pieces[2]), seed)]
     found, verdict = repeats(scenario, stack, given, list(REPEATS)), judged(scenario, stack, given).iloc[0]
-    rows = [
-        [
-            name,
-            "yes" if r.lost[0] else "no",
-            f"{r.lowest[0]:.3f}",
-            f"{r.apart[0]:.3f}",
-            supervisor.ALARMS[int(r.alarm[0])],
-        ]
-        for name, r in found.items()
-    ]
+    rows = []
+    for name, r in found.items():
+        alarm = supervisor.ALARMS[int(r.alarm[0])]
+        rows.append([name, "yes" if r.lost[0] else "no", f"{r.lowest[0]:.3f}", f"{r.apart[0]:.3f}", alarm])
     why = f"cause: {verdict['cause']}." if verdict["cause"] else f"not lost; excess: {verdict['excess'] or 'none'}."
     ways = Sheet(
         f"{pieces[0]} · {pieces[1]}, seed {given[0].seed} · {given[0].name}: {words(given[0].fault)}",

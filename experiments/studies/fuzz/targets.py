@@ -36,7 +36,7 @@ class Target:
     """
 
     seeds: str
-    use: Callable[[Path], None]
+    use: Callable[[Path], object]
     place: Callable[[bytes, Path, Path], Path]
 
 
@@ -87,18 +87,6 @@ def _scenario(file: Path) -> None:
     scenarios.prepare(fleet, scenario, [0], [1000])
     fleet.begin([0], scenarios.noise_keys([1000]))
     fleet.advance(5)
-
-
-def _suite(file: Path) -> None:
-    scenarios.checked_rules(file)
-
-
-def _material(file: Path) -> None:
-    material.of_file(file)
-
-
-def _controller(file: Path) -> None:
-    stacks.team(str(file))
 
 
 def _preset(file: Path) -> None:
@@ -182,9 +170,9 @@ TARGETS: dict[str, Target] = {
     "gcode": Target("drawings/*.ngc", _drawing, _beside),
     "table": Target("tables/*.csv", _csv, _beside),
     "scenario": Target("settings/scenario/*.toml", _scenario, _beside),
-    "suite": Target("settings/suite/*.toml", _suite, _beside),
-    "material": Target("settings/material/*.toml", _material, _beside),
-    "tuned": Target("settings/tuned/*.toml", _controller, _beside),
+    "suite": Target("settings/suite/*.toml", scenarios.checked_rules, _beside),
+    "material": Target("settings/material/*.toml", material.of_file, _beside),
+    "tuned": Target("settings/tuned/*.toml", lambda file: stacks.team(str(file)), _beside),
     "preset": Target("settings/preset/*.toml", _preset, _beside),
     "policy": Target("policies/*/policy.json", _artefact, _policy),
     "weights": Target("policies/*/weights.safetensors", _artefact, _policy),

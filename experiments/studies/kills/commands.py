@@ -56,22 +56,11 @@ def _without_seconds(data: Any) -> Any:
     return [_without_seconds(each) for each in data] if isinstance(data, list) else data
 
 
-def _benchmark(folder: Path) -> Figures:
-    return _tables(folder, "runs.csv", "runs.parquet", "summary.csv", "traces.parquet")
-
-
-def _report(folder: Path) -> Figures:
-    return _tables(folder, "runs.csv", "runs.parquet", "summary.csv")
-
-
-def _tune(folder: Path) -> Figures:
-    body = files.toml(folder / "tuned.toml")
-    return {"trials.csv": _frame(folder / "trials.csv"), "tuned.toml": _without_seconds(body)}
-
-
-def _tune_training(folder: Path) -> Figures:
-    body = files.toml(folder / "ppo.toml")
-    return {"trials.csv": _frame(folder / "trials.csv"), "ppo.toml": _without_seconds(body)}
+def _searched(name: str) -> Callable[[Path], Figures]:
+    """Of a search, whose best is in the file ``name``."""
+    return lambda folder: {
+        "trials.csv": _frame(folder / "trials.csv"), name: _without_seconds(files.toml(folder / name)),
+    }  # fmt: skip
 
 
 def _train(folder: Path) -> Figures:
@@ -85,6 +74,8 @@ def _reproduce(folder: Path) -> Figures:
     return {**parts, **_tables(folder, "reproduce.md")}
 
 
+_RUNS = ("runs.csv", "runs.parquet", "summary.csv")
+
 _BENCHMARK = (
     "benchmark", "-c", "pid", "-c", "xi2023-improved", "-s", "wavy.toml", "-s", "step.toml", "-s", "impulses.toml",
     "--seeds", "6", "--no-cost", "--no-blame", "--no-detuned",
@@ -97,19 +88,21 @@ _TRAINING = (
 )  # fmt: skip
 
 COMMANDS: dict[str, Command] = {
-    "benchmark": Command(_BENCHMARK, _benchmark, spent=(".begun", "parts")),
+    "benchmark": Command(
+        _BENCHMARK, lambda folder: _tables(folder, *_RUNS, "traces.parquet"), spent=(".begun", "parts"),
+    ),
     **{
         f"tune {sampler}": Command(
             (
                 "tune", "filter.window=3..8", "law.kv", "--suite", "drawing", "--seeds", "1", "--threads", "1",
                 "--budget", "4000000", "--trials", "60", "--sampler", sampler,
             ),
-            _tune,
+            _searched("tuned.toml"),
         )
         for sampler in SAMPLERS
     },
     "tune ppo": Command(
-        ("tune", "ppo", "--trials", "4", "--steps", "1024", "--threads", "1", *_TRAINING), _tune_training
+        ("tune", "ppo", "--trials", "4", "--steps", "1024", "--threads", "1", *_TRAINING), _searched("ppo.toml")
     ),
     "train": Command(
         ("train", "ppo", "--steps", "8192", "--no-ms", "--set", "checkpoint.every=1024", "--set",
@@ -118,7 +111,7 @@ COMMANDS: dict[str, Command] = {
     ),
     "reproduce": Command(("reproduce", "wu", "--seeds", "6", "--jobs", "2"), _reproduce),
     "report": Command(
-        ("report", "a", "b"), _report,
+        ("report", "a", "b"), lambda folder: _tables(folder, *_RUNS),
         before=((*_BENCHMARK, "--no-ms", "--name", "a"),
                 (*(word.replace("pid", "xi2023-tuned") for word in _BENCHMARK), "--no-ms", "--name", "b")),
     ),

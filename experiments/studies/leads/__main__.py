@@ -35,7 +35,8 @@ def main(
         if not folder.is_dir():
             raise InvalidInput(f"no folder '{folder}'")
     place = runs.open_folder(runs.named(name), overwrite=True)
-    started, cost = time.process_time(), pages.Cost(1)
+    words = [*(folder.name for folder in folders), "--contours", contours, "--seed", seed]
+    started, campaign = time.process_time(), pages.Campaign(MODULE, words, place)
     frames: list[pd.DataFrame] = []
     with progress("contours") as told:
         done = 0
@@ -51,30 +52,14 @@ def main(
             drawn += 1
             frames.append(found.assign(source=str(file)))
     everything = pd.concat(frames, ignore_index=True)
-    words = [
-        "python",
-        "-m",
-        MODULE,
-        *(folder.name for folder in folders),
-        "--contours",
-        str(contours),
-        "--seed",
-        str(seed),
-    ]
-    record = runs.record(words) | {
-        **cost.record(), "cpu_seconds": round(time.process_time() - started, 1),
-        "seed": seed, "contours": len(everything), "wrong": int((everything["wrong"] != "").sum()),
-        "on_the_contour": int((everything["how"] == "on the contour").sum()),
+    wrong = everything[everything["wrong"] != ""]
+    facts = {
+        "cpu_seconds": round(time.process_time() - started, 1), "seed": seed, "contours": len(everything),
+        "wrong": len(wrong), "on_the_contour": int((everything["how"] == "on the contour").sum()),
     }  # fmt: skip
-    sheet = sheet_of(everything, refused, drawn)
     runs.write_table(place, "leads", everything)
-    runs.write_json(place / "run.json", record)
-    sheet.show()
-    for row in everything[everything["wrong"] != ""].head(20).itertuples():
-        print(f"{row.source}, contour {row.contour + 1}: {row.wrong}")
-    if docs:
-        pages.put("leads", f"{pages.origin(record, MODULE)}\n\n{sheet.markdown()}", pages.manual("jobs.md"))
-    print(f"\n{place}")
+    lines = (f"{row.source}, contour {row.contour + 1}: {row.wrong}" for row in wrong.head(20).itertuples())
+    campaign.publish([sheet_of(everything, refused, drawn)], facts, "jobs.md", "leads" if docs else None, told=lines)
 
 
 if __name__ == "__main__":

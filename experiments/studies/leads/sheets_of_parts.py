@@ -68,7 +68,7 @@ def sheet_of(frame: pd.DataFrame, refused: int = 0, read_: int = 0) -> Sheet:
     sheet.notes = [
         "in a part, on an edge: the pierce point, whose hole is half a kerf wide on either side; along an edge: half "
         "of the way or more; through a part: the way; in a neighbour: its kerf takes something from a part that the "
-        "contour's own kerf does not take. Of those pierced on the contour nothing of this is asked.",
+        "contour's own kerf does not take. Of those pierced on the contour nothing of this is asked."
     ]
     if read_:
         sheet.notes.append(f"files: {read_} drawings with closed contours; {refused} more cannot be read.")

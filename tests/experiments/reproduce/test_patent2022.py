@@ -5,7 +5,8 @@ import pytest
 
 from kerfgym.baselines import patent2022 as law
 from kerfgym.experiments.reproduce import patent2022
-from kerfgym.experiments.reproduce.claims import FAILS, REPRODUCED, Trial
+from kerfgym.experiments.reproduce.claims import Trial
+from kerfgym.experiments.reproduce.verdicts import FAILS, REPRODUCED
 
 SIX = Trial(seeds=6)
 
