@@ -23,7 +23,7 @@ from ...envs.safety import files
 from ...envs.tasks import workshop
 from ..store import kinds, runs, tabular
 from .followers import Results
-from .jobs import JobResults
+from .jobs import AnyResults, JobResults
 
 FORMAT = 2
 """Of the run folder; 1 had one grid and its record among the run's."""
@@ -35,6 +35,13 @@ TABLES = {
     "following": ("traces", "sensitivity", "margins", "blame", "headroom", "detuned"), "jobs": ("traces", "plans"),
 }  # fmt: skip
 """Tables of a grid of either kind, beside ``runs``; each may be absent."""
+
+KEPT = {"following": ("exempt", "summaries"), "jobs": ("metric", "reference", "labels", "materials", "summaries")}
+"""What is in the results of either kind and in no table."""
+
+_RESTS = ("kind", "folder", *(key for keys in KEPT.values() for key in keys))
+
+KINDS: dict[str, Any] = {"following": Results, "jobs": JobResults}
 
 
 @dataclass(frozen=True)
@@ -49,7 +56,7 @@ class Archive:
     """
 
     folder: Path
-    grids: dict[str, Results | JobResults]
+    grids: dict[str, AnyResults]
     meta: dict[str, Any]
     texts: dict[str, dict[str, str]] = field(default_factory=dict)
 
@@ -60,7 +67,7 @@ def place(folder: Path, name: str, several: bool) -> Path:
 
 
 def save_tables(
-    folder: Path, grids: dict[str, Results | JobResults], meta: dict[str, Any], texts: dict[str, dict[str, str]]
+    folder: Path, grids: dict[str, AnyResults], meta: dict[str, Any], texts: dict[str, dict[str, str]]
 ) -> dict[str, Any]:
     """Writes tables and scenarios of every grid; arguments as the attributes of :class:`Archive`.
 
@@ -72,7 +79,7 @@ def save_tables(
         at = place(folder, name, len(grids) > 1)
         runs.write_table(at, "runs", results.runs)
         runs.write_table(at, "summary", named(results))
-        kind = "jobs" if isinstance(results, JobResults) else "following"
+        kind = next(kind for kind, cls in KINDS.items() if type(results) is cls)
         for table in TABLES[kind]:
             frame = getattr(results, table)
             if len(frame):
@@ -82,11 +89,12 @@ def save_tables(
             with runs.atomic(at / "scenarios" / f"{scenario}.toml") as part:
                 part.write_text(text, encoding="utf-8")
         own = {key: value for key, value in results.meta.items() if key not in meta or meta[key] != value}
-        entries[name] = {"kind": kind, "folder": str(at.relative_to(folder)), **own, **_rest(results)}
+        rest = {key: getattr(results, key) for key in KEPT[kind]}
+        entries[name] = {"kind": kind, "folder": str(at.relative_to(folder)), **own, **rest}
     return {"format": FORMAT, **meta, "grids": entries}
 
 
-def named(results: Results | JobResults) -> pd.DataFrame:
+def named(results: AnyResults) -> pd.DataFrame:
     """The summary as it is written. Followers have a ``score``; what jobs are ranked by has the name of its metric."""
     frame = results.summary().rename_axis("controller").reset_index()
     if isinstance(results, JobResults):
@@ -98,19 +106,6 @@ def named(results: Results | JobResults) -> pd.DataFrame:
 def _hash(file: Path) -> str:
     with file.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
-
-
-def _rest(results: Results | JobResults) -> dict[str, Any]:
-    """What is in the results and in no table."""
-    if isinstance(results, Results):
-        return {"exempt": results.exempt, "summaries": results.summaries}
-    return {
-        "metric": results.metric, "reference": results.reference, "labels": results.labels,
-        "materials": results.materials, "summaries": results.summaries,
-    }  # fmt: skip
-
-
-_RESTS = ("kind", "folder", "exempt", "summaries", "metric", "reference", "labels", "materials")
 
 
 # ---------------------------------------------------------------------------------------------------------- reading
@@ -195,7 +190,7 @@ def _from_format_1(folder: Path, record: dict[str, Any]) -> dict[str, Any]:
     return {**{key: value for key, value in record.items() if key not in own}, "grids": {suite: entry}}
 
 
-def _grid(folder: Path, name: str, entry: Any, meta: dict[str, Any], notes: list[str]) -> Results | JobResults:
+def _grid(folder: Path, name: str, entry: Any, meta: dict[str, Any], notes: list[str]) -> AnyResults:
     """One grid.
 
     Raises:
@@ -217,20 +212,18 @@ def _grid(folder: Path, name: str, entry: Any, meta: dict[str, Any], notes: list
             raise InvalidInput(f"'{at / 'runs.parquet'}' has {controller} in {scenario} with seed {seed} twice")
         own = {**meta, **{key: value for key, value in entry.items() if key not in _RESTS}}
         core = tuple(c for c in entry["core"] if c in entry["scenarios"])
-        if kind == "jobs":
-            return JobResults(
-                rows, frames["traces"], own, entry["metric"], entry["reference"], core, tuple(entry["labels"]),
-                tuple((material, thickness) for material, thickness in entry["materials"]), entry["summaries"],
-                frames["plans"],
-            )  # fmt: skip
-        return Results(
-            rows, frames["traces"], frames["sensitivity"], own, core, tuple(entry["exempt"]), entry["summaries"],
-            frames["margins"], frames["blame"], frames["headroom"], frames["detuned"],
-        )  # fmt: skip
+        kept = {key: _tuple(entry[key]) for key in KEPT[kind]}
+        made: AnyResults = KINDS[kind](runs=rows, meta=own, core=core, **frames, **kept)
+        return made
     except (KeyError, TypeError, ValueError) as error:
         if isinstance(error, InvalidInput):
             raise
         raise InvalidInput(f"the record of suite '{name}' in '{folder / 'run.json'}' lacks {error}") from None
+
+
+def _tuple(value: Any) -> Any:
+    """A list out of a record as the results hold it."""
+    return tuple(map(_tuple, value)) if isinstance(value, list) else value
 
 
 def _texts(folder: Path, name: str) -> dict[str, str]:

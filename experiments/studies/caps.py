@@ -13,7 +13,7 @@ from typing import Any
 
 import pandas as pd
 
-from ...envs.control.stack import Stack
+from ...envs.control.stack import Stack, asked
 from ..store import runs
 from ..store.progress import Bars
 from ..tune import evaluate, goals, protocol
@@ -30,8 +30,9 @@ REFERENCE = "xi2023-tuned"
 
 def tested(stack: Stack) -> dict[str, float]:
     """On test seeds: score, µm; collisions, those in scenarios with a guard too; overshoot of the descent, mm."""
-    evaluator = evaluate.Evaluator(stack, "following", range(1000, 1000 + TEST_SEEDS), 2)
-    figures = evaluator.whole(stack, ("rms_true", "collision", "overshoot"))
+    team = asked(stack)
+    evaluator = evaluate.Evaluator(team, "following", range(1000, 1000 + TEST_SEEDS), 2)
+    figures = evaluator.whole(team, ("rms_true", "collision", "overshoot"))
     overshoot = figures["descent"]["overshoot"] if "descent" in figures else [math.nan]
     return {
         "score_test_um": goals.score("rms_true", figures, evaluator.core),

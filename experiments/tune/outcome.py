@@ -11,7 +11,7 @@ from optuna.trial import FrozenTrial, TrialState
 
 from ...envs import scenarios
 from ...envs.control import stack as stacks
-from ...envs.control.stack import Stack, Team
+from ...envs.control.stack import Team
 from ...envs.engine.quantity import InvalidInput
 from ...envs.figures import evidence
 from ..store import runs
@@ -37,7 +37,7 @@ class Found:
     parameters: dict[str, Any]
     values: tuple[float, ...]
     ms: float
-    controller: Stack | Team
+    controller: Team
 
 
 def frame(trials: list[FrozenTrial], task: Task) -> pd.DataFrame:
@@ -127,7 +127,7 @@ def _none(trials: list[FrozenTrial]) -> str:
     )
 
 
-def scored(work: RollOuts, controller: Stack | Team, threads: int) -> tuple[dict[str, Any], goals.Figures]:
+def scored(work: RollOuts, controller: Team, threads: int) -> tuple[dict[str, Any], goals.Figures]:
     """What a controller is worth on *test* seeds: the metrics, collisions, overshoot of descents, runs per scenario,
     and of figures of the cut whether they lie within what they were calibrated on."""
     task = work.task
@@ -155,7 +155,7 @@ def sensitivity(work: RollOuts, found: Found) -> pd.DataFrame:
     """
     task, known, rows = work.task, found.controller.parameters(), []
 
-    def measure(controller: Stack | Team) -> tuple[list[float], float, float]:
+    def measure(controller: Team) -> tuple[list[float], float, float]:
         figures = work.evaluator.whole(controller, task.wanted)
         crashes = sum(float(figures[s]["collision"].sum()) for s in figures)
         peak = work.evaluator.peak(controller) if math.isfinite(task.limits.ms) else math.nan

@@ -91,7 +91,7 @@ class Evaluator:
 
     def __init__(self, stack: Stack, suite: str = SUITE, seeds: int = SEEDS, threads: int = 1) -> None:
         self.suite, self.seeds, self.ms_steps = suite, seeds, 0
-        self._runs = evaluate.Evaluator(stack, suite, range(seeds), threads)
+        self._runs = evaluate.Evaluator(stacks.asked(stack), suite, range(seeds), threads)
 
     @property
     def steps(self) -> int:
@@ -100,19 +100,19 @@ class Evaluator:
 
     def score(self, stack: Stack) -> tuple[float, int]:
         """Geometric mean over the core scenarios of the RMS true error, µm (infinite if a run fails), collisions."""
-        figures = self._runs.whole(stack, ("rms_true", "collision"))
+        figures = self._runs.whole(stacks.asked(stack), ("rms_true", "collision"))
         score = goals.score("rms_true", figures, self._runs.core)
         collisions = sum(int(each["collision"].sum()) for each in figures.values())
         return (score if math.isfinite(score) else math.inf), collisions
 
     def peak(self, stack: Stack) -> float:
         """Ms on a coarser set of frequencies than the suite's, quick enough for a search."""
-        return self._runs.peak(stack)
+        return self._runs.peak(stacks.asked(stack))
 
     def exact_peak(self, stack: Stack) -> float:
         """Ms as a benchmark measures it."""
         before = self._runs.ledger.steps
-        found = self._runs.exact_peak(stack)
+        found = self._runs.exact_peak(stacks.asked(stack))
         self.ms_steps += self._runs.ledger.steps - before
         return found
 

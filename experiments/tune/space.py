@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...agents.settings import ALGORITHMS
-from ...envs.control.stack import Parameter, Stack, Team
+from ...envs.control.stack import Parameter, Team
 from ...envs.engine.quantity import InvalidInput, Quantity, did_you_mean
 from ...envs.plant.filters import KINDS
 
@@ -120,7 +120,7 @@ class Space:
         return out
 
 
-def space(controller: Stack | Team, words: Iterable[str]) -> Space:
+def space(controller: Team, words: Iterable[str]) -> Space:
     """The space that ``words`` mean: groups (filter, law, guard …), ``all``, and names with or without a range.
 
     ``law.kp`` is searched over its declared range, ``law.kp=20..120`` over this one.

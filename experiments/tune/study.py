@@ -8,7 +8,7 @@ import optuna
 from optuna.trial import FrozenTrial, Trial
 
 from ...envs.control import stack as stacks
-from ...envs.control.stack import Stack, Team
+from ...envs.control.stack import Team
 from ...envs.engine.quantity import InvalidInput
 from ..statistics.pooling import ZERO
 from ..store.ledger import Ledger
@@ -45,7 +45,7 @@ class Task:
     extrapolate: bool = False  # process settings may leave what was published
 
     @property
-    def base(self) -> Stack | Team:
+    def base(self) -> Team:
         """The controller as it stands.
 
         Raises:
@@ -150,9 +150,9 @@ def _measured(trials: list[FrozenTrial]) -> dict[str, tuple[bool, int]]:
     return found
 
 
-def controller(spec: str) -> Stack | Team:
-    """A stack or, if the words name several slots, a team."""
-    return stacks.team(spec) if stacks.is_team(spec) else stacks.resolve(spec)
+def controller(spec: str) -> Team:
+    """The team that the words name; what they leave open is not tuned."""
+    return stacks.asked(spec)
 
 
 @dataclass
