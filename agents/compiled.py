@@ -16,8 +16,7 @@ from ..envs.engine.lanes import U0, U1, UW, U, as_bits, as_number, call, clip, d
 from ..envs.plant import machine
 from ..envs.plant.controller import Privileged, stage_address
 from ..envs.plant.fleet import Fleet
-from ..envs.tasks import interface, job_interface
-from ..envs.tasks.job_batch import PERIOD
+from ..envs.tasks.interface import LARGEST_TRIM, LONGEST_WINDOW
 from .network import ACTIVATIONS, LN2_HIGH, LN2_LOW, LOG2E, OUTPUTS, SERIES, Network
 
 
@@ -232,38 +231,23 @@ class Compiled:
 
     def install(self, fleet: Fleet) -> None:
         """Gives all machines of the fleet over to the policy."""
-        document, following = self.policy.document, self.policy.task == "following"
-        if following and document.control == "schedule":
-            fleet.widest_window(interface.LONGEST_WINDOW, interface.LARGEST_TRIM)
-        io = _flight(self.policy.network, fleet, document.control, document.observation["kind"], self.policy.task)
-        fleet.pilot("height" if following else "job", stage_address(fly), io)
+        document, task = self.policy.document, self.policy.task
+        if document.control == "schedule":
+            fleet.widest_window(LONGEST_WINDOW, LARGEST_TRIM)
+        io = _flight(
+            self.policy.network, fleet, task.hook(fleet, document.control, document.observation["kind"]), task.period
+        )
+        fleet.pilot("job" if task.with_job else "height", stage_address(fly), io)
 
 
-def _flight(network: Network, fleet: Fleet, control: str, kind: str, task: str) -> Deck:
-    """The deck of a policy in one fleet."""
-    count, size, width = fleet.size, network.size, network.actions
-    following = task == "following"
-    of: Any = interface if following else job_interface
-    infos = len(interface.INFO if following else job_interface.INFO[task])
-    actions, observations = np.zeros((count, width), np.float32), np.zeros((count, size), np.float32)
-    numbers, ends = np.zeros((infos + 3, count)), np.zeros((2, count), bool)  # written by `observe`, never read
-    environment = Deck(
-        of.Io, actions=actions, observations=observations, rewards=numbers[infos], returns=numbers[infos + 1],
-        infos=numbers, weights=np.ones(8), left=numbers[infos + 2], terminated=ends[0], truncated=ends[1],
-        raw=int(kind == "raw"), size=size, width=width, machines=count,
-    )  # fmt: skip
-    if following:
-        environment["control"] = interface.CONTROLS.index(control)
-        environment["memory"] = np.zeros((len(interface.Memory._fields), count))
-    else:
-        assert fleet.gantries
-        environment["task"], environment["direct"] = job_interface.TASKS.index(task), int(control == "direct")
-        environment["gantry"] = fleet.gantries.deck
+def _flight(network: Network, fleet: Fleet, hook: tuple[int, int, Deck], period: int) -> Deck:
+    """The deck of a policy in one fleet, with the task's stages and their deck."""
+    act, observe, environment = hook
     weights, layers, stride = _laid_out(network)
-    n = network.normaliser
+    n, count = network.normaliser, fleet.size
     return Deck(
-        Io, act=stage_address(of.act), observe=stage_address(of.observe), environment=environment,
-        observations=observations, actions=actions, size=size, width=width, period=1 if following else PERIOD,
+        Io, act=act, observe=observe, environment=environment, observations=environment.owned("observations"),
+        actions=environment.owned("actions"), size=network.size, width=network.actions, period=period,
         since=np.zeros(count), work=np.zeros((count, stride), np.float32), stride=stride, frames=network.frames,
         normaliser=0 if n is None else (2 if network.normalises_frames else 1),
         scales=np.concatenate([[n.clip], n.mean, n.scale]) if n else np.zeros(1), weights=weights, layers=layers,

@@ -41,7 +41,7 @@ class Evaluator:
         self.episodes = changes.pop("episodes", EPISODES)
         changes.pop("every", None)
         self.env = environment(settings, num_envs=self.episodes, split="tune", **changes)
-        self.height = "true_error" in self.env.batch.INFO
+        self.height = not self.env.batch.task.with_job
 
     def __call__(self, model: Any) -> Evaluation:
         """One episode of each of the first tune seeds."""
@@ -61,7 +61,7 @@ class Evaluator:
                 collisions += infos[i]["cost"] > 0.5
             alive &= ~began
             if self.height:
-                error, scored = (batch.infos[batch.INFO.index(name)] for name in ("true_error", "scored"))
+                error, scored = (batch.infos[batch.task.info.index(name)] for name in ("true_error", "scored"))
                 counts = alive & (scored > 0.5) & (period >= settled[which])
                 np.add.at(square, which[counts], error[counts] ** 2)
                 np.add.at(count, which[counts], 1)

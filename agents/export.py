@@ -21,9 +21,8 @@ import gymnasium as gym
 import numpy as np
 
 from ..envs.engine.quantity import InvalidInput
-from ..envs.tasks.job_batch import PERIOD
 from .network import Layer, Memory, Network, Normaliser, run
-from .policy import FORMAT, TASKS, Document, Policy, describe, describe_base, shape_of
+from .policy import FORMAT, Document, Policy, describe, describe_base, shape_of
 
 SUPPORTED = (
     "PPO, SAC, TD3, TQC and RecurrentPPO with one-dimensional observations; layers: linear with tanh, ReLU or no "
@@ -73,17 +72,16 @@ def export(
     network = Network(batch.observation_space.shape[0], frames, normaliser, layers, output)
     if layers[0].inputs != network.size * frames:
         raise _refused(f"a network of {layers[0].inputs} inputs for {frames} frames of {network.size} numbers")
-    environment = _id_of(batch)
+    environment = batch.task.id
     observation, action = describe(environment, batch.control, batch.observation)
-    stacks = batch.base.stacks if hasattr(batch.base, "stacks") else (batch.base,)
     about = {
         "algorithm": type(model).__name__, "seed": model.seed, "training_steps": int(model.num_timesteps),
-        "simulated_steps": int(model.num_timesteps) * (PERIOD if hasattr(batch, "TASK") else 1),
+        "simulated_steps": int(model.num_timesteps) * batch.task.period,
         "versions": _versions(),
     }  # fmt: skip
     document = Document(
         format=FORMAT, environment=environment, version=int(environment.rpartition("-v")[2]), control=batch.control,
-        base={s.slot: describe_base(s) for s in stacks}, observation=observation, action=action,
+        base={s.slot: describe_base(s) for s in batch.base.stacks}, observation=observation, action=action,
         network=shape_of(network), weights="", provenance={**about, **(provenance or {})},
     )  # fmt: skip
     difference, compared = equivalence(model, network, batch)
@@ -106,9 +104,8 @@ def equivalence(model: Any, network: Network, batch: Any) -> tuple[float, int]:
     """Largest difference between model and network, and of how many actions: both act on the observations of
     :data:`MACHINES` machines that the model drives for :data:`STEPS` steps of the *tune* seeds."""
     like = type(batch)(
-        MACHINES, scenario=batch.scenarios, control=batch.control, observation=batch.observation, split="tune",
-        base=batch.base,
-    )  # fmt: skip
+        batch.task, MACHINES, batch.scenarios, batch.control, batch.observation, split="tune", base=batch.base
+    )
     every = np.arange(MACHINES)
     like.sequence(every, every)
     like.restart(every)
@@ -255,11 +252,6 @@ def _environment(env: Any) -> tuple[Any, Normaliser | None, int]:
             f"the model's environment is {type(env).__name__}; give one of kerfgym's as env=, in this process"
         )
     return batch, normaliser, frames
-
-
-def _id_of(batch: Any) -> str:
-    task = getattr(batch, "TASK", "") or "following"
-    return next(name for name, its in TASKS.items() if its == task)
 
 
 def _versions() -> dict[str, str]:

@@ -24,9 +24,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from ..envs.control import stack as stacks
 from ..envs.control.stack import Stack
 from ..envs.engine.quantity import InvalidInput, did_you_mean
-from ..envs.plant.controller import SLOTS, Process
 from ..envs.safety import files
-from ..envs.tasks import interface, job_interface
+from ..envs.tasks.all_tasks import TASKS
+from ..envs.tasks.episodes import check_choice
+from ..envs.tasks.task import OBSERVATIONS
 from .network import Layer, Memory, Network, Normaliser, run
 
 FORMAT = 1
@@ -42,16 +43,6 @@ FARTHEST = 1e30
 """Largest number within a network; beyond 3e38 there is none in single precision."""
 
 DOCUMENT, WEIGHTS = "policy.json", "weights.safetensors"
-
-TASKS = {
-    "kerfgym/HeightFollowing-v0": "following",
-    "kerfgym/ContourFollowing-v0": "contour",
-    "kerfgym/Cutting-v0": "cutting",
-}
-"""Environments that policies can be for."""
-
-SLOT = {"following": "z", "contour": "xy", "cutting": "process"}
-"""Which slot a policy fills as a controller; its bases in the others come with it."""
 
 
 class _Table(BaseModel):
@@ -111,7 +102,7 @@ class Policy:
         name: what it is called in tables.
 
     Attributes:
-        task: ``following``, ``contour`` or ``cutting``.
+        task: of its environment.
         document, network, name: as given.
     """
 
@@ -209,41 +200,15 @@ def describe(environment: str, control: str, kind: str) -> tuple[dict[str, Any],
     Raises:
         InvalidInput: unknown environment, control or kind of observation.
     """
-    _one_of(environment, TASKS, "environment")
+    check_choice(environment, TASKS, "environment")
     task = TASKS[environment]
-    _one_of(kind, interface.OBSERVATIONS, "observation")
-    if task == "following":
-        _one_of(control, interface.CONTROLS, "control")
-        names = interface.FEATURES if kind == "features" else interface.RAW
-        scaling: dict[str, Any] = {"unit_mm": interface.TOLERANCE, "compressed": 0.2, "limit": interface.LIMIT}
-        action: dict[str, Any] = {
-            "direct": {"names": ["velocity"], "at_one": [interface.DIRECT_SPEED], "units": ["mm/s"]},
-            "residual": {"names": ["velocity"], "at_one": [interface.RESIDUAL_SPEED], "units": ["mm/s"]},
-            "schedule": {
-                "names": ["window", "trim", "gain"], "units": ["samples", "samples", "1"],
-                "at_minus_one": [1.0, 0.0, interface.LEAST_GAIN],
-                "at_one": [float(interface.LONGEST_WINDOW), float(interface.LARGEST_TRIM), interface.LARGEST_GAIN],
-            },
-        }[control]  # fmt: skip
-    else:
-        _one_of(control, job_interface.CONTROLS[:1] if task == "contour" else job_interface.CONTROLS, "control")
-        names = job_interface.FEATURES[task]
-        scaling = {
-            "unit_mm": job_interface.TOLERANCE, "limit": job_interface.LIMIT, "ahead_ms": list(job_interface.AHEAD)
-        }  # fmt: skip
-        if task == "contour":
-            action = {
-                "names": ["override", "correction_left", "correction_along"], "units": ["1", "mm", "mm"],
-                "at_one": [job_interface.OVERRIDE, job_interface.CORRECTION, job_interface.CORRECTION],
-            }  # fmt: skip
-        else:
-            action = {"names": list(Process._fields), "units": ["1", "1", "Hz", "mm", "mm", "mm", "mm", "mm"]}
-            if control == "residual":
-                action["at_one"] = [float(x) for x in job_interface.RESIDUAL]
+    check_choice(kind, OBSERVATIONS, "observation")
+    check_choice(control, task.actions, "control")
+    names = task.seen(kind).names
     observation: dict[str, Any] = {"kind": kind, "shape": [len(names)], "names": list(names)}
     if kind == "features":
-        observation["scaling"] = scaling
-    return observation, {"shape": [len(action["names"])], "low": -1.0, "high": 1.0, **action}
+        observation["scaling"] = dict(task.scaling)
+    return observation, task.actions[control].document()
 
 
 def check(document: Document, where: str) -> None:
@@ -270,7 +235,7 @@ def check(document: Document, where: str) -> None:
                     f"{_short(present.get(key))}; it was made for another version or shape"
                 )
     slots = set(document.base)
-    wanted = {"z"} if TASKS[document.environment] == "following" else set(SLOTS)
+    wanted = set(TASKS[document.environment].slots)
     if slots != wanted:
         raise InvalidInput(f"{where}: base controllers for slots {sorted(slots)}; needed: {sorted(wanted)}")
     shape, last = document.network, document.observation["shape"][0] * document.network.frames
@@ -323,7 +288,7 @@ def _stack(folder: Path, stamp: tuple[int, ...]) -> Stack:
 
     policy = Policy.load(folder)
     found = bases(policy.document, f"policy '{folder}'")
-    main = found.pop(SLOT[policy.task])
+    main = found.pop(policy.task.slot)
     # What was spent on the policy comes on top of what its base was tuned with.
     made, tuned = policy.provenance, dict(main.provenance)
     tuned.pop("edited", None)  # what its training changed in the base is part of the policy, and in its record
@@ -336,7 +301,7 @@ def _stack(folder: Path, stamp: tuple[int, ...]) -> Stack:
 
 
 def stack_of(folder: Path) -> Stack | None:
-    """The policy in a folder as a controller in its slot (:data:`SLOT`), with its bases of the other slots as
+    """The policy in a folder as a controller in its task's slot, with its bases of the other slots as
     companions; None if the folder holds no policy.
 
     Raises:
@@ -454,11 +419,6 @@ def _digest(document: dict[str, Any]) -> str:
     """SHA-256 of a document without its own."""
     rest = {key: value for key, value in document.items() if key != "sha256"}
     return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
-
-
-def _one_of(value: str, allowed: Any, what: str) -> None:
-    if value not in allowed:
-        raise InvalidInput(f"unknown {what} '{value}'; {did_you_mean(str(value), allowed)}")
 
 
 def _short(value: Any) -> str:

@@ -14,6 +14,7 @@ from typing_extensions import TypedDict  # as pydantic wants it below Python 3.1
 
 from ..envs.engine.quantity import InvalidInput, did_you_mean
 from ..envs.safety import consent, files
+from ..envs.tasks.all_tasks import TASKS
 
 PRESETS = Path(__file__).parent / "presets"
 
@@ -27,13 +28,6 @@ ALGORITHMS = {
 """Package and class of each algorithm: PPO (Schulman et al. 2017) with its advantages (Schulman et al. 2016), SAC
 (Haarnoja et al. 2018), TD3 (Fujimoto et al. 2018), TQC (Kuznetsov et al. 2020), PPO with memory (Hochreiter and
 Schmidhuber 1997)."""
-
-ENVIRONMENTS = {
-    "kerfgym/HeightFollowing-v0": ("height-following", "HeightFollowingVecEnv"),
-    "kerfgym/ContourFollowing-v0": ("contour-following", "ContourFollowingVecEnv"),
-    "kerfgym/Cutting-v0": ("cutting", "CuttingVecEnv"),
-}
-"""Name in file names and native VecEnv of each environment."""
 
 PROVENANCE = "provenance"
 """Table of a settings file that tells where it comes from."""
@@ -165,7 +159,7 @@ def environment_class(env: str) -> Any:
     """The native VecEnv of an environment."""
     from . import vec_env
 
-    return getattr(vec_env, ENVIRONMENTS[env][1])
+    return vec_env.KINDS[env]
 
 
 def _arguments(name: str) -> dict[str, inspect.Parameter]:
@@ -200,7 +194,7 @@ def known(settings: Settings, table: str) -> list[str]:
     if table == "":
         return [f.name for f in fields(Settings) if f.name not in ("name", "env")]
     if table in ("environment", "evaluation"):
-        arguments = inspect.signature(environment_class(settings.env).KIND.SINGLE.__init__).parameters
+        arguments = inspect.signature(environment_class(settings.env).SINGLE.__init__).parameters
         plain = [n for n in arguments if n not in ("self", "split", "render_mode", "colour")]
         return [*plain, "num_envs", "num_threads"] if table == "environment" else ["every", "episodes", *plain]
     if table == "algorithm":
@@ -276,9 +270,9 @@ def preset_file(name: str, env: str) -> Path:
     """
     if name not in ALGORITHMS:
         raise InvalidInput(f"unknown algorithm '{name}'; {did_you_mean(name, ALGORITHMS)}")
-    if env not in ENVIRONMENTS:
-        raise InvalidInput(f"unknown environment '{env}'; {did_you_mean(env, ENVIRONMENTS)}")
-    return PRESETS / f"{ENVIRONMENTS[env][0]}-{name}.toml"
+    if env not in TASKS:
+        raise InvalidInput(f"unknown environment '{env}'; {did_you_mean(env, TASKS)}")
+    return PRESETS / f"{TASKS[env].name}-{name}.toml"
 
 
 def preset(name: str, env: str, changes: dict[str, Any] | None = None) -> Settings:
@@ -311,9 +305,9 @@ def from_file(path: Path, name: str, env: str | None = None, changes: dict[str, 
         if mine is not None and asked is not None and mine != asked:
             raise InvalidInput(f"'{path}' is for {kind} '{mine}', not '{asked}'")
         env = mine if what == "env" and mine is not None else env
-    env = env or next(iter(ENVIRONMENTS))
+    env = env or next(iter(TASKS))
     if not isinstance(env, str):
-        raise InvalidInput(f"'{path}': env = {files.shown(env)}; allowed: {', '.join(ENVIRONMENTS)}")
+        raise InvalidInput(f"'{path}': env = {files.shown(env)}; allowed: {', '.join(TASKS)}")
     preset_file(name, env)  # an unknown one is an error here
     values.pop(PROVENANCE, None)
     tables = known(Settings(name, env), "")
@@ -332,7 +326,7 @@ def from_file(path: Path, name: str, env: str | None = None, changes: dict[str, 
 
 def _named(path: Path) -> dict[str, str]:
     """Algorithm and environment of a preset, which its file's name tells."""
-    files = {preset_file(name, env).name: {"name": name, "env": env} for name in ALGORITHMS for env in ENVIRONMENTS}
+    files = {preset_file(name, env).name: {"name": name, "env": env} for name in ALGORITHMS for env in TASKS}
     return files.get(path.name, {})
 
 

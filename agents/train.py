@@ -21,7 +21,6 @@ from typing import Any
 
 from ..envs import scenarios
 from ..envs.engine.quantity import InvalidInput
-from ..envs.tasks.job_batch import PERIOD
 from . import checkpoint
 from .evaluation import Evaluation, Evaluator
 from .learner import environment, learner
@@ -242,9 +241,8 @@ class Training:
     @property
     def ledger(self) -> dict[str, Any]:
         """What has been spent so far."""
-        periods = 1 if self.evaluator.height else PERIOD
         return {
-            "simulated_steps": periods * (self.model.num_timesteps + self.looking),
+            "simulated_steps": self.evaluator.env.batch.task.period * (self.model.num_timesteps + self.looking),
             "training_steps": self.model.num_timesteps, "evaluation_steps": self.looking,
             "cpu_seconds": round(self.cpu_seconds, 1),
             "seeds": {"train": f"from {scenarios.SPLITS['train'].start}", "tune": f"0-{self.evaluator.episodes - 1}"},

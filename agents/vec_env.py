@@ -12,13 +12,14 @@ import numpy as np
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 
-from ..envs.contour_following import ContourFollowingVectorEnv
-from ..envs.cutting import CuttingVectorEnv
+from ..envs.contour_following import ContourFollowingEnv
+from ..envs.cutting import CuttingEnv
 from ..envs.engine.deck import refuse_copy
 from ..envs.engine.quantity import InvalidInput, did_you_mean
-from ..envs.height_following import HeightFollowingVectorEnv
-from ..envs.tasks.episodes import check_render_mode
-from ..envs.tasks.vector import KernelVectorEnv, make_batch, put_sequences
+from ..envs.height_following import HeightFollowingEnv
+from ..envs.tasks.episodes import check_options
+from ..envs.tasks.single import SingleEnv
+from ..envs.tasks.vector import make_batch
 
 ATTRIBUTES = (
     "scenario", "scenario_seed", "base", "control", "split", "render_mode", "spec", "action_space",
@@ -44,8 +45,8 @@ class KernelVecEnv(VecEnv):
         InvalidInput: unknown argument or name, or a number out of range.
     """
 
-    KIND: type[KernelVectorEnv]
-    """The vector environment with the same machines."""
+    SINGLE: type[SingleEnv]
+    """The single environment with the same machine."""
 
     def __init__(
         self,
@@ -56,13 +57,11 @@ class KernelVecEnv(VecEnv):
         render_mode: str | None = None,
         **arguments: Any,
     ) -> None:
-        check_render_mode(render_mode, self.KIND.SINGLE.metadata["render_modes"])
-        self.batch: Any = make_batch(self.KIND.BATCH, self.KIND.SINGLE, num_envs, num_threads, arguments)
-        self._attributes = (*ATTRIBUTES, *self.batch.INFO)
+        self.batch = make_batch(self.SINGLE, num_envs, num_threads, render_mode, arguments)
+        self._attributes = (*ATTRIBUTES, *self.SINGLE.TASK.info)
         self._full_info = full_info
         self._mode = render_mode
         self._set: dict[str, list[Any]] = {}
-        self._films: list[Any] = [None] * num_envs
         self._every = np.arange(num_envs)
         self._began = time.time()
         self._empty: list[dict[str, Any]] = [{} for _ in range(num_envs)]  # the same ones in each step
@@ -77,14 +76,14 @@ class KernelVecEnv(VecEnv):
 
     def reset(self) -> np.ndarray:
         """Starts the next episode of every environment; :meth:`seed` and :meth:`set_options` before it count."""
-        put_sequences(self.batch, self._every, self._seeds, self._random)
+        self.batch.take_seeds(self._every, self._seeds, self._random)
         following = self.batch.following_seeds(self._every)
         asked = [self._asked(i) for i in range(self.num_envs)]
         seeds = [f if a is None else a for f, a in zip(following.tolist(), asked, strict=True)]
-        self._start(self._every, self.batch.asked_seeds(seeds, self.num_envs))
+        self.batch.start(self._every, self.batch.asked_seeds(seeds, self.num_envs))
         self._reset_seeds()
         self._reset_options()
-        self.reset_infos = [self._info(i) for i in range(self.num_envs)]
+        self.reset_infos = [self.batch.info(i) for i in range(self.num_envs)]
         self._ready = True
         return self.batch.observations.copy()
 
@@ -104,18 +103,14 @@ class KernelVecEnv(VecEnv):
         batch.advance()
         rewards = batch.rewards.astype(np.float32)
         over = np.logical_or(batch.terminated, batch.truncated)
-        infos = [self._info(i) for i in range(self.num_envs)] if self._full_info else self._empty.copy()
-        if self._mode:
-            for i, film in enumerate(self._films):
-                if film is not None:
-                    film.take(batch.fleet, i)
+        infos = [batch.info(i) for i in range(self.num_envs)] if self._full_info else self._empty.copy()
         if over.any():
             machines = np.flatnonzero(over)
             for i in machines.tolist():
                 infos[i] = self._last_info(i)
-            self._start(machines, batch.following_seeds(machines))
+            batch.restart(machines)
             for i in machines.tolist():
-                self.reset_infos[i] = self._info(i)
+                self.reset_infos[i] = batch.info(i)
         return batch.observations.copy(), rewards, over, infos
 
     def close(self) -> None:
@@ -123,7 +118,7 @@ class KernelVecEnv(VecEnv):
 
     def get_images(self) -> list[np.ndarray | None]:
         """A picture of each environment."""
-        return [film.frame() if film else None for film in self._films]
+        return [self.batch.frame(i) for i in range(self.num_envs)]
 
     # ---------------------------------------------------------------------------------------- single environments
 
@@ -140,8 +135,8 @@ class KernelVecEnv(VecEnv):
         machines = self._machines(indices)
         if attr_name in self._set:
             return [self._set[attr_name][i] for i in machines]
-        if attr_name in self.batch.INFO:
-            return [float(x) for x in self.batch.infos[self.batch.INFO.index(attr_name), machines]]
+        if attr_name in self.SINGLE.TASK.info:
+            return [float(x) for x in self.batch.infos[self.SINGLE.TASK.info.index(attr_name), machines]]
         if attr_name == "scenario":
             return [self.batch.scenario(i) for i in machines]
         if attr_name == "scenario_seed":
@@ -192,26 +187,12 @@ class KernelVecEnv(VecEnv):
                 raise InvalidInput(f"environment {i} does not exist; there are {self.num_envs}")
         return machines
 
-    def _start(self, machines: np.ndarray, seeds: np.ndarray) -> None:
-        self.batch.start(machines, seeds)
-        if self._mode:
-            for i in machines.tolist():
-                self._films[i] = self.batch.film(i)
-                self._films[i].take(self.batch.fleet, i)
-
     def _asked(self, machine: int) -> int | None:
-        options = self._options[machine]
-        for key in options:
-            if key != "scenario_seed":
-                raise InvalidInput(f"unknown option '{key}'; {did_you_mean(key, ['scenario_seed'])}")
-        return options.get("scenario_seed")
-
-    def _info(self, machine: int) -> dict[str, Any]:
-        return dict(zip(self.batch.INFO, self.batch.infos[:, machine].tolist(), strict=True))
+        return check_options(self._options[machine], "scenario_seed").get("scenario_seed")
 
     def _last_info(self, machine: int) -> dict[str, Any]:
         """Info of the last step of an episode, with the monitor's statistics of it."""
-        info = self._info(machine)
+        info = self.batch.info(machine)
         info["terminal_observation"] = self.batch.observations[machine].copy()
         info["TimeLimit.truncated"] = bool(self.batch.truncated[machine])
         length, total = self.batch.length(machine), round(float(self.batch.returns[machine]), 6)
@@ -222,19 +203,23 @@ class KernelVecEnv(VecEnv):
 class HeightFollowingVecEnv(KernelVecEnv):
     """:class:`envs.height_following.HeightFollowingEnv` for stable-baselines3, see :class:`KernelVecEnv`."""
 
-    KIND = HeightFollowingVectorEnv
+    SINGLE = HeightFollowingEnv
 
 
 class ContourFollowingVecEnv(KernelVecEnv):
     """:class:`envs.contour_following.ContourFollowingEnv` for stable-baselines3, see :class:`KernelVecEnv`."""
 
-    KIND = ContourFollowingVectorEnv
+    SINGLE = ContourFollowingEnv
 
 
 class CuttingVecEnv(KernelVecEnv):
     """:class:`envs.cutting.CuttingEnv` for stable-baselines3, see :class:`KernelVecEnv`."""
 
-    KIND = CuttingVectorEnv
+    SINGLE = CuttingEnv
+
+
+KINDS = {kind.SINGLE.TASK.id: kind for kind in (HeightFollowingVecEnv, ContourFollowingVecEnv, CuttingVecEnv)}
+"""By the id of the environment."""
 
 
 class _Method:
@@ -247,20 +232,17 @@ class _Method:
         return getattr(self, f"_{self._name}")(*args, **kwargs)
 
     def _reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict]:
-        venv, machine = self._venv, np.array([self._machine])
+        venv, machine = self._venv, self._machine
         if options:
-            venv._options[self._machine] = options
-        seeds: list[int | None] = [None] * venv.num_envs
-        seeds[self._machine] = seed
-        put_sequences(venv.batch, machine, seeds, venv._random)
-        following, asked = venv.batch.following_seeds(machine), venv._asked(self._machine)
-        venv._options[self._machine] = {}
-        venv._start(machine, following if asked is None else venv.batch.asked_seeds(asked, 1))
-        return venv.batch.observations[self._machine].copy(), venv._info(self._machine)
+            venv._options[machine] = options
+        seeds = [seed if i == machine else None for i in range(venv.num_envs)]
+        options = check_options(venv._options[machine], "scenario_seed")
+        venv.batch.reset(np.array([machine]), seeds, options, venv._random)
+        venv._options[machine] = {}
+        return venv.batch.observations[machine].copy(), venv.batch.info(machine)
 
     def _render(self) -> np.ndarray | None:
-        film = self._venv._films[self._machine]
-        return film.frame() if film else None
+        return self._venv.batch.frame(self._machine)
 
     def _close(self) -> None:
         pass

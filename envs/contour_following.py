@@ -2,12 +2,12 @@
 
 from typing import Any, Literal
 
-from .tasks.job_batch import ContourBatch
-from .tasks.job_env import JobEnv
+from .tasks.job_interface import CONTOUR
+from .tasks.single import SingleEnv
 from .tasks.vector import KernelVectorEnv
 
 
-class ContourFollowingEnv(JobEnv):
+class ContourFollowingEnv(SingleEnv):
     """
     ## Description
 
@@ -86,7 +86,7 @@ class ContourFollowingEnv(JobEnv):
     * v0: first version. Before release 1.0 its spaces and rewards may change; policies say for which they were made.
     """
 
-    BATCH = ContourBatch
+    TASK = CONTOUR
 
     def __init__(
         self,
@@ -111,4 +111,4 @@ class ContourFollowingEnv(JobEnv):
 class ContourFollowingVectorEnv(KernelVectorEnv):
     """``num_envs`` environments of :class:`ContourFollowingEnv` in one kernel; see :class:`vector.KernelVectorEnv`."""
 
-    BATCH, SINGLE = ContourBatch, ContourFollowingEnv
+    SINGLE = ContourFollowingEnv

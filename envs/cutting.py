@@ -2,12 +2,12 @@
 
 from typing import Any, Literal
 
-from .tasks.job_batch import CuttingBatch
-from .tasks.job_env import JobEnv
+from .tasks.job_interface import CUTTING
+from .tasks.single import SingleEnv
 from .tasks.vector import KernelVectorEnv
 
 
-class CuttingEnv(JobEnv):
+class CuttingEnv(SingleEnv):
     """
     ## Description
 
@@ -98,7 +98,7 @@ class CuttingEnv(JobEnv):
     * v0: first version. Before release 1.0 its spaces and rewards may change; policies say for which they were made.
     """
 
-    BATCH = CuttingBatch
+    TASK = CUTTING
 
     def __init__(
         self,
@@ -124,4 +124,4 @@ class CuttingEnv(JobEnv):
 class CuttingVectorEnv(KernelVectorEnv):
     """``num_envs`` environments of :class:`CuttingEnv` in one kernel; see :class:`vector.KernelVectorEnv`."""
 
-    BATCH, SINGLE = CuttingBatch, CuttingEnv
+    SINGLE = CuttingEnv

@@ -2,25 +2,12 @@
 
 from typing import Any, Literal
 
-import gymnasium as gym
-import numpy as np
-
-from .engine.deck import refuse_copy
-from .engine.quantity import InvalidInput, did_you_mean
-from .pictures.film import Film
-from .scenarios import Scenario
-from .tasks.batch import Batch
-from .tasks.episodes import check_render_mode
-from .tasks.interface import INFO
+from .tasks.interface import TASK
+from .tasks.single import SingleEnv
 from .tasks.vector import KernelVectorEnv
 
-LARGEST = 3.4e38
-"""Largest finite action (float32)."""
 
-_ONE = np.zeros(1, np.int64)
-
-
-class HeightFollowingEnv(gym.Env):
+class HeightFollowingEnv(SingleEnv):
     """
     ## Description
 
@@ -122,6 +109,7 @@ class HeightFollowingEnv(gym.Env):
     * v0: first version.
     """
 
+    TASK = TASK
     metadata = {"render_modes": ["rgb_array"], "render_fps": 50}
 
     def __init__(
@@ -136,105 +124,20 @@ class HeightFollowingEnv(gym.Env):
         max_steps: int | None = None,
         render_mode: str | None = None,
     ) -> None:
-        check_render_mode(render_mode, self.metadata["render_modes"])
-        self.batch = batch = Batch(
-            1, scenario, control, observation, split, reward, base, machine, max_steps
+        super().__init__(
+            render_mode, scenario=scenario, control=control, observation=observation, split=split, reward=reward,
+            base=base, machine=machine, max_steps=max_steps,
         )  # fmt: skip
-        self.control, self.split, self.render_mode = control, split, render_mode
-        self.action_space, self.observation_space = batch.action_space, batch.observation_space
-        # A step is short, so it goes around the batch, straight to the arrays of its only machine.
-        self._actions: Any = batch.actions[0].data  # writes a number three times as fast as the array does
-        self._advance, self._shape = batch.fleet.stepper(), batch.actions[0].shape
-        self._observed, self._values = batch.observations[0].copy, batch.infos[:, 0].tolist
-        self._single, self._left = self._shape == (1,), 0
-        self._film: Film | None = None
 
-    def __reduce__(self) -> Any:
-        refuse_copy(self)
-
-    @property
-    def base(self) -> Any:
-        """The stack that ``residual`` and ``schedule`` start from."""
-        return self.batch.base
-
-    @property
-    def scenario(self) -> Scenario:
-        """The scenario of the present episode."""
-        return self.batch.scenario(0)
-
-    @property
-    def scenario_seed(self) -> int:
-        """The seed of the present episode."""
-        return int(self.batch.scenario_seeds[0])
-
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict]:
-        """Starts an episode; see *Starting State*.
-
-        Raises:
-            InvalidInput: unknown option, or a scenario seed that is not in the split.
-        """
-        super().reset(seed=seed)
-        if seed is not None or not self.batch.has_sequence(0):
-            self.batch.sequence(0, seed if seed is not None else int(self.np_random.integers(2**31)))
-        options = options or {}
-        for key in options:
-            if key != "scenario_seed":
-                raise InvalidInput(f"unknown option '{key}'; {did_you_mean(key, ['scenario_seed'])}")
-        following = self.batch.following_seeds(_ONE)
-        asked = "scenario_seed" in options
-        self.batch.start(_ONE, self.batch.asked_seeds(options["scenario_seed"], 1) if asked else following)
-        self._left = int(self.batch.left[0])
-        if self.render_mode:
-            self._film = Film(self.scenario, self.base.name, self.scenario_seed)
-            self._film.take(self.batch.fleet)
-        return self._observed(), dict(zip(INFO, self._values(), strict=True))
-
-    def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict]:
-        """One control period of 1 ms.
-
-        Raises:
-            InvalidInput: the action has the wrong shape or is not finite.
-        """
-        left = self._left - 1
-        if left < 0:
-            raise InvalidInput("the episode is over; call reset() before step()")
-        if self._single:
-            try:
-                (x,) = action.tolist()
-            except (AttributeError, TypeError, ValueError):
-                x = None
-            if not isinstance(x, float) or not -LARGEST <= x <= LARGEST:
-                x = self._checked(action).item()
-            self._actions[0] = x
-        else:
-            self.batch.actions[0] = self._checked(action)
-        self._advance()
-        if self._film is not None:
-            self._film.take(self.batch.fleet)
-        # ``dict(zip(INFO, values))`` takes twice as long; a step is too short for that.
+    def _info(self) -> dict[str, Any]:
+        # ``dict(zip(names, values))`` takes twice as long; a step of 1 ms is too short for that.
         gap, height, error, reported, cost, scored, mode, override, distance, e, r, c, we, wr, wc = self._values()
-        terminated = cost > 0.5
-        self._left = 0 if terminated else left
-        return self._observed(), we + wr + wc, terminated, left == 0 and not terminated, {
+        return {
             "true_gap": gap, "measured_height": height, "true_error": error, "reported_error": reported, "cost": cost,
             "scored": scored, "mode": mode, "override": override, "distance": distance, "reward_error": e,
             "reward_rate": r, "reward_collision": c, "weighted_error": we, "weighted_rate": wr,
             "weighted_collision": wc,
         }  # fmt: skip
-
-    def _checked(self, action: Any) -> np.ndarray:
-        a = np.asarray(action)
-        if a.shape != self._shape:
-            raise InvalidInput(f"the action has shape {a.shape}; it must be {self._shape}")
-        if a.dtype.kind not in "fiu":
-            raise InvalidInput(f"the action is of type {a.dtype}; numbers are needed, float32 best")
-        if not (np.abs(a) <= LARGEST).all():  # NaN neither
-            raise InvalidInput(f"the action {action} is not finite; allowed: -1 to 1")
-        return a
-
-    def render(self) -> np.ndarray | None:
-        """The machine now: sheet, nozzle, gap, set height, and the last second of true and reported error."""
-        return self._film.frame() if self._film else None
 
 
 class HeightFollowingVectorEnv(KernelVectorEnv):
@@ -270,4 +173,4 @@ class HeightFollowingVectorEnv(KernelVectorEnv):
     | others           |              | those of the single environment, the same for all              |
     """
 
-    BATCH, SINGLE = Batch, HeightFollowingEnv
+    SINGLE = HeightFollowingEnv

@@ -30,7 +30,8 @@ from kerfgym.envs.plant.controller import stage_address
 from kerfgym.envs.plant.fleet import Fleet
 from kerfgym.envs.tasks import workshop
 from kerfgym.envs.tasks.batch import Batch
-from kerfgym.envs.tasks.job_batch import ContourBatch, CuttingBatch
+from kerfgym.envs.tasks.interface import TASK
+from kerfgym.envs.tasks.job_interface import CONTOUR, CUTTING
 from kerfgym.experiments.measure import cost, margins, rollout
 from kerfgym.experiments.studies.faults import inject
 from kerfgym.experiments.studies.faults.inject import Fault, Faults, Without
@@ -194,7 +195,7 @@ def test_steps_that_break_off_do_not_stay_in_force(monkeypatch):
 
 
 def episode(kind, **arguments):
-    batch = kind(3, **arguments)
+    batch = Batch(kind, 3, **arguments)
     batch.sequence(np.arange(3), np.arange(3))
     batch.restart(np.arange(3))
     batch.actions[:] = np.linspace(-0.6, 0.9, batch.actions.size).reshape(batch.actions.shape)
@@ -204,9 +205,9 @@ def episode(kind, **arguments):
 
 
 BATCHES = {
-    "following": (Batch, {"scenario": "wavy"}), "schedule": (Batch, {"scenario": "rough", "control": "schedule"}),
-    "raw": (Batch, {"observation": "raw", "control": "direct"}), "contour": (ContourBatch, {}),
-    "cutting": (CuttingBatch, {}), "several threads": (Batch, {"threads": 2}),
+    "following": (TASK, {"scenario": "wavy"}), "schedule": (TASK, {"scenario": "rough", "control": "schedule"}),
+    "raw": (TASK, {"observation": "raw", "control": "direct"}), "contour": (CONTOUR, {}),
+    "cutting": (CUTTING, {}), "several threads": (TASK, {"threads": 2}),
 }  # fmt: skip
 
 
@@ -479,7 +480,7 @@ def test_decisions_are_timed_on_a_machine_that_is_there():
 KEPT_BY_KERNELS = {
     "fleet": FLEETS["law"], "gantries": lambda: FLEETS["job"]().gantries, "deck": lambda: FLEETS["law"]().deck,
     "stepper": lambda: FLEETS["law"]().stepper(), "stepper of threads": lambda: FLEETS["law"](2, 40).stepper(),
-    "batch": lambda: episode(Batch), "following": HeightFollowingEnv, "cutting": CuttingEnv, "panel": panel.Panel,
+    "batch": lambda: episode(TASK), "following": HeightFollowingEnv, "cutting": CuttingEnv, "panel": panel.Panel,
     "vector": lambda: HeightFollowingVectorEnv(2), "VecEnv": lambda: HeightFollowingVecEnv(2),
 }  # fmt: skip
 

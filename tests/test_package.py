@@ -301,7 +301,7 @@ def test_an_edit_anywhere_is_seen_by_the_next_run_and_nothing_else_is_compiled(t
     assert renewed(cache, cache_law)
     assert all("_stage" in name and "mine" in name for name in renewed(cache, cache_law))  # the law's own loop alone
 
-    edited(package / "envs" / "interface.py", "TOLERANCE = 0.002", "TOLERANCE = 0.004")
+    edited(package / "envs" / "tasks" / "interface.py", "TOLERANCE = 0.002", "TOLERANCE = 0.004")
     gaps_env, reward_env, cache_env = run()
     assert gaps_env == gaps_law
     assert reward_env != reward

@@ -584,7 +584,7 @@ def test_a_preset_holds_what_it_should(here, text, key):
 
 def test_the_kinds_of_all_arguments_are_declared():
     declared = set(settings.Arguments.__annotations__)
-    for env in settings.ENVIRONMENTS:
+    for env in settings.TASKS:
         for table in ("environment", "evaluation"):
             assert set(settings.known(settings.Settings("ppo", env), table)) <= declared
 

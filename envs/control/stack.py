@@ -257,17 +257,56 @@ def resolve(spec: "str | Stack") -> Stack:
 
 @dataclass(frozen=True)
 class Team:
-    """A stack for each slot of the machine that does jobs."""
+    """What controls a machine: ``stacks``, one for each slot, in the order of the slots.
+
+    A machine that does jobs has all slots, one that follows the sheet has ``z`` alone.
+    """
 
     name: str
-    z: Stack
-    xy: Stack
-    process: Stack
+    stacks: tuple[Stack, ...]
+
+    def __getitem__(self, slot: str) -> Stack:
+        """The stack in a slot.
+
+        Raises:
+            InvalidInput: there is none.
+        """
+        for stack in self.stacks:
+            if stack.slot == slot:
+                return stack
+        raise InvalidInput(f"controller '{self.name}' drives slot '{self.slots}', not '{slot}'")
 
     @property
-    def stacks(self) -> tuple[Stack, Stack, Stack]:
-        """Its stacks in the order of the slots."""
-        return (self.z, self.xy, self.process)
+    def z(self) -> Stack:
+        """The stack that follows the height."""
+        return self["z"]
+
+    @property
+    def xy(self) -> Stack:
+        """The stack that moves the axes."""
+        return self["xy"]
+
+    @property
+    def process(self) -> Stack:
+        """The stack that sets the process."""
+        return self["process"]
+
+    @property
+    def slots(self) -> str:
+        """Its slots in words: ``z, xy and process``."""
+        return " and ".join(", ".join(s.slot for s in self.stacks).rsplit(", ", 1))
+
+    def having(self, *stacks: Stack) -> "Team":
+        """The team with these stacks in their slots."""
+        found = {stack.slot: stack for stack in (*self.stacks, *stacks)}
+        return replace(self, stacks=tuple(found[slot] for slot in SLOTS if slot in found))
+
+    @property
+    def full(self) -> "Team":
+        """The team with all slots: open ones are filled by companions of its stacks, or :data:`STANDARD`."""
+        mates = {slot: mate for stack in self.stacks for slot, mate in stack.companions.items()}
+        usual = (mates.get(slot) or get(name) for slot, name in STANDARD.items())
+        return replace(self, stacks=()).having(*usual, *self.stacks)
 
     @property
     def information(self) -> str:
@@ -279,9 +318,12 @@ class Team:
         """What is in it."""
         return ", ".join(f"{s.slot}={s.name}" for s in self.stacks)
 
+    def _prefix(self, stack: Stack) -> str:
+        return f"{stack.slot}." if len(self.stacks) > 1 else ""
+
     def parameters(self) -> dict[str, Parameter]:
-        """Every declared parameter, its name preceded by the slot: ``z.law.kp``."""
-        return {f"{s.slot}.{name}": p for s in self.stacks for name, p in s.parameters().items()}
+        """Every declared parameter; in a team of several stacks the slot precedes its name: ``z.law.kp``."""
+        return {self._prefix(s) + name: p for s in self.stacks for name, p in s.parameters().items()}
 
     def varied(self, changes: dict[str, Any], name: str | None = None) -> "Team":
         """The team with some parameters changed, named as :meth:`parameters` names them.
@@ -290,14 +332,14 @@ class Team:
             InvalidInput: unknown parameter (the nearest is offered), or value out of range.
         """
         known = self.parameters()
-        by_slot: dict[str, dict[str, Any]] = {}
-        for key, value in changes.items():
+        for key in changes:
             if key not in known:
                 raise InvalidInput(f"controller '{self.name}': unknown parameter '{key}'; {did_you_mean(key, known)}")
-            slot, parameter = key.split(".", 1)
-            by_slot.setdefault(slot, {})[parameter] = value
-        stacks = {s.slot: s.varied(by_slot[s.slot]) for s in self.stacks if s.slot in by_slot}
-        return replace(self, name=name or self.name, **stacks)
+        stacks = []
+        for stack in self.stacks:
+            own = self._prefix(stack)
+            stacks.append(stack.varied({k.removeprefix(own): v for k, v in changes.items() if k.startswith(own)}))
+        return replace(self, name=name or self.name, stacks=tuple(stacks))
 
     @property
     def program(self) -> list[str]:
@@ -306,7 +348,9 @@ class Team:
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """How its stacks were tuned, by slot."""
+        """How its stacks were tuned, by slot if there are several."""
+        if len(self.stacks) == 1:
+            return self.stacks[0].provenance
         return {stack.slot: stack.provenance for stack in self.stacks if stack.provenance}
 
     def install(self, fleet: Fleet, machines: Any) -> None:
@@ -315,37 +359,42 @@ class Team:
             stack.install(fleet, machines)
 
 
-def team(spec: "str | Stack | Team") -> Team:
-    """A team from what a user writes: ``wu`` or ``z=pid,xy=wu,process=recipe``; open slots are filled by
-    :data:`STANDARD`.
+def asked(spec: "str | Stack | Team") -> Team:
+    """The team that a user's words name, no more: ``pid`` has the slot ``z`` alone, ``z=pid,xy=wu`` two.
 
     Raises:
         InvalidInput: as :func:`resolve`, or a slot is given twice.
     """
     if isinstance(spec, Team):
         return spec
-    if isinstance(spec, str) and spec.endswith(".toml") and "=" not in spec:
+    if isinstance(spec, Stack):
+        return Team(spec.name, (spec,))
+    if spec.endswith(".toml") and "=" not in spec:
         base, changes, provenance = tuned(spec)
         if is_team(base):
             varied, slots = team(base).varied(changes, name=spec), {key.split(".")[0] for key in changes}
-            made: Any = {s.slot: replace(s, provenance=provenance) for s in varied.stacks if s.slot in slots}
-            return replace(varied, **made)
-    parts = [spec] if isinstance(spec, Stack) else spec.split(",")
-    merged: list[Any] = []
-    for part in parts:  # overrides of the stack before have commas too: xy=wu:law.kp=1,plan.corners=0
-        if merged and isinstance(part, str) and part.split("=")[0] not in SLOTS:
+            return varied.having(*(replace(s, provenance=provenance) for s in varied.stacks if s.slot in slots))
+    merged: list[str] = []
+    for part in spec.split(","):  # overrides of the stack before have commas too: xy=wu:law.kp=1,plan.corners=0
+        if merged and part.split("=")[0] not in SLOTS:
             merged[-1] += "," + part
         else:
             merged.append(part)
-    found: dict[str, Stack] = {}
-    for part in merged:
-        stack = resolve(part)
-        if stack.slot in found:
+    stacks = [resolve(part) for part in merged]
+    for stack in stacks:
+        if [s.slot for s in stacks].count(stack.slot) > 1:
             raise InvalidInput(f"'{spec}': slot '{stack.slot}' is given twice")
-        found[stack.slot] = stack
-    companions = {slot: mate for stack in found.values() for slot, mate in stack.companions.items()}
-    filled = {slot: found.get(slot) or companions.get(slot) or get(name) for slot, name in STANDARD.items()}
-    return Team(spec if isinstance(spec, str) else spec.name, **filled)
+    return Team(spec if len(stacks) > 1 else stacks[0].name, ()).having(*stacks)
+
+
+def team(spec: "str | Stack | Team") -> Team:
+    """The team that does jobs, from what a user writes: :func:`asked` with all slots.
+
+    Raises:
+        InvalidInput: as :func:`asked`.
+    """
+    found = asked(spec).full
+    return replace(found, name=spec) if isinstance(spec, str) else found
 
 
 def is_team(spec: str) -> bool:

@@ -362,13 +362,13 @@ def _reason(error: Exception) -> str:
     return "".join([lines[0] if lines else repr(error), *where[:1]])
 
 
-def stage_address(function: Callable[..., None]) -> int:
-    """Address of an environment's stage, compiled and cached with the text of its file as part of the key."""
+def stage_address(function: Callable[..., None], *more: str) -> int:
+    """Address of an environment's stage, compiled and cached with the text of its file as part of the key, and of
+    ``more`` files that parts of it are in."""
     name = f"{function.__module__}.{function.__qualname__}"
     if name not in _stages:
-        path = inspect.getsourcefile(function)
-        text = Path(path).read_text(encoding="utf-8") if path else ""
-        _stages[name] = Kernel(function, text)
+        paths = [inspect.getsourcefile(function), *more]
+        _stages[name] = Kernel(function, "".join(Path(path).read_text(encoding="utf-8") for path in paths if path))
     return _stages[name].address
 
 

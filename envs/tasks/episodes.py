@@ -1,84 +1,34 @@
-"""Episodes of any number of machines behind one set of arrays: what every environment and vector environment is.
+"""Which scenario and seed each of a batch's machines lives through, and what users may ask for."""
 
-Machine ``i`` with the sequence seed ``s`` lives through the same episodes, bit for bit, in a batch of any size and in
-the single environment.
-"""
-
-from collections.abc import Callable
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 
 from .. import scenarios
 from ..engine.deck import refuse_copy
 from ..engine.lanes import mix
 from ..engine.quantity import InvalidInput, did_you_mean
-from ..plant.fleet import Fleet
 from ..safety import files
 from ..scenarios import Scenario
 
 
 class Episodes:
-    """What batches have in common: which scenario and seed each machine lives through, and how long.
+    """What a batch knows of its machines' episodes.
 
-    The arrays belong to the batch and change with every step: ``actions`` float32 (size, k); ``observations`` float32
-    (size, d); ``rewards`` and their sums ``returns`` float64 (size,); ``infos`` float64 (len(INFO), size); ``left``
-    float64 (size,), steps until the time is over; ``terminated`` and ``truncated`` bool (size,).
+    Args:
+        size: machines.
+        found: scenarios; each episode has one of them.
+        split: of the scenario seeds.
+        longest: steps of an episode of each scenario.
     """
 
-    INFO: tuple[str, ...] = ()
-    fleet: Fleet
-    base: Any
-    advance: Callable[[], Any]
-    """One step of every machine."""
-
-    def __init__(
-        self,
-        size: int,
-        scenarios_: list[Scenario],
-        split: str,
-        steps: list[int],
-        action_space: gym.spaces.Box,
-        observation_space: gym.spaces.Box,
-    ) -> None:
-        self.size, self.scenarios, self.split = size, scenarios_, split
-        self._steps = np.array(steps)
-        self.action_space, self.observation_space = action_space, observation_space
-        self.actions = np.zeros((size, *action_space.shape), np.float32)
-        self.observations = np.zeros((size, *observation_space.shape), np.float32)
-        self.rewards, self.returns, self.infos = np.zeros(size), np.zeros(size), np.zeros((len(self.INFO), size))
-        self.left = np.zeros(size)
-        self.terminated, self.truncated = np.zeros(size, bool), np.zeros(size, bool)
+    def __init__(self, size: int, found: list[Scenario], split: str, longest: list[int]) -> None:
+        self.size, self.scenarios, self.split, self.longest = size, found, split, np.array(longest)
         self.scenario_seeds, self.scenario_of = np.zeros(size, np.int64), np.zeros(size, np.int64)
-        self._prepared = np.full(size, -1, np.int64)  # index of the scenario whose physics the column holds
         self._sequence, self._episode = np.full(size, -1, np.int64), np.zeros(size, np.int64)
 
     def __reduce__(self) -> Any:
         refuse_copy(self)
-
-    @property
-    def arrays(self) -> dict[str, np.ndarray]:
-        """The arrays that stages read and write, by the names that these have for them."""
-        names = "actions", "observations", "rewards", "returns", "infos", "left", "terminated", "truncated"
-        return {name: getattr(self, name) for name in names}
-
-    def prepare(self, index: int, machines: np.ndarray, seeds: np.ndarray, again: bool) -> None:
-        """Writes scenario ``index`` into the columns of ``machines``; ``again``: they hold it already."""
-        raise NotImplementedError
-
-    def film(self, machine: int) -> Any:
-        """What shows the episode of a machine that has just begun: ``take(fleet, machine)`` and ``frame()``."""
-        raise NotImplementedError
-
-    def prepared(self, machines: np.ndarray) -> None:
-        """What else has to be written before an episode begins."""
-
-    # ------------------------------------------------------------------------------------------------ episodes
-
-    def has_sequence(self, machine: int) -> bool:
-        """Whether the machine has got a sequence of episodes."""
-        return bool(self._sequence[machine] >= 0)
 
     @property
     def begun(self) -> np.ndarray:
@@ -117,55 +67,40 @@ class Episodes:
                 )
         return np.broadcast_to(seeds, count).astype(np.int64)
 
-    def start(self, machines: np.ndarray, seeds: np.ndarray) -> None:
-        """Starts the episodes of these scenario seeds; the other machines are left alone."""
-        if len(self.scenarios) == 1:
-            which = np.zeros(len(machines), np.int64)
-            self._prepare(0, machines, seeds)
+    def take_seeds(self, machines: np.ndarray, seed: Any, random: np.random.Generator) -> None:
+        """Gives machines the sequences of episodes that ``seed`` asks for; those without any get a random one.
+
+        Args:
+            machines: indices, shape (n,).
+            seed: a whole number ``s``, which stands for ``s + i``; or one for each machine of the batch, None: it goes
+                on with the present sequence.
+            random: where random ones come from.
+
+        Raises:
+            InvalidInput: not as many seeds as environments, or one that is not a whole number from 0 on.
+        """
+        if seed is None or isinstance(seed, int | np.integer):
+            seeds = [None if seed is None else int(seed) + i for i in range(self.size)]
         else:
-            which = (mix(seeds, 7) % np.uint64(len(self.scenarios))).astype(np.int64)
-            for index in np.unique(which).tolist():
-                chosen = which == index
-                self._prepare(index, machines[chosen], seeds[chosen])
-        self.prepared(machines)
+            seeds = list(seed)
+            if len(seeds) != self.size:
+                raise InvalidInput(f"{len(seeds)} seeds for {self.size} environments; one for each")
+        for i in machines.tolist():
+            given = seeds[i]
+            if given is not None and (not isinstance(given, int | np.integer) or given < 0):
+                raise InvalidInput(f"seed {given!r} of environment {i}: a whole number from 0 on")
+            if given is not None or self._sequence[i] < 0:
+                self.sequence(i, int(random.integers(2**31)) if given is None else int(given))
+
+    def meet(self, machines: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+        """Notes that episodes of these scenario seeds begin; returns the index of each one's scenario."""
+        which = (mix(seeds, 7) % np.uint64(len(self.scenarios))).astype(np.int64)
         self.scenario_seeds[machines], self.scenario_of[machines] = seeds, which
-        self.fleet.begin(machines, scenarios.noise_keys(seeds))
-        self.left[machines], self.returns[machines] = self._steps[which], 0.0
-
-    def _prepare(self, index: int, machines: np.ndarray, seeds: np.ndarray) -> None:
-        again = bool((self._prepared[machines] == index).all())
-        self.prepare(index, machines, seeds, again)
-        self._prepared[machines] = index
-
-    def restart(self, machines: np.ndarray) -> None:
-        """Starts the next episodes of the machines' sequences."""
-        self.start(machines, self.following_seeds(machines))
-
-    def length(self, machine: int) -> int:
-        """Periods of the machine's episode so far."""
-        return int(self._steps[self.scenario_of[machine]] - self.left[machine])
+        return which
 
     def scenario(self, machine: int) -> Scenario:
         """The scenario of the machine's episode."""
         return self.scenarios[int(self.scenario_of[machine])]
-
-    # ------------------------------------------------------------------------------------------------- stepping
-
-    def put_actions(self, actions: Any) -> None:
-        """Takes the actions of the coming period.
-
-        Raises:
-            InvalidInput: wrong shape or type, or not finite.
-        """
-        array = np.asarray(actions)
-        if array.shape != self.actions.shape:
-            raise InvalidInput(f"the actions have shape {array.shape}; it must be {self.actions.shape}")
-        if array.dtype.kind not in "fiu":
-            raise InvalidInput(f"the actions are of type {array.dtype}; numbers are needed, float32 best")
-        if not np.isfinite(array).all():
-            bad = int(np.flatnonzero(~np.isfinite(array).all(axis=1))[0])
-            raise InvalidInput(f"the action of environment {bad}, {array[bad]}, is not finite; allowed: -1 to 1")
-        np.copyto(self.actions, array, casting="unsafe")
 
 
 def chosen(scenario: Any, changes: dict[str, Any] | None) -> list[Scenario]:
@@ -185,6 +120,14 @@ def check_render_mode(mode: str | None, allowed: list[str]) -> None:
     """Raises :class:`InvalidInput` for a way of rendering that does not exist."""
     if mode is not None and mode not in allowed:
         raise InvalidInput(f"unknown render_mode '{mode}'; {did_you_mean(str(mode), allowed)}")
+
+
+def check_options(options: dict[str, Any] | None, *allowed: str) -> dict[str, Any]:
+    """The options of a ``reset``; raises :class:`InvalidInput` for one that does not exist."""
+    for key in options or {}:
+        if key not in allowed:
+            raise InvalidInput(f"unknown option '{key}'; {did_you_mean(key, allowed)}")
+    return options or {}
 
 
 def check_choice(value: str, allowed: Any, what: str) -> None:

@@ -9,14 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ..engine import lanes
-from ..engine.deck import places
 from ..engine.lanes import (
     U1,
     UW,
     U,
     clip,
     doubles,
-    flags,
     load,
     logarithm,
     logarithm32,
@@ -28,9 +26,7 @@ from ..engine.lanes import (
 )
 from ..plant import filters, machine, supervisor
 from ..plant.controller import PERIOD, Privileged
-
-CONTROLS = ("direct", "residual", "schedule")
-OBSERVATIONS = ("features", "raw")
+from .task import ANY, IO, IO_SIZE, Actions, Signals, Task, end
 
 DIRECT_SPEED, RESIDUAL_SPEED = 200.0, 50.0
 """mm/s of head velocity that an action of 1 means, alone or beside a base controller's (Johannink et al. 2019)."""
@@ -91,26 +87,6 @@ class Reward(NamedTuple):
     tolerance: float = TOLERANCE  # mm; the unit of the error, which is felt logarithmically beyond it
 
 
-class Io(NamedTuple):
-    """The stages' deck: the batch's arrays, and what they hold."""
-
-    actions: int  # float32, (machines, width)
-    observations: int  # float32, (machines, size)
-    rewards: int  # float64, (machines,)
-    returns: int  # float64, (machines,), sums of the rewards of the episodes
-    infos: int  # float64, (len(INFO), machines)
-    weights: int  # float64, (4,), see Reward
-    control: int
-    raw: int
-    size: int
-    width: int
-    machines: int
-    left: int  # float64, (machines,), periods until the time is over
-    terminated: int  # bool, (machines,)
-    truncated: int  # bool, (machines,)
-    memory: int  # float64, (len(Memory._fields), machines)
-
-
 class Memory(NamedTuple):
     """What the features remember of an episode: running means, over SOON or LATE periods."""
 
@@ -123,9 +99,6 @@ class Memory(NamedTuple):
     error_late: float = 0.0
 
 
-IO = places(Io)
-_IO = U(len(Io._fields))
-_ANY = U(2**40)
 _SPEED = 0.01 / PERIOD  # of a millimetre per period, in 100 mm/s
 _ROWS = len(RAW) * lanes.W
 _INFO = U(len(INFO))
@@ -144,8 +117,8 @@ _GAP, _HEIGHT, _SET, _MODE, _OVERRIDE, _CAPTURED, _FEED, _FRESH = (
 
 def act(block_address, at, n, io_address, first):
     """Stage before a period: the action becomes a change of the stack or of its command."""
-    block, io = doubles(block_address, _ANY), words(io_address, _IO)
-    actions, count = singles(io[IO.actions], _ANY), io[IO.width]
+    block, io = doubles(block_address, ANY), words(io_address, IO_SIZE)
+    actions, count = singles(io[IO.actions], ANY), io[IO.width]
     if io[IO.control] == U(2):
         schedule(block, at, n, actions, first)
     else:
@@ -406,22 +379,16 @@ def put_infos(rows, n, infos, o, machines):
 
 
 @stage
-def end(rows, n, rewards, returns, left, terminated, truncated):
+def conclude(rows, n, io, first):
     """The reward, and whether an episode is over: by contact, or because the time is."""
-    one, none = np.uint8(1), np.uint8(0)
     for lane in range(n):
         reward = rows[U(12) * UW + lane] + rows[U(13) * UW + lane] + rows[U(14) * UW + lane]
-        rewards[lane] = reward
-        returns[lane] += reward
-        left[lane] -= 1.0
-        hit = rows[U(4) * UW + lane] > 0.5
-        terminated[lane] = one if hit else none
-        truncated[lane] = one if left[lane] <= 0.0 and not hit else none
+        end(io, first, lane, reward, rows[U(4) * UW + lane] > 0.5)
 
 
 def observe(block_address, at, n, io_address, first):
     """Stage after a period: observation, reward and info of each machine, and whether its episode is over."""
-    block, io = doubles(block_address, _ANY), words(io_address, _IO)
+    block, io = doubles(block_address, ANY), words(io_address, IO_SIZE)
     tick = U(np.int64(block[at + machine.CLOCK]))  # the same in every lane
     rows = scratch(_ROWS)
     if io[IO.raw] == U1:
@@ -429,12 +396,42 @@ def observe(block_address, at, n, io_address, first):
     else:
         sheets(block, at, n, rows, tick)
         features(block, at, n, rows, tick)
-        remember(block, at, n, rows, tick, doubles(io[IO.memory] + first * U(8), _ANY), io[IO.machines])
-    lay_out(rows, n, singles(io[IO.observations], _ANY), first * io[IO.size], io[IO.size])
-    judge(block, at, n, rows, doubles(io[IO.weights], _ANY), tick)
-    put_infos(rows, n, doubles(io[IO.infos], _ANY), first, io[IO.machines])
-    eighth = first * U(8)
-    end(
-        rows, n, doubles(io[IO.rewards] + eighth, n), doubles(io[IO.returns] + eighth, n),
-        doubles(io[IO.left] + eighth, n), flags(io[IO.terminated] + first, n), flags(io[IO.truncated] + first, n),
-    )  # fmt: skip
+        remember(block, at, n, rows, tick, doubles(io[IO.memory] + first * U(8), ANY), io[IO.machines])
+    lay_out(rows, n, singles(io[IO.observations], ANY), first * io[IO.size], io[IO.size])
+    judge(block, at, n, rows, doubles(io[IO.weights], ANY), tick)
+    put_infos(rows, n, doubles(io[IO.infos], ANY), first, io[IO.machines])
+    conclude(rows, n, io, first)
+
+
+TASK = Task(
+    id="kerfgym/HeightFollowing-v0",
+    name="height-following",
+    slot="z",
+    period=1,
+    scenario="wavy",
+    base="xi2023-improved",
+    actions={
+        "direct": Actions(("velocity",), ("mm/s",), (DIRECT_SPEED,)),
+        "residual": Actions(("velocity",), ("mm/s",), (RESIDUAL_SPEED,)),
+        "schedule": Actions(
+            ("window", "trim", "gain"),
+            ("samples", "samples", "1"),
+            (float(LONGEST_WINDOW), float(LARGEST_TRIM), LARGEST_GAIN),
+            (1.0, 0.0, LEAST_GAIN),
+        ),
+    },
+    features=Signals(FEATURES, -LIMIT, LIMIT),
+    raw=Signals(
+        RAW,
+        [0.0] * 2 * RAW_HISTORY + [-200.0] * RAW_HISTORY + [-2000.0] * (RAW_HISTORY + 1) + [0.0] * 5,
+        [10.1] * 2 * RAW_HISTORY + [200.0] * RAW_HISTORY + [2000.0] * (RAW_HISTORY + 1) + [10.0, 2000.0, 1.0, 1.0, 6.0],
+    ),
+    scaling={"unit_mm": TOLERANCE, "compressed": 0.2, "limit": LIMIT},
+    info=INFO,
+    reward=Reward(),
+    act=act,
+    observe=observe,
+    memory=len(Memory._fields),
+    with_job=False,
+)
+"""Declares HeightFollowing."""

@@ -1,18 +1,18 @@
 """What a policy does to a job and what it gets back: stages before and after each decision of 8 ms."""
 
-from typing import NamedTuple
+from collections import namedtuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..engine.deck import places
-from ..engine.lanes import U0, U1, UW, U, clip, doubles, flags, load, logarithm, part, singles, store, words
+from ..engine.lanes import U0, U1, UW, U, clip, doubles, load, logarithm, part, singles, store, words
 from ..plant import cut, gantry, machine, published, xy_axes
 from ..plant.controller import PERIOD, Privileged, Process
 from ..plant.gantry import CUT, LEAD_IN, Hand, Journey, Progress, Recipe, Sums, Trail, between
+from .task import ANY, IO, IO_SIZE, Actions, Signals, Task, end
 
-TASKS = ("contour", "cutting")
-CONTROLS = ("residual", "direct")
-OBSERVATIONS = ("features", "raw")
+PERIOD_MS = 8
+"""From decision to decision."""
 
 CORRECTION = 0.5
 """mm of the reference that an action of ±1 means: all that the machine lets a hand add (``gantry.Journey``)."""
@@ -113,36 +113,26 @@ class Heading(NamedTuple):
     y: float = 0.0
 
 
-class Io(NamedTuple):
-    """The stages' deck: the batch's arrays, and what they hold."""
-
-    actions: int  # float32, (machines, width)
-    observations: int  # float32, (machines, size)
-    rewards: int  # float64, (machines,)
-    returns: int  # float64, (machines,)
-    infos: int  # float64, (len(INFO), machines)
-    weights: int  # float64, (terms,)
-    task: int
-    direct: int
-    raw: int
-    size: int
-    width: int
-    machines: int
-    left: int  # float64, (machines,), steps until the time is over
-    terminated: int  # bool, (machines,)
-    truncated: int  # bool, (machines,)
-    gantry: int  # the gantries' deck
-
-
-IO = places(Io)
-_IO, _ANY = U(len(Io._fields)), U(2**40)
 _TRAIL = U(len(Trail._fields)) * UW
 _COLLIDED = machine.TALLY + U(machine.Tally._fields.index("collided")) * UW
-_STEP = 8e-3
+_STEP = PERIOD_MS * PERIOD
 _BACK = 2
 """ms that the trail reaches back."""
 _TURNS = U(len(TURNS))
-_EXTRAPOLATED, _EXCESSES = U(INFO["cutting"].index("extrapolated")), U(len(published.Excess._fields))
+_EXCESSES = U(len(published.Excess._fields))
+_CONTOUR_TERMS, _CUTTING_TERMS = U(len(ContourReward._fields)), U(len(CuttingReward._fields))
+
+
+def _offsets(names):
+    """Where each name stands, as compiled code counts; names that are no identifiers are left to loops."""
+    make: Any = namedtuple
+    return make("Offsets", names, rename=True)(*map(U, range(len(names))))
+
+
+# The first of each serves both tasks where they are alike.
+SEEN, SEEN_CONTOUR = _offsets(FEATURES["cutting"]), _offsets(FEATURES["contour"])
+TOLD, TOLD_CUTTING = _offsets(INFO["contour"]), _offsets(INFO["cutting"])
+_TURN, _PUSH = (U(FEATURES["contour"].index(f"{what}_{TURNS[0]:+d}")) for what in ("turn", "push"))
 
 
 @part
@@ -187,10 +177,10 @@ def between_ends(low, high, u):
 
 def act(block_address, at, n, io_address, first):
     """Stage before a step: the action becomes what the hand adds to path and process."""
-    io = words(io_address, _IO)
+    io = words(io_address, IO_SIZE)
     deck = words(io[IO.gantry], gantry.DECK)
-    g, jobs = doubles(deck[gantry.D.block], _ANY), doubles(deck[gantry.D.jobs], _ANY)
-    base, actions, width = gantry.column_of(at), singles(io[IO.actions], _ANY), io[IO.width]
+    g, jobs = doubles(deck[gantry.D.block], ANY), doubles(deck[gantry.D.jobs], ANY)
+    base, actions, width = gantry.column_of(at), singles(io[IO.actions], ANY), io[IO.width]
     for lane in range(n):
         a, i = base + lane, (first + lane) * width
         if io[IO.task] == U0:
@@ -207,7 +197,7 @@ def act(block_address, at, n, io_address, first):
             u2, u3 = clip(np.float64(actions[i + U(2)]), -1.0, 1.0), clip(np.float64(actions[i + U(3)]), -1.0, 1.0)
             u4, u5 = clip(np.float64(actions[i + U(4)]), -1.0, 1.0), clip(np.float64(actions[i + U(5)]), -1.0, 1.0)
             u6, u7 = clip(np.float64(actions[i + U(6)]), -1.0, 1.0), clip(np.float64(actions[i + U(7)]), -1.0, 1.0)
-            if io[IO.direct] == U1:
+            if io[IO.control] == U1:
                 r, p = load(Recipe, g, a + gantry.P_RECIPE), load(gantry.spot.Params, g, a + gantry.P_OPTICS)
                 q, j = load(published.Range, g, a + gantry.P_PUBLISHED), load(Journey, g, a + gantry.P_JOURNEY)
                 # From nothing to the most that the optics and the recipe allow; 0 is the middle.
@@ -232,7 +222,7 @@ def act(block_address, at, n, io_address, first):
                     RESIDUAL.override * u0, RESIDUAL.power * u1, RESIDUAL.frequency * u2, RESIDUAL.x * u3,
                     RESIDUAL.y * u4, RESIDUAL.z * u5, RESIDUAL.focus * u6, RESIDUAL.standoff * u7,
                 )  # fmt: skip
-            store(g, a + gantry.HAND, Hand(0.0, 0.0, 0.0 if io[IO.direct] == U1 else 1.0, h))
+            store(g, a + gantry.HAND, Hand(0.0, 0.0, 0.0 if io[IO.control] == U1 else 1.0, h))
 
 
 # ---------------------------------------------------------------------------------------------- the observation
@@ -251,13 +241,13 @@ def _see_reference(g, b, jobs, j, s, t, before, out, o, raw):
     p, tau = load(xy_axes.Params, g, b + gantry.P_XY), _coming(g, b)
     h = _heading(jobs, j, tau)
     left, along = s.dy * h.x - s.dx * h.y, s.dx * h.x + s.dy * h.y
-    _put(out, o, left, raw, left / CORRECTION)
-    _put(out, o + U1, along, raw, along / CORRECTION)
+    _put(out, o + SEEN_CONTOUR.correction_left, left, raw, left / CORRECTION)
+    _put(out, o + SEEN_CONTOUR.correction_along, along, raw, along / CORRECTION)
     rate = (t.error - before.error) / (_BACK * PERIOD)
-    _put(out, o + U(2), rate, raw, _symlog(rate * _STEP / TOLERANCE))
+    _put(out, o + SEEN_CONTOUR.contour_rate, rate, raw, _symlog(rate * _STEP / TOLERANCE))
     bend, ahead = t.tx * h.y - t.ty * h.x, t.tx * h.x + t.ty * h.y
-    _put(out, o + U(3), bend, raw, bend)
-    _put(out, o + U(4), ahead, raw, ahead)
+    _put(out, o + SEEN_CONTOUR.bend_reference, bend, raw, bend)
+    _put(out, o + SEEN_CONTOUR.ahead_reference, ahead, raw, ahead)
     # Second differences of the path over time, as it will be travelled with the present override.
     ms = (TURNS[1] - TURNS[0]) * s.override
     at, over = tau + TURNS[0] * s.override, 1.0 / (1e-6 * (TURNS[1] - TURNS[0]) * (TURNS[1] - TURNS[0]))
@@ -269,8 +259,8 @@ def _see_reference(g, b, jobs, j, s, t, before, out, o, raw):
         x2, y2 = between(jobs, j, at, U0), between(jobs, j, at, U1)
         ax, ay = (x2 - 2.0 * x1 + x0) * over, (y2 - 2.0 * y1 + y0) * over
         turn, push = ay * h.x - ax * h.y, ax * h.x + ay * h.y
-        _put(out, o + U(5) + k, turn, raw, scale * turn)
-        _put(out, o + U(5) + _TURNS + k, push, raw, scale * push)
+        _put(out, o + _TURN + k, turn, raw, scale * turn)
+        _put(out, o + _PUSH + k, push, raw, scale * push)
         x0, y0, x1, y1 = x1, y1, x2, y2
 
 
@@ -281,46 +271,46 @@ def _see(block, a, g, b, jobs, out, o, raw, task, trail, earlier):
     applied = load(Process, g, b + gantry.APPLIED)
     t, before, feed = load(Trail, g, b + trail), load(Trail, g, b + earlier), max(j.feed, 1e-3)
     planned = between(jobs, j, t.tau, U(3))
-    _put(out, o, t.error, raw, _symlog(t.error / TOLERANCE))
-    _put(out, o + U(1), t.lag, raw, _symlog(t.lag / (10.0 * TOLERANCE)))
-    _put(out, o + U(2), t.speed, raw, t.speed / feed)
-    _put(out, o + U(3), planned, raw, planned / feed)
+    _put(out, o + SEEN.contour_error, t.error, raw, _symlog(t.error / TOLERANCE))
+    _put(out, o + SEEN.lag, t.lag, raw, _symlog(t.lag / (10.0 * TOLERANCE)))
+    _put(out, o + SEEN.speed, t.speed, raw, t.speed / feed)
+    _put(out, o + SEEN.planned, planned, raw, planned / feed)
     for k in range(U(3)):
         ms = AHEAD[0] if k == U0 else (AHEAD[1] if k == U1 else AHEAD[2])
         later = between(jobs, j, t.tau + ms, U(3))
         tx, ty = between(jobs, j, t.tau + ms, U(4)), between(jobs, j, t.tau + ms, U(5))
         bend, ahead = t.tx * ty - t.ty * tx, t.tx * tx + t.ty * ty
-        _put(out, o + U(4) + k, later, raw, later / feed)
-        _put(out, o + U(7) + k, bend, raw, bend)
-        _put(out, o + U(10) + k, ahead, raw, ahead)
-    _put(out, o + U(13), t.override, raw, t.override)
-    _put(out, o + U(14), t.tx, raw, t.tx)
-    _put(out, o + U(15), t.ty, raw, t.ty)
+        _put(out, o + SEEN.planned_50 + k, later, raw, later / feed)
+        _put(out, o + SEEN.bend_50 + k, bend, raw, bend)
+        _put(out, o + SEEN.ahead_50 + k, ahead, raw, ahead)
+    _put(out, o + SEEN.override, t.override, raw, t.override)
+    _put(out, o + SEEN.tangent_x, t.tx, raw, t.tx)
+    _put(out, o + SEEN.tangent_y, t.ty, raw, t.ty)
     cutting = 1.0 if t.phase == LEAD_IN or t.phase == CUT else 0.0
-    _put(out, o + U(16), cutting, raw, cutting)
-    _put(out, o + U(17), t.beam, raw, t.beam)
+    _put(out, o + SEEN.cutting, cutting, raw, cutting)
+    _put(out, o + SEEN.beam, t.beam, raw, t.beam)
     progress = s.near / (j.samples - 1.0)
-    _put(out, o + U(18), progress, raw, progress)
+    _put(out, o + SEEN.progress, progress, raw, progress)
     if task == U0:
-        _see_reference(g, b, jobs, j, s, t, before, out, o + U(19), raw)
+        _see_reference(g, b, jobs, j, s, t, before, out, o, raw)
     else:
         x = load(Privileged, block, a + machine.SIGNALS)
         height, p = x.height - x.set_height, load(gantry.spot.Params, g, b + gantry.P_OPTICS)
-        _put(out, o + U(19), height, raw, _symlog(height / TOLERANCE))
-        _put(out, o + U(20), x.set_height, raw, x.set_height)
-        _put(out, o + U(21), applied.override, raw, applied.override)
-        _put(out, o + U(22), applied.power, raw, applied.power)
-        _put(out, o + U(23), applied.frequency, raw, applied.frequency / p.highest)
-        _put(out, o + U(24), applied.x, raw, applied.x / p.galvo_range)
-        _put(out, o + U(25), applied.y, raw, applied.y / p.galvo_range)
-        _put(out, o + U(26), applied.z, raw, applied.z / p.piezo_range)
-        _put(out, o + U(27), applied.focus, raw, applied.focus / p.piezo_range)
-        _put(out, o + U(28), applied.standoff, raw, applied.standoff)
+        _put(out, o + SEEN.height_error, height, raw, _symlog(height / TOLERANCE))
+        _put(out, o + SEEN.set_height, x.set_height, raw, x.set_height)
+        _put(out, o + SEEN.command_override, applied.override, raw, applied.override)
+        _put(out, o + SEEN.command_power, applied.power, raw, applied.power)
+        _put(out, o + SEEN.command_frequency, applied.frequency, raw, applied.frequency / p.highest)
+        _put(out, o + SEEN.command_x, applied.x, raw, applied.x / p.galvo_range)
+        _put(out, o + SEEN.command_y, applied.y, raw, applied.y / p.galvo_range)
+        _put(out, o + SEEN.command_z, applied.z, raw, applied.z / p.piezo_range)
+        _put(out, o + SEEN.command_focus, applied.focus, raw, applied.focus / p.piezo_range)
+        _put(out, o + SEEN.command_standoff, applied.standoff, raw, applied.standoff)
         # Cosines of two and four times the path's angle: what two axes do to a spot is the same forth and back.
         axial = t.tx * t.tx - t.ty * t.ty
         diagonal = 2.0 * axial * axial - 1.0
-        _put(out, o + U(29), axial, raw, axial)
-        _put(out, o + U(30), diagonal, raw, diagonal)
+        _put(out, o + SEEN.axial, axial, raw, axial)
+        _put(out, o + SEEN.diagonal, diagonal, raw, diagonal)
 
 
 # ---------------------------------------------------------------------------------------- the reward and the info
@@ -333,22 +323,23 @@ def _common(block, a, g, b, trail, infos, o, m):
     r, was = load(Recipe, g, b + gantry.P_RECIPE), load(Sums, g, b + gantry.BEFORE)
     j, p = load(Journey, g, b + gantry.P_JOURNEY), load(Progress, g, b + gantry.PROGRESS)
     length = s.length - was.length
-    infos[o] = s.time
-    infos[o + m] = t.x
-    infos[o + U(2) * m] = t.y
-    infos[o + U(3) * m] = t.phase
-    infos[o + U(4) * m] = p.near / (j.samples - 1.0)
-    infos[o + U(5) * m] = t.error
-    infos[o + U(6) * m] = t.lag
-    infos[o + U(7) * m] = t.speed
-    infos[o + U(8) * m] = t.override
-    infos[o + U(9) * m] = x.gap
-    infos[o + U(10) * m] = x.gap - r.standoff
-    infos[o + U(11) * m] = x.height
-    infos[o + U(12) * m] = block[a + _COLLIDED]
-    infos[o + U(13) * m] = s.length
-    infos[o + U(14) * m] = np.sqrt(max(s.contour2 - was.contour2, 0.0) / length) if length > 0.0 else 0.0
-    infos[o + U(15) * m] = t.over
+    infos[o + TOLD.time * m] = s.time
+    infos[o + TOLD.x * m] = t.x
+    infos[o + TOLD.y * m] = t.y
+    infos[o + TOLD.phase * m] = t.phase
+    infos[o + TOLD.progress * m] = p.near / (j.samples - 1.0)
+    infos[o + TOLD.contour_error * m] = t.error
+    infos[o + TOLD.lag * m] = t.lag
+    infos[o + TOLD.speed * m] = t.speed
+    infos[o + TOLD.override * m] = t.override
+    infos[o + TOLD.true_gap * m] = x.gap
+    infos[o + TOLD.gap_error * m] = x.gap - r.standoff
+    infos[o + TOLD.measured_height * m] = x.height
+    infos[o + TOLD.cost * m] = block[a + _COLLIDED]
+    infos[o + TOLD.length * m] = s.length
+    squares = max(s.contour2 - was.contour2, 0.0)
+    infos[o + TOLD.step_contour_rms * m] = np.sqrt(squares / length) if length > 0.0 else 0.0
+    infos[o + TOLD.done * m] = t.over
 
 
 @part
@@ -376,11 +367,11 @@ def _contour_reward(g, b, infos, o, m, weights):
     """The terms of ContourFollowing; returns their weighted sum."""
     lost = _lost(g, b)
     change = load(Progress, g, b + gantry.PROGRESS).override - 1.0
-    infos[o + U(16) * m] = infos[o + U(14) * m] / TOLERANCE
-    infos[o + U(17) * m] = lost
-    infos[o + U(18) * m] = change * change
-    infos[o + U(19) * m] = infos[o + U(12) * m]
-    return _weigh(infos, o, m, weights, U(16), U(4))
+    infos[o + TOLD.reward_contour * m] = infos[o + TOLD.step_contour_rms * m] / TOLERANCE
+    infos[o + TOLD.reward_time * m] = lost
+    infos[o + TOLD.reward_feed * m] = change * change
+    infos[o + TOLD.reward_collision * m] = infos[o + TOLD.cost * m]
+    return _weigh(infos, o, m, weights, TOLD.reward_contour, _CONTOUR_TERMS)
 
 
 @part
@@ -393,41 +384,36 @@ def _cutting_reward(g, b, infos, o, m, weights):
     over = 1.0 / length if length > 0.0 else 0.0
     dross, rough = (s.dross - was.dross) * over, (s.roughness - was.roughness) * over
     through = (s.through - was.through) * over if length > 0.0 else 1.0
-    infos[o + U(16) * m] = f.margin
-    infos[o + U(17) * m] = f.dross
-    infos[o + U(18) * m] = f.roughness
-    infos[o + U(19) * m] = f.kerf_top
-    infos[o + U(20) * m] = f.taper
-    infos[o + U(21) * m] = applied.power * r.power
-    infos[o + U(22) * m] = applied.frequency
-    infos[o + U(23) * m] = dross
-    infos[o + U(24) * m] = rough
-    infos[o + U(25) * m] = through
+    infos[o + TOLD_CUTTING.margin * m] = f.margin
+    infos[o + TOLD_CUTTING.dross * m] = f.dross
+    infos[o + TOLD_CUTTING.roughness * m] = f.roughness
+    infos[o + TOLD_CUTTING.kerf * m] = f.kerf_top
+    infos[o + TOLD_CUTTING.taper * m] = f.taper
+    infos[o + TOLD_CUTTING.power * m] = applied.power * r.power
+    infos[o + TOLD_CUTTING.frequency * m] = applied.frequency
+    infos[o + TOLD_CUTTING.step_dross * m] = dross
+    infos[o + TOLD_CUTTING.step_roughness * m] = rough
+    infos[o + TOLD_CUTTING.step_through * m] = through
     # Less what a cut that just goes through costs: a charge on every mm would pay for putting off the cut.
-    infos[o + U(26) * m] = length * (0.5 * (dross / p.dross + rough / p.rough) - 1.0)
-    infos[o + U(27) * m] = length * (1.0 - through)
-    infos[o + U(28) * m] = _lost(g, b)
-    infos[o + U(29) * m] = infos[o + U(12) * m]
-    infos[o + U(30) * m] = s.outside - was.outside
+    infos[o + TOLD_CUTTING.reward_quality * m] = length * (0.5 * (dross / p.dross + rough / p.rough) - 1.0)
+    infos[o + TOLD_CUTTING.reward_through * m] = length * (1.0 - through)
+    infos[o + TOLD_CUTTING.reward_time * m] = _lost(g, b)
+    infos[o + TOLD_CUTTING.reward_collision * m] = infos[o + TOLD_CUTTING.cost * m]
+    infos[o + TOLD_CUTTING.reward_outside * m] = s.outside - was.outside
     excess = load(published.Excess, g, b + gantry.EXCESS)
-    infos[o + _EXTRAPOLATED * m] = 1.0 if published.outside(excess) else 0.0
+    infos[o + TOLD_CUTTING.extrapolated * m] = 1.0 if published.outside(excess) else 0.0
     for k in range(_EXCESSES):
-        infos[o + (_EXTRAPOLATED + U1 + k) * m] = g[b + gantry.EXCESS + k * UW]
-    return _weigh(infos, o, m, weights, U(26), U(5))
+        infos[o + (TOLD_CUTTING.extrapolated + U1 + k) * m] = g[b + gantry.EXCESS + k * UW]
+    return _weigh(infos, o, m, weights, TOLD_CUTTING.reward_quality, _CUTTING_TERMS)
 
 
 def observe(block_address, at, n, io_address, first):
     """Stage after a step: observation, reward and info of each machine, and whether its episode is over."""
-    block, io = doubles(block_address, _ANY), words(io_address, _IO)
+    block, io = doubles(block_address, ANY), words(io_address, IO_SIZE)
     deck = words(io[IO.gantry], gantry.DECK)
-    g, jobs, base = doubles(deck[gantry.D.block], _ANY), doubles(deck[gantry.D.jobs], _ANY), gantry.column_of(at)
-    out, infos, weights = singles(io[IO.observations], _ANY), doubles(io[IO.infos], _ANY), doubles(io[IO.weights], _ANY)
-    m, eighth = io[IO.machines], first * U(8)
-    rewards, returns = doubles(io[IO.rewards] + eighth, n), doubles(io[IO.returns] + eighth, n)
-    left = doubles(io[IO.left] + eighth, n)
-    terminated, truncated = flags(io[IO.terminated] + first, n), flags(io[IO.truncated] + first, n)
-    trail, earlier = _ago(block, at, 0), _ago(block, at, _BACK)
-    one, none = np.uint8(1), np.uint8(0)
+    g, jobs, base = doubles(deck[gantry.D.block], ANY), doubles(deck[gantry.D.jobs], ANY), gantry.column_of(at)
+    out, infos, weights = singles(io[IO.observations], ANY), doubles(io[IO.infos], ANY), doubles(io[IO.weights], ANY)
+    m, trail, earlier = io[IO.machines], _ago(block, at, 0), _ago(block, at, _BACK)
     for lane in range(n):
         a, b, o = at + lane, base + lane, first + lane
         _see(block, a, g, b, jobs, out, o * io[IO.size], io[IO.raw] == U1, io[IO.task], trail, earlier)
@@ -437,9 +423,56 @@ def observe(block_address, at, n, io_address, first):
         else:
             reward = _cutting_reward(g, b, infos, o, m, weights)
         store(g, b + gantry.BEFORE, load(Sums, g, b + gantry.SUMS))
-        rewards[lane] = reward
-        returns[lane] += reward
-        left[lane] -= 1.0
-        over = infos[o + U(12) * m] > 0.5 or infos[o + U(15) * m] > 0.5
-        terminated[lane] = one if over else none
-        truncated[lane] = one if left[lane] <= 0.0 and not over else none
+        end(io, first, lane, reward, infos[o + TOLD.cost * m] > 0.5 or infos[o + TOLD.done * m] > 0.5)
+
+
+def _task(key, number, **declared):
+    """What the tasks of jobs have in common."""
+    features = FEATURES[key]
+    return Task(
+        number=number,
+        period=PERIOD_MS,
+        features=Signals(features, -LIMIT, LIMIT),
+        raw=Signals(features, -np.inf, np.inf),
+        scaling={"unit_mm": TOLERANCE, "limit": LIMIT, "ahead_ms": list(AHEAD)},
+        info=INFO[key],
+        act=act,
+        observe=observe,
+        objectives=OBJECTIVES[key],
+        **declared,
+    )
+
+
+CONTOUR = _task(
+    "contour",
+    0,
+    id="kerfgym/ContourFollowing-v0",
+    name="contour-following",
+    slot="xy",
+    scenario="contour-square",
+    base="wu",
+    actions={
+        "residual": Actions(
+            ("override", "correction_left", "correction_along"), ("1", "mm", "mm"), (OVERRIDE, CORRECTION, CORRECTION)
+        )
+    },
+    reward=ContourReward(),
+)
+"""Declares ContourFollowing."""
+
+_UNITS = ("1", "1", "Hz", "mm", "mm", "mm", "mm", "mm")
+CUTTING = _task(
+    "cutting",
+    1,
+    id="kerfgym/Cutting-v0",
+    name="cutting",
+    slot="process",
+    scenario="cut-square",
+    base="recipe",
+    actions={
+        "residual": Actions(Process._fields, _UNITS, tuple(map(float, RESIDUAL))),
+        "direct": Actions(Process._fields, _UNITS),
+    },
+    reward=CuttingReward(),
+)
+"""Declares Cutting."""

@@ -8,17 +8,16 @@ from gymnasium.vector.utils import batch_space
 
 from ..engine.deck import refuse_copy
 from ..engine.quantity import InvalidInput, did_you_mean
-from .episodes import Episodes, check_render_mode
-
-OPTIONS = ("scenario_seed", "reset_mask")
+from .batch import Batch
+from .episodes import check_options, check_render_mode
+from .single import SingleEnv
 
 
 class KernelVectorEnv(VectorEnv):
     """Any number of environments of one kind in one kernel; the kinds derive from it."""
 
-    BATCH: type[Episodes]
-    SINGLE: Any
-    """Batch, and the single environment whose arguments and spaces these are."""
+    SINGLE: type[SingleEnv]
+    """The single environment, whose task, arguments and spaces these are."""
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 50, "autoreset_mode": AutoresetMode.NEXT_STEP}
 
@@ -31,8 +30,7 @@ class KernelVectorEnv(VectorEnv):
         render_mode: str | None = None,
         **arguments: Any,
     ) -> None:
-        check_render_mode(render_mode, self.metadata["render_modes"])
-        self.batch: Any = make_batch(self.BATCH, self.SINGLE, num_envs, num_threads, arguments)
+        self.batch = make_batch(self.SINGLE, num_envs, num_threads, render_mode, arguments)
         self.num_envs, self.render_mode = num_envs, render_mode
         self.autoreset_mode = _mode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
@@ -42,8 +40,7 @@ class KernelVectorEnv(VectorEnv):
         self._begun, self._over = np.zeros(num_envs, bool), np.zeros(num_envs, bool)  # its episode is over
         self._ready = False  # every environment has begun
         self._every = np.arange(num_envs)
-        self._films: list[Any] = [None] * num_envs
-        self._names = (*self.BATCH.INFO, *(f"_{name}" for name in self.BATCH.INFO))
+        self._names = (*self.SINGLE.TASK.info, *(f"_{name}" for name in self.SINGLE.TASK.info))
 
     def __reduce__(self) -> Any:
         refuse_copy(self)
@@ -63,15 +60,10 @@ class KernelVectorEnv(VectorEnv):
             InvalidInput: unknown option, wrong length, or a scenario seed that is not in the split.
         """
         super().reset(seed=seed if isinstance(seed, int) else None)
-        options = options or {}
-        for key in options:
-            if key not in OPTIONS:
-                raise InvalidInput(f"unknown option '{key}'; {did_you_mean(key, OPTIONS)}")
+        options = check_options(options, "scenario_seed", "reset_mask")
         machines = self._every if "reset_mask" not in options else self._masked(options["reset_mask"])
-        put_sequences(self.batch, machines, seed, self.np_random)
-        following = self.batch.following_seeds(machines)
-        asked = options.get("scenario_seed")
-        self._start(machines, following if asked is None else self.batch.asked_seeds(asked, len(machines)))
+        self.batch.reset(machines, seed, options, self.np_random)
+        self._begin(machines)
         mask = np.zeros(self.num_envs, bool)
         mask[machines] = True
         return self.batch.observations.copy(), self._info(mask)
@@ -93,11 +85,10 @@ class KernelVectorEnv(VectorEnv):
         batch.advance()
         if ended:
             machines = np.flatnonzero(over)
-            self._start(machines, batch.following_seeds(machines))
+            batch.restart(machines)
+            self._begin(machines)
             batch.rewards[machines] = 0.0
             batch.terminated[machines] = batch.truncated[machines] = False
-        if self.render_mode:
-            self._film()
         np.logical_or(batch.terminated, batch.truncated, out=over)
         if self.autoreset_mode is AutoresetMode.SAME_STEP and over.any():
             return self._same_step()
@@ -108,23 +99,13 @@ class KernelVectorEnv(VectorEnv):
 
     def render(self) -> tuple[Any, ...] | None:
         """A picture of each environment, see the single one."""
-        return tuple(film.frame() if film else None for film in self._films) if self.render_mode else None
+        return tuple(map(self.batch.frame, range(self.num_envs))) if self.render_mode else None
 
     # ------------------------------------------------------------------------------------------------------------
 
-    def _start(self, machines: np.ndarray, seeds: np.ndarray) -> None:
-        self.batch.start(machines, seeds)
+    def _begin(self, machines: np.ndarray) -> None:
         self._over[machines], self._begun[machines] = False, True
         self._ready = self._ready or bool(self._begun.all())
-        if self.render_mode:
-            for i in machines.tolist():
-                self._films[i] = self.batch.film(i)
-                self._films[i].take(self.batch.fleet, i)
-
-    def _film(self) -> None:
-        for i, film in enumerate(self._films):
-            if film is not None:
-                film.take(self.batch.fleet, i)
 
     def _same_step(self) -> tuple:
         """The end of a step in which episodes ended and the next ones begin."""
@@ -135,7 +116,8 @@ class KernelVectorEnv(VectorEnv):
         for i in machines.tolist():
             last[i] = batch.observations[i].copy()
         final = {"final_obs": last, "_final_obs": over, "final_info": self._info(over), "_final_info": over}
-        self._start(machines, batch.following_seeds(machines))
+        batch.restart(machines)
+        self._begin(machines)
         return batch.observations.copy(), rewards, terminated, truncated, {**self._info(self._all()), **final}
 
     def _info(self, mask: np.ndarray) -> dict[str, Any]:
@@ -154,12 +136,15 @@ class KernelVectorEnv(VectorEnv):
         return np.flatnonzero(mask)
 
 
-def make_batch(kind: type[Episodes], single: Any, num_envs: int, num_threads: int, arguments: dict[str, Any]) -> Any:
+def make_batch(
+    single: type[SingleEnv], num_envs: int, num_threads: int, render_mode: str | None, arguments: dict[str, Any]
+) -> Batch:
     """The batch of a vector environment.
 
     Raises:
         InvalidInput: no environments or threads, or an argument that the single environment does not have.
     """
+    check_render_mode(render_mode, single.metadata["render_modes"])
     for name, value in (("num_envs", num_envs), ("num_threads", num_threads)):
         if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
             raise InvalidInput(f"{name} = {value!r}; a whole number, at least 1")
@@ -167,28 +152,10 @@ def make_batch(kind: type[Episodes], single: Any, num_envs: int, num_threads: in
     for name in arguments:
         if name not in known:
             raise InvalidInput(f"unknown argument '{name}'; {did_you_mean(name, known)}")
-    make: Any = kind
-    return make(int(num_envs), **arguments, threads=int(num_threads))
-
-
-def put_sequences(batch: Episodes, machines: np.ndarray, seed: Any, random: np.random.Generator) -> None:
-    """Gives machines the sequences of episodes that ``seed`` asks for; those without any get a random one.
-
-    Raises:
-        InvalidInput: not as many seeds as environments, or one that is not a whole number from 0 on.
-    """
-    if seed is None or isinstance(seed, int | np.integer):
-        seeds = [None if seed is None else int(seed) + i for i in range(batch.size)]
-    else:
-        seeds = list(seed)
-        if len(seeds) != batch.size:
-            raise InvalidInput(f"{len(seeds)} seeds for {batch.size} environments; one for each")
-    for i in machines.tolist():
-        given = seeds[i]
-        if given is not None and (not isinstance(given, int | np.integer) or given < 0):
-            raise InvalidInput(f"seed {given!r} of environment {i}: a whole number from 0 on")
-        if given is not None or not batch.has_sequence(i):
-            batch.sequence(i, int(random.integers(2**31)) if given is None else int(given))
+    batch = Batch(single.TASK, int(num_envs), **arguments, threads=int(num_threads))
+    if render_mode:
+        batch.keep_pictures()
+    return batch
 
 
 def _mode(mode: str | AutoresetMode) -> AutoresetMode:

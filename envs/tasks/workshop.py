@@ -1,6 +1,6 @@
-"""The workshop: from a scenario with a job and a team of controllers to machines that are ready to cut.
+"""The workshop: from a scenario and a team of controllers to machines that are ready to follow a sheet or cut a job.
 
-The programme depends on all three: the scenario says what is cut, the stack in the slot ``xy`` how the path is planned
+A job's programme depends on both: the scenario says what is cut, the stack in the slot ``xy`` how the path is planned
 for the axes, the stack in the slot ``process`` how fast it is cut.
 """
 
@@ -21,6 +21,8 @@ from ..paths.checks import check_travel
 from ..paths.drawing import Drawing
 from ..paths.job import Job, Settings, driven
 from ..paths.route import Cutting, Route, routed
+from ..pictures.film import Film
+from ..pictures.kerf_film import KerfFilm
 from ..plant import heads, spot
 from ..plant.fleet import Fleet
 from ..plant.gantry import Recipe
@@ -133,30 +135,48 @@ def equip(fleet: Fleet, scenario: Scenario, team: Team, machines: Any) -> Job:
     return job
 
 
-def prepare(fleet: Fleet, scenario: Scenario, team: Team, machines: Any, seeds: Any) -> Job:
-    """Writes everything about a scenario's job into the columns of ``machines``, one seed each; returns the job."""
+def prepare(fleet: Fleet, scenario: Scenario, team: Team, machines: Any, seeds: Any, again: bool = False) -> None:
+    """Writes a scenario, with its job if it has one, into the columns of ``machines``, one seed each.
+
+    ``again``: they have been prepared for this very scenario before.
+    """
+    if len(team.stacks) == 1:
+        scenarios.prepare(fleet, scenario, machines, seeds, again)
+        return
     job = equip(fleet, scenario, team, machines)
     scenarios.prepare(fleet, scenario, machines, seeds)
     height = material_of(scenario).standoff + job.lift[0]
     fleet.set("start.gap", machines, height)
     fleet.set("job.set_height", machines, height)
-    return job
+
+
+def empty_fleet(size: int, team: Team, threads: int = 1) -> Fleet:
+    """Machines that run the team's laws, with axes and a cut if it drives them."""
+    fleet = Fleet(size, team.z.law, heads.POOL, threads)
+    if len(team.stacks) > 1:
+        fleet.use_gantries(team.xy.law, team.process.law)
+    return fleet
 
 
 def fleet_for(
     scenario: Scenario, team: Team, seeds: Any, threads: int = 1, change: Callable[[Fleet], None] | None = None
 ) -> Fleet:
-    """A fleet with one machine per seed that has begun the scenario's job under ``team``; ``change`` is made before."""
+    """A fleet with one machine per seed that has begun the scenario under ``team``; ``change`` is made before."""
     seeds = np.atleast_1d(np.asarray(seeds, np.uint64))
-    fleet = Fleet(len(seeds), team.z.law, heads.POOL, threads)
-    fleet.use_gantries(team.xy.law, team.process.law)
-    every = np.arange(len(seeds))
+    fleet, every = empty_fleet(len(seeds), team, threads), np.arange(len(seeds))
     prepare(fleet, scenario, team, every, seeds)
     team.install(fleet, every)
     if change:
         change(fleet)
     fleet.begin(every, scenarios.noise_keys(seeds))
     return fleet
+
+
+def film_of(scenario: Scenario, team: Team, seed: int, colour: str = "standoff") -> Film | KerfFilm:
+    """What shows an episode that has just begun; the kerf of a job is coloured by ``colour``."""
+    if scenario.job is None:
+        return Film(scenario, team.name, seed)
+    return KerfFilm(programme(scenario, team), f"{scenario.name} · {team.name} · seed {seed}", colour)
 
 
 def _check_dither(scenario: Scenario, stack: Stack) -> None:

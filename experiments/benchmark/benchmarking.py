@@ -9,19 +9,20 @@ from typing import Any
 import pandas as pd
 
 from ...envs import scenarios
-from ...envs.control import stack as stacks
+from ...envs.control.stack import Team
 from ...envs.engine import kernels
 from ...envs.engine.quantity import InvalidInput
 from ...envs.safety import files
 from ...envs.scenarios import Scenario
 from ...envs.tasks import workshop
 from ..bounds import recorded
-from ..measure import cost, plants, rollout
+from ..measure import cost, plants
 from ..measure.grids import Grid, resolved
 from ..render import plans
 from ..report import summary
-from ..results import archive, jobs
+from ..results import archive
 from ..results.followers import Results
+from ..results.jobs import AnyResults, JobResults
 from ..results.tasks import Case, cases, compute
 from ..store import pool, runs
 from ..store.ledger import Ledger
@@ -41,7 +42,7 @@ def run(
     core: tuple[str, ...] = (),
     suite: str = "following",
     **options: Any,
-) -> Results | jobs.JobResults:
+) -> AnyResults:
     """Runs one grid, see :func:`run_grids`; returns its results."""
     grid = Grid(suite, tuple(controllers), tuple(chosen), seeds, core)
     return run_grids([grid], folder, **options)[suite]
@@ -62,7 +63,7 @@ def run_grids(
     overwrite: bool = False,
     resume: bool = False,
     quiet: bool = False,
-) -> dict[str, Results | jobs.JobResults]:
+) -> dict[str, AnyResults]:
     """Runs the grids, writes the folder, returns the results by suite.
 
     Args:
@@ -98,7 +99,7 @@ def run_grids(
     }
     record = runs.record(command) | {"kernel": kernels.STAMP}
 
-    def missing() -> list[tuple[str, Case, stacks.Stack | stacks.Team]]:
+    def missing() -> list[tuple[str, Case, Team]]:
         left = {
             key: (key, case, known[suite][case.controller])
             for suite, tasks in todo.items()
@@ -108,9 +109,9 @@ def run_grids(
         return sorted(left.values(), key=lambda task: _quickness(*task[1:]))
 
     with runs.at_work(folder, overwrite, resume, spent=[archive.PARTS]), Bars(quiet) as bars:
-        stacks_of = {(case.controller, case.with_job): stack for _, case, stack in missing()}
-        for stack in bars.each("compiling", stacks_of.values(), len(stacks_of)):
-            _warm(stack)
+        teams = {(case.controller, case.with_job): team for _, case, team in missing()}
+        for team in bars.each("compiling", teams.values(), len(teams)):
+            _warm(team)
         tasks = [case for _, case, _ in missing()]
         done = pool.spread(_work, tasks, workers, backend, scheduler)
         for key, tables in bars.each("simulating", done, len(tasks)):
@@ -145,10 +146,9 @@ def run_grids(
     return found
 
 
-def _quickness(case: Case, stack: stacks.Stack | stacks.Team) -> int:
+def _quickness(case: Case, team: Team) -> int:
     """Where a task comes: what takes longest goes first, so that the cores finish together."""
-    follower = stack.z if isinstance(stack, stacks.Team) else stack
-    return 0 if follower.python else 1 if case.scenario is None else 2 if case.with_job else 3
+    return 0 if team.z.python else 1 if case.scenario is None else 2 if case.with_job else 3
 
 
 def _gathered(keys: list[str], parts: Path) -> dict[str, pd.DataFrame]:
@@ -161,9 +161,7 @@ def _gathered(keys: list[str], parts: Path) -> dict[str, pd.DataFrame]:
     return {name: pd.concat(frames, ignore_index=True) for name, frames in tables.items()}
 
 
-def _results(
-    grid: Grid, known: dict[str, stacks.Stack | stacks.Team], joined: dict[str, pd.DataFrame], record: dict[str, Any]
-) -> Results | jobs.JobResults:
+def _results(grid: Grid, known: dict[str, Team], joined: dict[str, pd.DataFrame], record: dict[str, Any]) -> AnyResults:
     names = [s.name for s in grid.scenarios]
     frame = joined["runs"].sort_values("seed", kind="stable")
     for column, order in (("scenario", names), ("controller", grid.controllers)):
@@ -180,9 +178,9 @@ def _results(
         "ledger": {
             name: Ledger(int(row["steps"]), float(row["cpu_seconds"])).entry() for name, row in ledger.iterrows()
         },
-        "tuning": {name: stack.provenance for name, stack in known.items() if stack.provenance},
-        "programs": {name: _digest(stack.program) for name, stack in known.items()},
-        "parameters": {name: {k: p.value for k, p in stack.parameters().items()} for name, stack in known.items()},
+        "tuning": {name: team.provenance for name, team in known.items() if team.provenance},
+        "programs": {name: _digest(team.program) for name, team in known.items()},
+        "parameters": {name: {k: p.value for k, p in team.parameters().items()} for name, team in known.items()},
     }  # fmt: skip
     if len(joined.get("margins", ())):
         meta["machines"] = {machine.label: names for machine, names in plants.machines(grid.scenarios).items()}
@@ -190,7 +188,7 @@ def _results(
     traces = joined.get("traces", pd.DataFrame())
     if grid.with_jobs:
         rules, materials = scenarios.rules(grid.suite), [workshop.material_of(s) for s in grid.scenarios]
-        return jobs.JobResults(
+        return JobResults(
             frame, traces, meta, rules.get("score", "contour_rms"), rules.get("reference", "wu-tuned"), core,
             tuple(dict.fromkeys(m.label for m in materials)),
             tuple(dict.fromkeys((m.name, m.thickness) for m in materials)), summaries, plans.table(grid.scenarios),
@@ -207,11 +205,9 @@ def _digest(program: list[str]) -> str:
     return hashlib.sha256("\n".join(program).encode()).hexdigest()[:16]
 
 
-def _time_decisions(
-    found: dict[str, Results | jobs.JobResults], known: dict[str, dict[str, stacks.Stack | stacks.Team]], bars: Bars
-) -> None:
+def _time_decisions(found: dict[str, AnyResults], known: dict[str, dict[str, Team]], bars: Bars) -> None:
     """Times the followers' decisions one after another, when the cores are idle."""
-    wanted = {name: stack for each in known.values() for name, stack in each.items() if isinstance(stack, stacks.Stack)}
+    wanted = {name: team.z for each in known.values() for name, team in each.items() if len(team.stacks) == 1}
     timed = {
         name: {key: float(f"{value:.4g}") for key, value in cost.measure(stack)._asdict().items()}
         for name, stack in bars.each("timing decisions", wanted.items(), len(wanted))
@@ -221,17 +217,14 @@ def _time_decisions(
             results.meta["decisions"] = {name: timed[name] for name in known[suite]}
 
 
-def _warm(stack: stacks.Stack | stacks.Team) -> None:
+def _warm(team: Team) -> None:
     """Compiles what is not in the cache yet, here and once, before the workers need it."""
-    if isinstance(stack, stacks.Team):
-        job = Scenario(name="warm", job=scenarios.Job(part="circle", size=5.0))
-        workshop.fleet_for(job, stack, [0]).advance(1)
-    else:
-        rollout.roll(Scenario(name="warm", duration=0.05, settle=0.0), stack, [0])
+    job = scenarios.Job(part="circle", size=5.0) if len(team.stacks) > 1 else None
+    workshop.fleet_for(Scenario(name="warm", job=job), team, [0]).advance(1)
 
 
 def _work(case: Case) -> tuple[str, dict[str, pd.DataFrame]]:
-    """A task's tables, under the name that its stack gives it here and now: what was edited meanwhile has another."""
+    """A task's tables, under the name that its team gives it here and now: what was edited meanwhile has another."""
     with _ALONE:
-        stack = resolved(case.controller, case.with_job)
-        return case.key(stack), compute(case, stack)
+        team = resolved(case.controller, case.with_job)
+        return case.key(team), compute(case, team)

@@ -10,7 +10,7 @@ import pandas as pd
 
 from ... import baselines
 from ...envs.control import stack as stacks
-from ...envs.control.stack import Stack
+from ...envs.control.stack import Team
 from ...envs.engine.quantity import InvalidInput
 from ..results.followers import REFERENCE, Results
 from ..statistics.ranks import foremost
@@ -32,24 +32,24 @@ COLUMNS = ["controller", "parameter", "value", "side", "moved", METRIC]
 
 def in_report(results: Results, threads: int = 1, told: Told = lambda done, total, last: None) -> pd.DataFrame:
     """One row for each parameter and side: the score over the preset's own, on *tune* seeds; empty without presets."""
-    todo = [(name, stack, list(moves(stack, searched(name)))) for name, stack in _chosen(results).items()]
+    todo = [(name, team, list(moves(team, searched(name)))) for name, team in _chosen(results).items()]
     rows, done, total = [], 0, sum(1 + len(moved) for _, _, moved in todo)
-    for name, stack, moved in todo:
-        work = Evaluator(stack, SUITE, range(SEEDS), threads)
+    for name, team, moved in todo:
+        work = Evaluator(team, SUITE, range(SEEDS), threads)
 
-        plain = _score(work, stack)
+        plain = _score(work, team)
         told(done := done + 1, total, name)
         for parameter, side, value in moved:
             with contextlib.suppress(InvalidInput):  # such as a trim that would eat the window
-                ratio = _score(work, stack.varied({parameter: value})) / plain
-                own = float(stack.parameters()[parameter].value)
+                ratio = _score(work, team.varied({parameter: value})) / plain
+                own = float(team.parameters()[parameter].value)
                 rows.append((name, parameter, own, side, value, ratio if math.isfinite(ratio) else math.nan))
             told(done := done + 1, total, name)
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
-def _score(work: Evaluator, stack: Stack) -> float:
-    return goals.score(METRIC, work.whole(stack, (METRIC,)), work.core)
+def _score(work: Evaluator, team: Team) -> float:
+    return goals.score(METRIC, work.whole(team, (METRIC,)), work.core)
 
 
 def searched(name: str) -> dict[str, float]:
@@ -57,8 +57,8 @@ def searched(name: str) -> dict[str, float]:
     return dict.fromkeys(baselines.preset(name).get("parameters", {}), 0.0)
 
 
-def _chosen(results: Results) -> dict[str, Stack]:
+def _chosen(results: Results) -> dict[str, Team]:
     """The reference and the best of those that are shipped with a preset of their own."""
     tuned = [name for name in foremost(results.standings) if name in stacks.names() and baselines.preset(name)]
     names = [*(n for n in tuned if n == REFERENCE), *[n for n in tuned if n != REFERENCE][:SHOWN]]
-    return {name: stacks.get(name) for name in names}
+    return {name: stacks.asked(name) for name in names}

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from ...envs.control.stack import Stack, Team, resolve
+from ...envs.control.stack import Team, asked
 from ...envs.engine.quantity import InvalidInput
 from ...envs.scenarios import Scenario
 from ..measure.grids import Grid
@@ -59,12 +59,12 @@ def blame(
     """
     if threads < 1:
         raise InvalidInput(f"--threads {threads} is out of range; at least 1")
-    stacks = _named(grid.known())
+    teams = _named(grid.known())
     for scenario in grid.scenarios:
         game.check(scenario, stages)
     started, ledger = time.time(), Ledger()
     with runs.at_work(folder, overwrite, resume, spent=[PARTS]):
-        found = _all(stacks, grid.scenarios, grid.seeds, stages, threads, folder / PARTS, told, ledger)
+        found = _all(teams, grid.scenarios, grid.seeds, stages, threads, folder / PARTS, told, ledger)
         shares, headroom = tables.shares(found), tables.headroom(found)
         _write(folder, found, shares, headroom, grid.scenarios)
         meta = runs.record(command) | {
@@ -72,7 +72,7 @@ def blame(
             "scenarios": [s.name for s in grid.scenarios], "controllers": list(grid.controllers),
             "stages": list(found[0].stages), "failed": sum(b.failed for b in found),
             "wall_seconds": round(time.time() - started, 1), "ledger": ledger.entry(),
-            "parameters": {s.name: {k: p.value for k, p in s.parameters().items()} for s in stacks},
+            "parameters": {s.name: {k: p.value for k, p in s.parameters().items()} for s in teams},
         }  # fmt: skip
         runs.write_json(folder / "run.json", meta)
     return shares, headroom
@@ -89,28 +89,28 @@ def in_report(
     """
     sensor = foremost(results.standings)
     names = dict.fromkeys([*(n for n in (REFERENCE,) if n in sensor), *sensor[:1]])
-    stacks = _named({name: stack for name in names if (stack := resolve(name)).python is None})
+    teams = _named({name: team for name in names if (team := asked(name)).z.python is None})
     live = [s for s in chosen if not s.head.signal]
     shown = [s for s in live if s.name in SHOWN] or live[: len(SHOWN)]
     seeds = sorted(results.runs["seed"].unique())[:SEEDS]
-    found = _all(stacks, shown, seeds, (), threads, parts, told, Ledger())
+    found = _all(teams, shown, seeds, (), threads, parts, told, Ledger())
     return tables.shares(found), tables.headroom(found)
 
 
-def _named(known: Mapping[str, Stack | Team]) -> list[Stack | Team]:
+def _named(known: Mapping[str, Team]) -> list[Team]:
     """Controllers under the words by which they were asked for."""
-    return [replace(stack, name=name) for name, stack in known.items()]
+    return [replace(team, name=name) for name, team in known.items()]
 
 
 def _all(
-    stacks: Sequence[Stack | Team], chosen: Sequence[Scenario], seeds: Sequence[int], stages: Sequence[str],
+    teams: Sequence[Team], chosen: Sequence[Scenario], seeds: Sequence[int], stages: Sequence[str],
     threads: int, parts: Path, told: Told, ledger: Ledger,
 ) -> list[Blame]:  # fmt: skip
     """Every controller in every scenario; what lies in ``parts`` already is not computed again."""
-    pairs = [(scenario, stack) for scenario in chosen for stack in stacks]
+    pairs = [(scenario, team) for scenario in chosen for team in teams]
     found, done, total = [], 0, sum(game.episodes(*pair, len(seeds), stages) for pair in pairs)
-    for scenario, stack in pairs:
-        where = f"{stack.name} · {scenario.name}"
+    for scenario, team in pairs:
+        where = f"{team.name} · {scenario.name}"
 
         def tell(more: int, where: str = where) -> None:
             nonlocal done
@@ -118,20 +118,20 @@ def _all(
             told(done, total, where)
 
         tell(0)
-        key = _key(scenario, stack, seeds, stages)
+        key = _key(scenario, team, seeds, stages)
         if (file := parts / f"{key}.parquet").is_file():
-            part = tables.of_coalitions(pd.read_parquet(file), stack.name, game.check(scenario, stages))
-            tell(game.episodes(scenario, stack, len(seeds), stages))
+            part = tables.of_coalitions(pd.read_parquet(file), team.name, game.check(scenario, stages))
+            tell(game.episodes(scenario, team, len(seeds), stages))
         else:
-            part = game.measure(scenario, stack, seeds, stages, threads=threads, told=tell, ledger=ledger)
+            part = game.measure(scenario, team, seeds, stages, threads=threads, told=tell, ledger=ledger)
             runs.write_table(parts, key, pd.concat(map(tables.coalitions, part), ignore_index=True), csv=False)
         found += part
     return found
 
 
-def _key(scenario: Scenario, stack: Stack | Team, seeds: Sequence[int], stages: Sequence[str]) -> str:
+def _key(scenario: Scenario, team: Team, seeds: Sequence[int], stages: Sequence[str]) -> str:
     """Name of a part's file; it changes with anything that the part depends on."""
-    case = Case(stack.name, scenario, tuple(int(s) for s in seeds)).key(stack)
+    case = Case(team.name, scenario, tuple(int(s) for s in seeds)).key(team)
     return hashlib.sha256(f"{case} {', '.join(stages)}".encode()).hexdigest()[:20]
 
 

@@ -9,12 +9,12 @@ games: of the gap and of the contour.
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from ...envs.control import stack as stacks
-from ...envs.control.stack import Stack, Team
+from ...envs.control.stack import Team
 from ...envs.engine.quantity import InvalidInput, did_you_mean
 from ...envs.figures import job_metrics, metrics
 from ...envs.plant import filters, ideal
@@ -96,7 +96,7 @@ class Blame:
 
 def measure(
     scenario: Scenario,
-    stack: Stack | Team,
+    team: Team,
     seeds: Sequence[int],
     stages: Sequence[str] = (),
     references: Sequence[str] = REFERENCES,
@@ -108,7 +108,7 @@ def measure(
 
     Args:
         scenario: of height following, or with a job.
-        stack: of the slot ``z``; for a job a team.
+        team: of the slot ``z`` alone, or for a job of all slots.
         seeds: of the scenario, at least 1.
         stages: some of :func:`stages_of`; without any, all of them.
         references: names of controllers of the slot ``z`` that the gap is compared with.
@@ -123,7 +123,7 @@ def measure(
         InvalidInput: an unknown stage, or a scenario of which the question makes no sense.
     """
     stages = check(scenario, stages)
-    everyone, idle = np.arange(1 << len(stages)), _idle(scenario, stack, stages)
+    everyone, idle = np.arange(1 << len(stages)), _idle(scenario, team, stages)
     played = everyone[everyone & idle == 0]
     pairs = np.stack([np.repeat(played, len(seeds)), np.tile(np.arange(len(seeds)), len(played))])
     found: dict[str, np.ndarray] = {}
@@ -132,11 +132,12 @@ def measure(
         for first in range(0, pairs.shape[1], rollout.CHUNK):
             coalition, seed = pairs[:, first : first + rollout.CHUNK]
             change = _idealising(stages, coalition)
-            for error, squares in _squares(scenario, stack, np.asarray(seeds)[seed], threads, cost, change).items():
+            for error, squares in _squares(scenario, team, np.asarray(seeds)[seed], threads, cost, change).items():
                 found.setdefault(error, np.empty((len(everyone), len(seeds))))[coalition, seed] = squares
             told(len(seed))
-        known = {name: _squares(scenario, _informed(stack, name), seeds, threads, cost)["gap"] for name in references}
-    names = scenario.name, stack.name
+        others = {name: team.having(stacks.get(name)) for name in references}
+        known = {name: _squares(scenario, other, seeds, threads, cost)["gap"] for name, other in others.items()}
+    names = scenario.name, team.name
     return [
         Blame(*names, error, tuple(int(s) for s in seeds), stages,
               errors[everyone & ~idle],  # one who adds nothing to any coalition need not play
@@ -145,10 +146,10 @@ def measure(
     ]  # fmt: skip
 
 
-def episodes(scenario: Scenario, stack: Stack | Team, seeds: int, stages: Sequence[str] = ()) -> int:
-    """Episodes under ``stack`` that :func:`measure` simulates."""
+def episodes(scenario: Scenario, team: Team, seeds: int, stages: Sequence[str] = ()) -> int:
+    """Episodes under ``team`` that :func:`measure` simulates."""
     stages = check(scenario, stages)
-    return seeds << len(stages) - _idle(scenario, stack, stages).bit_count()
+    return seeds << len(stages) - _idle(scenario, team, stages).bit_count()
 
 
 def stages_of(scenario: Scenario) -> tuple[str, ...]:
@@ -176,20 +177,14 @@ def check(scenario: Scenario, stages: Sequence[str] = ()) -> tuple[str, ...]:
     return tuple(stages) or known
 
 
-def _idle(scenario: Scenario, stack: Stack | Team, stages: Sequence[str]) -> int:
+def _idle(scenario: Scenario, team: Team, stages: Sequence[str]) -> int:
     """Stages that make no difference, as bits: a filter that takes the newest sample alone has no delay, and axes whose
     directions are alike are matched."""
-    follower = stack.z if isinstance(stack, Team) else stack
-    p = filters.validated(follower.part("filter"))
-    delays = follower.pilot is not None or p.kind >= filters.LAG or p.window > 1
+    p = filters.validated(team.z.part("filter"))
+    delays = team.z.pilot is not None or p.kind >= filters.LAG or p.window > 1
     matched = all(getattr(scenario.gantry, name) == gain for name, gain in ideal.MATCHING.items())
     idle = {"filter": not delays, "matching": matched}
     return sum(1 << i for i, stage in enumerate(stages) if idle.get(stage))
-
-
-def _informed(stack: Stack | Team, name: str) -> Stack | Team:
-    """The controller ``name`` in place of the one that follows the height."""
-    return replace(stack, z=stacks.get(name)) if isinstance(stack, Team) else stacks.get(name)
 
 
 def _idealising(stages: Sequence[str], coalition: np.ndarray) -> Callable[[Fleet], None]:
@@ -201,16 +196,16 @@ def _idealising(stages: Sequence[str], coalition: np.ndarray) -> Callable[[Fleet
 
 
 def _squares(
-    scenario: Scenario, stack: Stack | Team, seeds: Sequence[int] | np.ndarray, threads: int, ledger: Ledger,
+    scenario: Scenario, team: Team, seeds: Sequence[int] | np.ndarray, threads: int, ledger: Ledger,
     change: Callable[[Fleet], None] | None = None,
 ) -> dict[str, np.ndarray]:  # fmt: skip
     """Mean-square true errors of each run, µm²; NaN of one that failed."""
-    if isinstance(stack, Team):
-        fleet, job, _ = jobs.roll(scenario, stack, seeds, threads=threads, change=change)
+    if scenario.job:
+        fleet, job, _ = jobs.roll(scenario, team, seeds, threads=threads, change=change)
         ledger.steps += fleet.tick * len(seeds)
         figures = job_metrics.evaluate(job_metrics.Jobs.of(fleet, job))
         return {error: figures[f"{error}_rms"] ** 2 for error in ("gap", "contour")}
-    record = rollout.roll(scenario, stack, seeds, threads, change)
+    record = rollout.roll(scenario, team.z, seeds, threads, change)
     ledger.steps += scenario.steps * len(seeds)
     rms = metrics.METRICS["rms_true"].function(record)
     return {"gap": np.where(metrics.broken(record), np.nan, rms**2)}

@@ -49,17 +49,16 @@ class Grid:
         """Whether its scenarios are jobs, which take teams."""
         return all(s.job is not None for s in self.scenarios)
 
-    def known(self) -> dict[str, stacks.Stack | stacks.Team]:
+    def known(self) -> dict[str, stacks.Team]:
         """Its controllers by the words that name them.
 
         Raises:
             InvalidInput: unknown, of another slot, or unable to do one of the jobs.
         """
         found = {name: resolved(name, self.with_jobs) for name in self.controllers}
-        for stack in found.values():
-            if isinstance(stack, stacks.Team):
-                for scenario in self.scenarios:
-                    workshop.programme(scenario, stack)
+        for team in found.values():
+            for scenario in self.scenarios if self.with_jobs else ():
+                workshop.programme(scenario, team)
         return found
 
 
@@ -170,10 +169,8 @@ def can_do(name: str, with_jobs: bool) -> bool:
     Raises:
         InvalidInput: unknown, or given wrongly.
     """
-    stacks.team(name)  # whatever is wrong with it is an error in every suite
-    if with_jobs:
-        return True
-    return not stacks.is_team(name) and stacks.resolve(name).slot == "z"
+    team = stacks.asked(name)  # whatever is wrong with it is an error in every suite
+    return with_jobs or team.slots == "z"
 
 
 def standard(suite: str) -> tuple[str, ...]:
@@ -196,20 +193,20 @@ def _environment(folder: Path) -> str | None:
     return files.json_(document).get("environment") if document.is_file() else None
 
 
-def resolved(name: str, with_jobs: bool) -> stacks.Stack | stacks.Team:
-    """The controller of a name: a team for jobs, a stack of the slot ``z`` for followers.
+def resolved(name: str, with_jobs: bool) -> stacks.Team:
+    """The controller of a name: of all slots for jobs, of the slot ``z`` alone for followers.
 
     Raises:
         InvalidInput: unknown, or of another slot.
     """
     if with_jobs:
         return stacks.team(name)
-    stack = stacks.resolve(name)
-    if stack.slot != "z":
+    team = stacks.asked(name)
+    if team.slots != "z":
         raise InvalidInput(
-            f"controller '{name}' drives slot '{stack.slot}'; scenarios without a job need one of slot 'z', such as pid"
+            f"controller '{name}' drives slot '{team.slots}'; scenarios without a job need one of slot 'z', such as pid"
         )
-    return stack
+    return team
 
 
 def split_seeds(count: int, split: str = "test") -> range:

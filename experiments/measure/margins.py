@@ -28,7 +28,7 @@ from ...envs.plant import heads, sheet, z_axis
 from ...envs.plant import machine as kernel
 from ...envs.plant.controller import PERIOD, stage_address
 from ...envs.plant.fleet import Fleet
-from ...envs.scenarios import Scenario, noise_keys
+from ...envs.scenarios import Scenario
 from . import rollout, stability
 from .plants import STANDARD, Machine
 
@@ -150,10 +150,7 @@ class Bench:
         self.numbers[1 : 1 + self.fleet.size] = factor
         self.numbers[1 + self.padded : 1 + self.padded + self.fleet.size] = whole
         self.fleet.set("z.dead_time", every, self.dead_time + periods - whole)
-        self.fleet.forget_filters()
-        stack.install(self.fleet, every)
-        self.fleet.begin(every, noise_keys(np.zeros(self.fleet.size)))
-        record = rollout.run(self.fleet, self.scenario, stack, np.zeros(self.fleet.size))
+        record = rollout.anew(self.fleet, self.scenario, stack, np.zeros(self.fleet.size))
         gap = record["gap"].astype(np.float64)
         window = round(WINDOW / PERIOD)
         with np.errstate(invalid="ignore", over="ignore"):

@@ -1,20 +1,24 @@
 """Roll-outs: a controller on many seeds of a scenario, closed-loop at kernel speed, recorded."""
 
+import itertools
 import math
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import numpy as np
 
 from ...envs import scenarios
+from ...envs.control import stack as stacks
 from ...envs.control.stack import Stack
 from ...envs.engine.lanes import unflat
 from ...envs.engine.quantity import InvalidInput
 from ...envs.figures.recording import Recording
-from ...envs.plant import heads, machine
+from ...envs.plant import machine
 from ...envs.plant.controller import INFORMATION
 from ...envs.plant.fleet import Fleet
 from ...envs.scenarios import Scenario
+from ...envs.tasks import workshop
 
 CHUNK = 256
 """Machines that are rolled out and recorded at a time."""
@@ -24,15 +28,7 @@ def fleet_for(
     scenario: Scenario, stack: Stack, seeds: Any, threads: int = 1, change: Callable[[Fleet], None] | None = None
 ) -> Fleet:
     """A fleet with one machine per seed, prepared, changed if wanted, and begun."""
-    seeds = np.atleast_1d(np.asarray(seeds, np.uint64))
-    fleet = Fleet(len(seeds), stack.law, heads.POOL, threads)
-    every = np.arange(len(seeds))
-    scenarios.prepare(fleet, scenario, every, seeds)
-    stack.install(fleet, every)
-    if change:
-        change(fleet)
-    fleet.begin(every, scenarios.noise_keys(seeds))
-    return fleet
+    return workshop.fleet_for(scenario, stacks.asked(stack), seeds, threads, change)
 
 
 def roll(
@@ -53,23 +49,38 @@ def run(
         before: is told the number of each control period before it is simulated, and may change the machines.
     """
     record, broken = fleet.start_recording(scenario.steps), np.zeros(fleet.size, bool)
-    if stack.python is None and before is None:
-        fleet.advance(scenario.steps)
+    go = advancing(fleet, stack, scenario.steps, broken)
+    if before is None:
+        go(scenario.steps)
     else:
-        python = periods(fleet, stack, scenario.steps, broken) if stack.python else None
         for period in range(scenario.steps):
-            if before:
-                before(period)
-            if python:
-                next(python)
-            else:
-                fleet.advance()
+            before(period)
+            go(1)
     fleet.stop_recording()
     record[:, :, broken] = np.nan  # a failed run, whatever the machine did afterwards
     return Recording(
         scenario, seeds, fleet.column("job.set_height"), record, fleet.column("tally.collided") > 0.5,
         fleet.column("tally.lowest"),
     )  # fmt: skip
+
+
+def anew(
+    fleet: Fleet, scenario: Scenario, stack: Stack, seeds: np.ndarray, before: Callable[[int], None] | None = None
+) -> Recording:  # fmt: skip
+    """:func:`run` of a fleet whose machines are prepared and may have had other parameters of the same law."""
+    every = np.arange(fleet.size)
+    fleet.forget_filters()
+    stack.install(fleet, every)
+    fleet.begin(every, scenarios.noise_keys(seeds))
+    return run(fleet, scenario, stack, seeds, before)
+
+
+def advancing(fleet: Fleet, stack: Stack, steps: int, broken: np.ndarray | None = None) -> Callable[[int], Any]:
+    """A function that advances the fleet by so many periods, ``steps`` in all; see :func:`periods`."""
+    if stack.python is None:
+        return fleet.advance
+    ahead = periods(fleet, stack, steps, broken)
+    return lambda count: deque(itertools.islice(ahead, count), maxlen=0)
 
 
 def periods(fleet: Fleet, stack: Stack, steps: int, broken: np.ndarray | None = None) -> Iterator[int]:

@@ -18,18 +18,16 @@ and its variance). What friction, thresholds and limits add scatters too. Its li
 of a loop near its limit of stability the sines tell more.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 from scipy import stats
 
 from ...envs.control.stack import Stack
-from ...envs.figures.recording import Recording
 from ...envs.plant import heads
 from ...envs.plant.controller import PERIOD
 from ...envs.plant.fleet import Fleet
-from ...envs.scenarios import Scenario, noise_keys
+from ...envs.scenarios import Scenario
 from . import rollout
 from .plants import STANDARD, Machine
 
@@ -125,23 +123,12 @@ class Injection:
 
     def measure(self, stack: Stack) -> Sensitivity:
         """|S| of ``stack``, whose law must be the fleet's."""
-        record = _begun(self.fleet, stack, self.scenario)
+        record = rollout.anew(self.fleet, self.scenario, stack, np.zeros(self.fleet.size))
         gap = record["gap"][self.scenario.settle_steps :].astype(np.float64)
         magnitude = _amplitude(gap, self.tone, self.scenario.settle_steps) / AMPLITUDE
         magnitude[record.collided | ~np.isfinite(gap).all(axis=0)] = np.inf
         shape = self.machine.size, len(self.frequencies)
         return Sensitivity(self.frequencies, magnitude.reshape(shape), self.fleet.size * self.scenario.steps)
-
-
-def _begun(
-    fleet: Fleet, stack: Stack, scenario: Scenario, before: Callable[[int], None] | None = None
-) -> Recording:  # fmt: skip
-    """An episode of a fleet that is prepared; ``before`` is called before each period."""
-    every = np.arange(fleet.size)
-    fleet.forget_filters()
-    stack.install(fleet, every)
-    fleet.begin(every, noise_keys(np.zeros(fleet.size)))
-    return rollout.run(fleet, scenario, stack, np.zeros(fleet.size), before)
 
 
 def _amplitude(x: np.ndarray, tones: np.ndarray, first: int) -> np.ndarray:
@@ -226,7 +213,7 @@ class Noise:
             self.fleet.put_vibration(every, 0, 1.0, omega / (2 * np.pi), last - omega * end)
 
         self.fleet.put_vibration(every, 0, 0.0, 0.0, 0.0)
-        record = _begun(self.fleet, stack, self.scenario, move)
+        record = rollout.anew(self.fleet, self.scenario, stack, np.zeros(self.fleet.size), move)
         sheet, gap = (record[channel][self.scenario.settle_steps :].astype(float) for channel in ("surface", "gap"))
         lost = (record.collided | ~np.isfinite(gap).all(axis=0)).reshape(-1, self.draws).any(axis=1)
         value, low, high = _cross_spectral(sheet, gap, self.draws)

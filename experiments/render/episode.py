@@ -11,8 +11,6 @@ from PIL import Image
 from ...envs import scenarios
 from ...envs.control import stack as stacks
 from ...envs.engine.quantity import InvalidInput, did_you_mean
-from ...envs.pictures.film import Film
-from ...envs.pictures.kerf_film import KerfFilm
 from ...envs.pictures.kerf_picture import QUANTITIES
 from ...envs.scenarios import Reading, Scenario
 from ...envs.tasks import workshop
@@ -56,55 +54,31 @@ def film(
         case = case.along(path, reading)
     if cut_as:
         case = cut(case, cut_as)
-    if case.job:
-        _film_job(out, case, stacks.team(controller), seed, seconds, slow or 0.2, colour)
-        return
-    slow = slow or 10.0
-    stack = stacks.resolve(controller)
-    every = max(1, round(1000 / slow / FRAMES_PER_SECOND))
-    steps = case.steps if seconds is None else min(max(1, round(seconds * 1000)), case.steps)
-    _write(out, _frames(case, stack, seed, steps, every, out.suffix == ".png"), max(1, steps // every))
-
-
-def _frames(case: Scenario, stack: stacks.Stack, seed: int, steps: int, every: int, last: bool) -> Iterator[np.ndarray]:
-    """A picture of every so many steps, at least one; the ``last`` only if that is wanted."""
-    fleet = rollout.fleet_for(case, stack, [seed])
-    reel = Film(case, stack.name, seed)
-    for step in rollout.periods(fleet, stack, steps):
-        reel.take(fleet)
-        if not last and step % every == every - 1:
-            yield reel.frame()
-    if last or steps < every:
-        yield reel.frame()
-
-
-def _film_job(
-    out: Path, case: Scenario, team: stacks.Team, seed: int, seconds: float | None, slow: float, colour: str
-) -> None:
-    """The kerf as it grows; a picture of the whole job takes no longer than the job."""
     if colour not in QUANTITIES:
         raise InvalidInput(f"unknown colour '{colour}'; {did_you_mean(colour, QUANTITIES)}")
-    every = max(1, round(1000 / slow / FRAMES_PER_SECOND))
-    length = len(workshop.programme(case, team).x)
-    most = round(LONGEST * length) if seconds is None else max(1, round(seconds * 1000))
-    frames = _frames_of_job(case, team, seed, most, every, out.suffix == ".png", colour)
+    team = stacks.team(controller) if case.job else stacks.asked(controller)
+    every = max(1, round(1000 / (slow or (0.2 if case.job else 10.0)) / FRAMES_PER_SECOND))
+    length = len(workshop.programme(case, team).x) if case.job else case.steps
+    longest = round(LONGEST * length) if case.job else length
+    most = longest if seconds is None else max(1, round(seconds * 1000))
+    frames = _frames(case, team, seed, most if case.job else min(most, length), every, out.suffix == ".png", colour)
     _write(out, frames, max(1, min(most, length) // every))
 
 
-def _frames_of_job(
+def _frames(
     case: Scenario, team: stacks.Team, seed: int, most: int, every: int, last: bool, colour: str
 ) -> Iterator[np.ndarray]:
-    fleet, job = workshop.fleet_for(case, team, [seed]), workshop.programme(case, team)
-    reel = KerfFilm(job, f"{case.name} · {team.name} · seed {seed}", colour)
-    shown = 0
+    """A picture of every so many steps, at least one; the ``last`` only if that is wanted. One of a whole job takes no
+    longer than the job."""
+    fleet, reel = workshop.fleet_for(case, team, [seed]), workshop.film_of(case, team, seed, colour)
+    sample, ends, shown = (SAMPLE, len(workshop.programme(case, team).x) - 1.5, 0) if case.job else (1, 0.0, 0)
     for step in rollout.periods(fleet, team.z, most):
-        if step % SAMPLE == 0:
+        if step % sample == 0:
             reel.take(fleet)
         if not last and step % every == every - 1:
             yield reel.frame()
             shown += 1
-        assert fleet.gantries
-        if fleet.gantries.column("progress.near")[0] >= len(job.x) - 1.5:
+        if fleet.gantries and fleet.gantries.column("progress.near")[0] >= ends:
             break
     if not shown:
         yield reel.frame()

@@ -534,7 +534,7 @@ def _corner(path: Axes, detail: Axes) -> None:
     and settle sooner."""
     scenario = scenarios.load("contour-square")
     for name, colour in (("wu-no-corners", COLOURS[1]), ("wu", COLOURS[0])):
-        frame = jobs.traced(name, scenario, stacks.team(stacks.get(name)), 1000)
+        frame = jobs.traced(scenario, stacks.team(stacks.get(name)), 1000)
         cut = frame[frame["phase"] == 4]
         x, y = cut["x"].to_numpy(), cut["y"].to_numpy()
         path.plot(x, y, color=colour, lw=1.0, label=name)

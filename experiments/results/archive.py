@@ -23,7 +23,7 @@ from ...envs.safety import files
 from ...envs.tasks import workshop
 from ..store import kinds, runs, tabular
 from .followers import Results
-from .jobs import JobResults
+from .jobs import AnyResults, JobResults
 
 FORMAT = 2
 """Of the run folder; 1 had one grid and its record among the run's."""
@@ -36,10 +36,12 @@ TABLES = {
 }  # fmt: skip
 """Tables of a grid of either kind, beside ``runs``; each may be absent."""
 
-RESTS = {
-    "following": ("exempt", "summaries"), "jobs": ("metric", "reference", "labels", "materials", "summaries"),
-}  # fmt: skip
+KEPT = {"following": ("exempt", "summaries"), "jobs": ("metric", "reference", "labels", "materials", "summaries")}
 """What is in the results of either kind and in no table."""
+
+_RESTS = ("kind", "folder", *(key for keys in KEPT.values() for key in keys))
+
+KINDS: dict[str, Any] = {"following": Results, "jobs": JobResults}
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,7 @@ class Archive:
     """
 
     folder: Path
-    grids: dict[str, Results | JobResults]
+    grids: dict[str, AnyResults]
     meta: dict[str, Any]
     texts: dict[str, dict[str, str]] = field(default_factory=dict)
 
@@ -65,7 +67,7 @@ def place(folder: Path, name: str, several: bool) -> Path:
 
 
 def save_tables(
-    folder: Path, grids: dict[str, Results | JobResults], meta: dict[str, Any], texts: dict[str, dict[str, str]]
+    folder: Path, grids: dict[str, AnyResults], meta: dict[str, Any], texts: dict[str, dict[str, str]]
 ) -> dict[str, Any]:
     """Writes tables and scenarios of every grid; arguments as the attributes of :class:`Archive`.
 
@@ -77,7 +79,7 @@ def save_tables(
         at = place(folder, name, len(grids) > 1)
         runs.write_table(at, "runs", results.runs)
         runs.write_table(at, "summary", named(results))
-        kind = "jobs" if isinstance(results, JobResults) else "following"
+        kind = next(kind for kind, cls in KINDS.items() if type(results) is cls)
         for table in TABLES[kind]:
             frame = getattr(results, table)
             if len(frame):
@@ -87,12 +89,12 @@ def save_tables(
             with runs.atomic(at / "scenarios" / f"{scenario}.toml") as part:
                 part.write_text(text, encoding="utf-8")
         own = {key: value for key, value in results.meta.items() if key not in meta or meta[key] != value}
-        rest = {key: getattr(results, key) for key in RESTS[kind]}
+        rest = {key: getattr(results, key) for key in KEPT[kind]}
         entries[name] = {"kind": kind, "folder": str(at.relative_to(folder)), **own, **rest}
     return {"format": FORMAT, **meta, "grids": entries}
 
 
-def named(results: Results | JobResults) -> pd.DataFrame:
+def named(results: AnyResults) -> pd.DataFrame:
     """The summary as it is written. Followers have a ``score``; what jobs are ranked by has the name of its metric."""
     frame = results.summary().rename_axis("controller").reset_index()
     if isinstance(results, JobResults):
@@ -188,7 +190,7 @@ def _from_format_1(folder: Path, record: dict[str, Any]) -> dict[str, Any]:
     return {**{key: value for key, value in record.items() if key not in own}, "grids": {suite: entry}}
 
 
-def _grid(folder: Path, name: str, entry: Any, meta: dict[str, Any], notes: list[str]) -> Results | JobResults:
+def _grid(folder: Path, name: str, entry: Any, meta: dict[str, Any], notes: list[str]) -> AnyResults:
     """One grid.
 
     Raises:
@@ -208,21 +210,20 @@ def _grid(folder: Path, name: str, entry: Any, meta: dict[str, Any], notes: list
         twice = rows.loc[rows.duplicated(["controller", "scenario", "seed"]), ["controller", "scenario", "seed"]]
         for controller, scenario, seed in twice.head(1).itertuples(index=False):
             raise InvalidInput(f"'{at / 'runs.parquet'}' has {controller} in {scenario} with seed {seed} twice")
-        rests = {"kind", "folder", *RESTS["following"], *RESTS["jobs"]}
-        own = {**meta, **{key: value for key, value in entry.items() if key not in rests}}
+        own = {**meta, **{key: value for key, value in entry.items() if key not in _RESTS}}
         core = tuple(c for c in entry["core"] if c in entry["scenarios"])
-        rest = {key: entry[key] for key in RESTS[kind]}
-        rest |= {key: tuple(map(_fixed, value)) for key, value in rest.items() if isinstance(value, list | tuple)}
-        return (JobResults if kind == "jobs" else Results)(runs=rows, meta=own, core=core, **frames, **rest)
+        kept = {key: _tuple(entry[key]) for key in KEPT[kind]}
+        made: AnyResults = KINDS[kind](runs=rows, meta=own, core=core, **frames, **kept)
+        return made
     except (KeyError, TypeError, ValueError) as error:
         if isinstance(error, InvalidInput):
             raise
         raise InvalidInput(f"the record of suite '{name}' in '{folder / 'run.json'}' lacks {error}") from None
 
 
-def _fixed(value: Any) -> Any:
-    """A list as a tuple."""
-    return tuple(value) if isinstance(value, list) else value
+def _tuple(value: Any) -> Any:
+    """A list out of a record as the results hold it."""
+    return tuple(map(_tuple, value)) if isinstance(value, list) else value
 
 
 def _texts(folder: Path, name: str) -> dict[str, str]:

@@ -1,8 +1,6 @@
 """Jobs under teams of controllers: one task of a benchmark, and what is concluded from many."""
 
-import itertools
-import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -20,7 +18,7 @@ from ...envs.scenarios import Scenario
 from ...envs.tasks import workshop
 from ..measure import rollout
 from ..statistics.budgets import budgets
-from .followers import Comparison
+from .followers import Comparison, Results
 
 LONGEST = 3.0
 """Times the nominal time, after which a job that is not done has failed."""
@@ -52,15 +50,10 @@ def roll(
     assert fleet.gantries
     most = round(LONGEST * len(job.x)) + _STRIDE
     kept = [fleet.gantries.start_recording(most, fleet.tick), fleet.start_recording(most)] if record else []
-    python = rollout.periods(fleet, team.z, most) if team.z.python else None
-    done = 0
+    go, done = rollout.advancing(fleet, team.z, most), 0
     while done < most:
         steps = min(_STRIDE, most - done)
-        if python:
-            for _ in itertools.islice(python, steps):
-                pass
-        else:
-            fleet.advance(steps)
+        go(steps)
         done += steps
         over = fleet.gantries.column("progress.near") >= len(job.x) - 1.5
         if (over | (fleet.column("tally.collided") > 0.5)).all():
@@ -70,33 +63,23 @@ def roll(
     return fleet, job, np.concatenate([part[:done] for part in kept], axis=1) if record else None
 
 
-def compute(
-    name: str, scenario: Scenario, team: Team, seeds: tuple[int, ...], shown: Iterable[int] = ()
-) -> dict[str, pd.DataFrame]:
-    """Tables ``runs`` and ``traces`` (of the seeds ``shown``) of one task, with its cost in ``ledger``."""
-    start = time.process_time()
+def measured(
+    scenario: Scenario, team: Team, seeds: tuple[int, ...], shown: tuple[int, ...] = ()
+) -> tuple[pd.DataFrame, dict[int, pd.DataFrame], int]:
+    """A row of figures for each seed, :func:`traced` of the seeds ``shown``, and the control periods simulated."""
     fleet, job, _ = roll(scenario, team, seeds)
     jobs = job_metrics.Jobs.of(fleet, job)
-    frame = pd.DataFrame({**job_metrics.evaluate(jobs), **job_metrics.evidence(jobs)})
+    failed = job_metrics.failed(jobs) & ~scenario.exempt | job_metrics.broken(jobs)
+    frame = pd.DataFrame({"failed": failed, **job_metrics.evaluate(jobs), **job_metrics.evidence(jobs)})
     steel = workshop.material_of(scenario)
-    frame.insert(0, "controller", name)
-    frame.insert(1, "information", team.information)
-    frame.insert(2, "scenario", scenario.name)
-    frame.insert(3, "seed", seeds)
-    frame.insert(4, "failed", job_metrics.failed(jobs) & ~scenario.exempt | job_metrics.broken(jobs))
     ranges = [iso_range(1e-3 * r, steel.thickness) if np.isfinite(r) else "–" for r in frame["roughness"]]
     frame["iso_roughness"] = ranges
     frame["iso_taper"] = [iso_taper(u, steel.thickness) if np.isfinite(u) else "–" for u in frame["taper"]]
-    steps = int(fleet.tick) * len(seeds)
-    tables = {"runs": frame}
-    if frames := [traced(name, scenario, team, seed) for seed in shown]:
-        tables["traces"] = pd.concat(frames, ignore_index=True)
-        steps += len(tables["traces"])
-    cost = {"controller": name, "steps": steps, "cpu_seconds": time.process_time() - start}
-    return {**tables, "ledger": pd.DataFrame([cost])}
+    traces = {seed: traced(scenario, team, seed) for seed in shown}
+    return frame, traces, int(fleet.tick) * len(seeds) + sum(map(len, traces.values()))
 
 
-def traced(name: str, scenario: Scenario, team: Team, seed: int) -> pd.DataFrame:
+def traced(scenario: Scenario, team: Team, seed: int) -> pd.DataFrame:
     """Every period of one run."""
     _, _, channels = roll(scenario, team, [seed], record=True)
     assert channels is not None
@@ -105,10 +88,7 @@ def traced(name: str, scenario: Scenario, team: Team, seed: int) -> pd.DataFrame
     head = dict(zip(machine.CHANNELS, channels[:, len(gantry.CHANNELS) :, 0].T, strict=True))
     frame["reported_error"] = frame["gap_error"] + (head["height"] - head["gap"])
     frame["command"], frame["velocity"] = head["command"], head["velocity"]
-    frame.insert(0, "controller", name)
-    frame.insert(1, "scenario", scenario.name)
-    frame.insert(2, "seed", seed)
-    frame.insert(3, "time", (np.arange(len(frame)) + 1) * PERIOD)
+    frame.insert(0, "time", (np.arange(len(frame)) + 1) * PERIOD)
     return frame
 
 
@@ -156,3 +136,6 @@ class JobResults(Comparison):
                 found = core[column].agg(lambda values: "/".join(sorted(set(values.dropna()))) or "–")
                 frame[column] = found.reindex(frame.index, fill_value="–")
         return self.placed(frame.join(budgets(self.meta.get("tuning") or {}, frame.index, self.reference)))
+
+
+AnyResults = Results | JobResults

@@ -12,10 +12,10 @@ import pandas as pd
 from ...envs.engine.quantity import InvalidInput
 from ..store.ledger import ranges
 from .archive import Archive
-from .followers import INFORMED, REFERENCE, Results
-from .jobs import JobResults
+from .followers import INFORMED, REFERENCE
+from .jobs import AnyResults
 
-Grids = dict[str, Results | JobResults]
+Grids = dict[str, AnyResults]
 
 NAMED = ("ledger", "tuning", "parameters", "programs", "decisions")
 """What a record holds by controller."""
@@ -103,7 +103,7 @@ def _versions(archives: dict[str, Archive]) -> list[str]:
 
 def _joined(
     suite: str, having: dict[str, Archive], record: dict[str, Any], notes: list[str]
-) -> tuple[Results | JobResults, dict[str, str]]:
+) -> tuple[AnyResults, dict[str, str]]:
     """One grid of several, and its scenarios.
 
     Raises:
@@ -111,7 +111,7 @@ def _joined(
     """
     grids = {name: a.grids[suite] for name, a in having.items()}
     first = next(iter(grids.values()))
-    if len({(type(g), g.metric if isinstance(g, JobResults) else "") for g in grids.values()}) > 1:
+    if len({(type(g), g.metric) for g in grids.values()}) > 1:
         raise InvalidInput("the scores are of different metrics")
     texts = {name: a.texts.get(suite, {}) for name, a in having.items()}
     shared = _shared(suite, grids, texts, notes)
@@ -154,7 +154,7 @@ def _joined(
         meta["machines"] = {label: names for label, names in machines.items() if names}
     summaries = {s: text for s, text in first.summaries.items() if s in shared}
     changes: dict[str, Any] = {**tables, "meta": meta, "core": core, "summaries": summaries}
-    if isinstance(first, Results):
+    if hasattr(first, "exempt"):
         changes["exempt"] = tuple(s for s in first.exempt if s in shared)
     return replace(first, **changes), {s: text for s, text in texts[next(iter(grids))].items() if s in shared}
 
@@ -199,7 +199,7 @@ def _renamed(suite: str, grids: Grids, pairs: set[tuple[str, int]], notes: list[
     One that is in several runs is there once if all its figures are the same, else once for each run, as ``name@run``.
     Only reference and bound keep their name in the first run, since ratios and scale are taken from there.
     """
-    fixed = {g.reference if isinstance(g, JobResults) else r for g in grids.values() for r in (REFERENCE, INFORMED)}
+    fixed = {*(g.reference for g in grids.values()), REFERENCE, INFORMED}
     out: dict[str, dict[str, str]] = {name: {} for name in grids}
     for who in dict.fromkeys(who for g in grids.values() for who in g.controllers):
         where = [name for name, g in grids.items() if who in g.controllers]
@@ -219,7 +219,7 @@ def _renamed(suite: str, grids: Grids, pairs: set[tuple[str, int]], notes: list[
     return out
 
 
-def _settings(grid: Results | JobResults, who: str) -> dict[str, Any]:
+def _settings(grid: AnyResults, who: str) -> dict[str, Any]:
     """A controller's parameters and what identifies its program."""
     known = {key: (grid.meta.get(key) or {}).get(who) for key in ("parameters", "programs")}
     return {**(known["parameters"] or {}), "its program": known["programs"]}

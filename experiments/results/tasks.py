@@ -12,8 +12,7 @@ import pandas as pd
 
 from ... import __version__
 from ...envs import scenarios
-from ...envs.control import stack as stacks
-from ...envs.control.stack import Stack
+from ...envs.control.stack import Stack, Team
 from ...envs.engine import kernels
 from ...envs.engine.quantity import InvalidInput
 from ...envs.figures import metrics
@@ -52,39 +51,43 @@ class Case:
         """Whether a team does it."""
         return self.scenario is not None and self.scenario.job is not None
 
-    def key(self, stack: stacks.Stack | stacks.Team) -> str:
-        """Name of the task's file when ``stack`` does it; it changes with anything the result depends on."""
-        parameters = {name: p.value for name, p in stack.parameters().items()}
+    def key(self, team: Team) -> str:
+        """Name of the task's file when ``team`` does it; it changes with anything the result depends on."""
+        parameters = {name: p.value for name, p in team.parameters().items()}
         physics = self.scenario.to_toml() if self.scenario else self.machine.tables
-        program = [__version__, kernels.STAMP, *stack.program]
+        program = [__version__, kernels.STAMP, *team.program]
         text = json.dumps([self.controller, parameters, program, physics, self.seeds, self.traced])
         return hashlib.sha256(text.encode()).hexdigest()[:20]
 
 
-def compute(case: Case, stack: stacks.Stack | stacks.Team) -> dict[str, pd.DataFrame]:
+def compute(case: Case, team: Team) -> dict[str, pd.DataFrame]:
     """Tables ``runs``, ``traces``, ``sensitivity`` and ``margins`` of one task, with its cost in ``ledger``."""
-    if isinstance(stack, stacks.Team):
-        assert case.scenario is not None
-        return jobs.compute(case.controller, case.scenario, stack, case.seeds, case.traced)
-    start, steps = time.process_time(), 0
-    tables: dict[str, pd.DataFrame] = {}
+    start = time.process_time()
     if case.scenario is None:
-        tables, steps = _stability(case, stack)
+        tables, steps = _stability(case, team.z)
     else:
-        record = rollout.roll(case.scenario, stack, case.seeds)
-        steps = case.scenario.steps * len(case.seeds)
-        frame = pd.DataFrame(metrics.evaluate(record))
-        frame.insert(0, "controller", case.controller)
-        frame.insert(1, "information", stack.information)
-        frame.insert(2, "scenario", case.scenario.name)
-        frame.insert(3, "seed", case.seeds)
-        frame.insert(4, "failed", metrics.failed(record))
-        tables["runs"] = frame
-        if case.traced:
-            tables["traces"] = pd.concat([_trace(case, record, seed) for seed in case.traced], ignore_index=True)
+        measured = jobs.measured if case.with_job else _followed
+        frame, traces, steps = measured(case.scenario, team, case.seeds, case.traced)
+        run = {"controller": case.controller, "information": team.information, "scenario": case.scenario.name}
+        tables = {"runs": pd.concat([pd.DataFrame({**run, "seed": case.seeds}, frame.index), frame], axis=1)}
+        if traces:
+            about = {"controller": case.controller, "scenario": case.scenario.name}
+            labelled = [
+                pd.concat([pd.DataFrame({**about, "seed": seed}, trace.index), trace], axis=1)
+                for seed, trace in traces.items()
+            ]
+            tables["traces"] = pd.concat(labelled, ignore_index=True)
     cost = {"controller": case.controller, "steps": steps, "cpu_seconds": time.process_time() - start}
-    tables["ledger"] = pd.DataFrame([cost])
-    return tables
+    return {**tables, "ledger": pd.DataFrame([cost])}
+
+
+def _followed(
+    scenario: Scenario, team: Team, seeds: tuple[int, ...], traced: tuple[int, ...]
+) -> tuple[pd.DataFrame, dict[int, pd.DataFrame], int]:
+    """A row of figures for each seed, the traces of some, and the periods simulated; see :func:`jobs.measured`."""
+    record = rollout.roll(scenario, team.z, seeds)
+    frame = pd.DataFrame({"failed": metrics.failed(record), **metrics.evaluate(record)})
+    return frame, {seed: _trace(scenario, record, seeds.index(seed)) for seed in traced}, scenario.steps * len(seeds)
 
 
 def _stability(case: Case, stack: Stack) -> tuple[dict[str, pd.DataFrame], int]:
@@ -112,18 +115,13 @@ def _stability(case: Case, stack: Stack) -> tuple[dict[str, pd.DataFrame], int]:
     }, steps + room.steps
 
 
-def _trace(case: Case, record: Any, seed: int) -> pd.DataFrame:
+def _trace(scenario: Scenario, record: Any, index: int) -> pd.DataFrame:
     """Every period of one run, of a long one the first :data:`TRACE`, with its place in the drawing if there is one."""
-    assert case.scenario is not None
-    index = case.seeds.index(seed)
     frame = pd.DataFrame(record.data[:TRACE, :, index], columns=list(machine.CHANNELS))
-    frame.insert(0, "controller", case.controller)
-    frame.insert(1, "scenario", case.scenario.name)
-    frame.insert(2, "seed", seed)
-    frame.insert(3, "time", (np.arange(len(frame)) + 1) * PERIOD)
+    frame.insert(0, "time", (np.arange(len(frame)) + 1) * PERIOD)
     frame["set_height"] = record.set_height[index]
     frame["scored"] = record.scored[:TRACE, index].astype(np.float32)
-    contour = scenarios.journey(case.scenario)
+    contour = scenarios.journey(scenario)
     if contour:
         along = np.arange(len(contour.x)) * SPACING
         frame["x"] = np.interp(frame["distance"], along, contour.x)

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...envs.plant.fleet import Fleet
-from ...envs.tasks.episodes import Episodes
+from ...envs.tasks.batch import Batch
 
 
 class NothingDone(RuntimeError):
@@ -35,7 +35,7 @@ def of_fleet(fleet: Fleet) -> Life:
     return Life(fleet.tick, fleet.column("tally.ticks"), None, state)
 
 
-def of_batch(batch: Episodes) -> Life:
+def of_batch(batch: Batch) -> Life:
     """Of machines whose episodes end and begin anew."""
     return of_fleet(batch.fleet)._replace(episodes=batch.begun)
 

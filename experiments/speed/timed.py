@@ -151,8 +151,9 @@ def _vector(name: str, env: Any, actions: np.ndarray, threads: int = 1) -> Task:
 def with_policy(size: int) -> Task:
     """The kernel with action, observation and reward, but nothing around it: what a vector environment cannot beat."""
     from ...envs.tasks.batch import Batch
+    from ...envs.tasks.interface import TASK
 
-    batch, calls = Batch(size, "wavy"), max(10, 60_000 // size)
+    batch, calls = Batch(TASK, size), max(10, 60_000 // size)
     every = np.arange(size)
     batch.sequence(every, every)
     batch.restart(every)

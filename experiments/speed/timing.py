@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from ...envs.tasks.batch import Batch
+from ...envs.tasks.interface import TASK
 from ..store import runs
 from . import kernel_parts, ppo, startup, timed
 from .timed import MACHINES, SIZES, Task
@@ -130,7 +131,7 @@ def stages(rounds: int, progress: Callable[[str], None]) -> pd.DataFrame:
 
 def memory() -> pd.DataFrame:
     """Bytes per machine: in the block that the kernel steps, and in the arrays of a vector environment."""
-    batch = Batch(LARGEST)
+    batch = Batch(TASK, LARGEST)
     block = (batch.fleet.nbytes) / LARGEST
     arrays = sum(a.nbytes for a in vars(batch).values() if isinstance(a, np.ndarray)) / LARGEST
     return pd.DataFrame({"what": ["machine", "arrays of a batch"], "bytes": [block, arrays]})

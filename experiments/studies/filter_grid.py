@@ -69,7 +69,6 @@ def grid() -> Iterator[tuple[bool, dict[str, Any]]]:
 def search_grid(task: Task, threads: int, told: Any) -> pd.DataFrame:
     """Every candidate of the finer grid under the task's aim and limits, best first; those that break a limit last."""
     base, points = task.base, list(grid())
-    assert isinstance(base, Stack)
     evaluator = Evaluator(base, task.suite, range(task.seeds), threads)
     rows = []
     for i, (finer, point) in enumerate(points):
@@ -124,11 +123,10 @@ def compare(folder: Path, trials: int, threads: int) -> dict[str, Any]:
     task = Task(CONTROLLER, ("filter",), limits=Limits(CAP), trials=trials)
     wall, cpu = time.time(), time.process_time()
     with progress("trials") as told:
-        searched = tune(task, folder / "tune", threads=threads, told=told).found.controller
+        searched = tune(task, folder / "tune", threads=threads, told=told).found.controller.z
     cost = {"wall_seconds": round(time.time() - wall, 1), "cpu_seconds": round(time.process_time() - cpu, 1)}
     with progress("grid") as told:
         points = search_grid(task, threads, told)
-    assert isinstance(searched, Stack)
     known = {"search": searched, "grid": best(task, points[~points["finer"]]), "finer grid": best(task, points)}
     table, hit = on_test_seeds(known, threads), with_impulses(searched, threads)
     for name, frame in (("grid", points), ("test", table), ("impulses", hit)):
@@ -149,8 +147,7 @@ def compare(folder: Path, trials: int, threads: int) -> dict[str, Any]:
 def best(task: Task, points: pd.DataFrame) -> Stack:
     """The controller of the best point that keeps the limits."""
     base, first = task.base, points[points["keeps"]].iloc[0]
-    assert isinstance(base, Stack)
-    return base.varied({k: v for k, v in first.items() if str(k).startswith("filter.") and v == v})
+    return base.varied({k: v for k, v in first.items() if str(k).startswith("filter.") and v == v}).z
 
 
 def _settings(stack: Stack) -> dict[str, Any]:

@@ -10,8 +10,7 @@ from ..benchmark import benchmarking
 from ..measure.grids import Grid, plan
 from ..report.terminal import WEIGHED, sheets
 from ..results import archive
-from ..results.followers import Results
-from ..results.jobs import JobResults
+from ..results.jobs import AnyResults, JobResults
 from ..statistics import comparison
 from ..store import runs
 from ..store.stamp import LAWS, LOADED, PLANNED, POLICIES, ROOT, changed, suite, trained, with_imports
@@ -29,7 +28,7 @@ MINUTES = {"following": 6.0, "ood": 5.0, "repeated": 2.0, "contour": 1.0, "cutti
 _ENVIRONMENTS = {"z": "height-", "xy": "contour-", "process": "cutting-"}
 
 
-def benchmarked(trial: Trial, grid: Grid, words: list[str], **options: Any) -> Results | JobResults:
+def benchmarked(trial: Trial, grid: Grid, words: list[str], **options: Any) -> AnyResults:
     """Results of a benchmark. A run that is finished and was made from the same is read back; one that was interrupted
     goes on."""
     folder, of = trial.folder, _of_runs(trial) | {"asked": asked(grid, options)}
@@ -56,7 +55,7 @@ def _of_runs(trial: Trial) -> dict[str, str]:
     return with_imports([ROOT / each for each in RUN], trial.study.depends)
 
 
-def concluded(results: Results | JobResults) -> dict[str, Any]:
+def concluded(results: AnyResults) -> dict[str, Any]:
     """What is stored of a benchmark: its tables in words as the command prints them, and every figure as a number.
 
     ``numbers`` has for each controller the columns of its summary, ``rms`` and ``collided`` by scenario, and of jobs

@@ -31,9 +31,9 @@ def train(
     if preset is not None:
         settings = presets.from_file(preset, algorithm, env, changes)
     else:
-        settings = presets.preset(algorithm, env or next(iter(presets.ENVIRONMENTS)), changes)
+        settings = presets.preset(algorithm, env or next(iter(presets.TASKS)), changes)
     untrained(settings, seed, device, threads)  # errors before anything is written
-    short = presets.ENVIRONMENTS[settings.env][0]
+    short = presets.TASKS[settings.env].name
     folder = runs.folder(name or f"{short}-{algorithm}-{seed}")
     with runs.at_work(folder, overwrite, resume):
         return into(folder, settings, seed, device, threads, ms)
@@ -59,7 +59,7 @@ def into(
     with progress(f"{settings.name} on {settings.env}") as told:
         trained = learn(settings, folder, seed, device, threads, True, told)
     last, record = trained.evaluations[-1], runs.record(command)
-    short, peaks = presets.ENVIRONMENTS[settings.env][0], {}
+    short, peaks = presets.TASKS[settings.env].name, {}
     with Bars() as bars:
         with bars.busy("exporting the policy, comparing it with the model"):
             exported = export(trained.model, folder / "policy", {

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from ...envs import scenarios
-from ...envs.control import stack as stacks
 from ...envs.control.stack import Stack, Team
 from ...envs.engine.quantity import InvalidInput
 from ...envs.figures import evidence, job_metrics, metrics
@@ -45,7 +44,7 @@ class Evaluator:
     """Runs candidates that share the laws of ``base``.
 
     Args:
-        base: a stack of the slot z, or, for suites of jobs, any stack or team.
+        base: of the slot z alone, or, for suites of jobs, of any.
         suite: whose core is run.
         seeds: of the split *tune*.
         threads: worker threads.
@@ -55,8 +54,8 @@ class Evaluator:
     """
 
     def __init__(
-        self, base: Stack | Team, suite: str, seeds: Any, threads: int = 1, extrapolate: bool = False,
-        relative: Stack | Team | None = None,
+        self, base: Team, suite: str, seeds: Any, threads: int = 1, extrapolate: bool = False,
+        relative: Team | None = None,
     ) -> None:  # fmt: skip
         self.base, self.suite, self.threads = base, suite, threads
         self._plain = Evaluator(relative, suite, seeds, threads, extrapolate) if relative else None
@@ -66,9 +65,9 @@ class Evaluator:
             self.scenarios = [s.varied(job={"extrapolate": True}) if s.job else s for s in self.scenarios]
         self._excess = dict.fromkeys(evidence.COLUMNS, 0.0)
         self.jobs = self.scenarios[0].job is not None
-        if not self.jobs and (isinstance(base, Team) or base.slot != "z"):
+        if not self.jobs and base.slots != "z":
             raise InvalidInput(
-                f"controller '{base.name}' drives slot '{getattr(base, 'slot', 'z, xy and process')}'; "
+                f"controller '{base.name}' drives slot '{base.slots}'; "
                 f"suite '{suite}' needs one of slot 'z', such as pid"
             )
         self.seeds = np.asarray(list(seeds), np.uint64)
@@ -81,14 +80,9 @@ class Evaluator:
     @property
     def follower(self) -> Stack:
         """The stack of the slot z whose sensitivity is meant."""
-        return self._follower(self.base)
+        return self.base.full.z
 
-    def _follower(self, candidate: Stack | Team) -> Stack:
-        if isinstance(candidate, Team):
-            return candidate.z
-        return candidate if candidate.slot == "z" else stacks.team(candidate).z
-
-    def peak(self, candidate: Stack | Team) -> float:
+    def peak(self, candidate: Team) -> float:
         """Ms on the suite's machines at fewer frequencies than a benchmark's, quick enough for a search."""
         with self.ledger.timed():
             if not self._injections:
@@ -97,15 +91,14 @@ class Evaluator:
                     stability.Injection(self.follower, few, settle=0.4, window=0.8, threads=self.threads, machine=each)
                     for each in self._machines
                 ]
-            found = [injection.measure(self._follower(candidate)) for injection in self._injections]
+            found = [injection.measure(candidate.full.z) for injection in self._injections]
         self.ledger.steps += sum(each.steps for each in found)
         return max(each.peak for each in found)
 
-    def exact_peak(self, candidate: Stack | Team) -> float:
+    def exact_peak(self, candidate: Team) -> float:
         """Ms of sines on the suite's machines, as a benchmark measures it."""
         with self.ledger.timed():
-            follower = self._follower(candidate)
-            found = [stability.sensitivity(follower, self.threads, each) for each in self._machines]
+            found = [stability.sensitivity(candidate.full.z, self.threads, each) for each in self._machines]
         self.ledger.steps += sum(each.steps for each in found)
         return max(each.peak for each in found)
 
@@ -120,15 +113,14 @@ class Evaluator:
         makes it on the first seed."""
         if not self.jobs:
             return sum(len(s.some(self.seeds)) * s.steps for s in self.scenarios)
-        team = stacks.team(self.base)
-        return len(self.seeds) * sum(int(jobs.roll(s, team, self.seeds[:1])[0].tick) for s in self.scenarios)
+        return len(self.seeds) * sum(int(jobs.roll(s, self.base.full, self.seeds[:1])[0].tick) for s in self.scenarios)
 
     @property
     def parts(self) -> int:
         """Parts in which the scenarios are run."""
         return len(self._groups)
 
-    def part(self, i: int, candidate: Stack | Team, wanted: tuple[str, ...]) -> Figures:
+    def part(self, i: int, candidate: Team, wanted: tuple[str, ...]) -> Figures:
         """The metrics ``wanted`` of the scenarios of part ``i``; failed runs are NaN."""
         found = self._part(i, candidate, wanted)
         if self._plain is None:
@@ -143,19 +135,18 @@ class Evaluator:
             for s, of in found.items()
         }
 
-    def _part(self, i: int, candidate: Stack | Team, wanted: tuple[str, ...]) -> Figures:
+    def _part(self, i: int, candidate: Team, wanted: tuple[str, ...]) -> Figures:
         self.ledger.use(int(s) for s in self.seeds)
         if self.jobs:
-            return self._part_of_jobs(self._groups[i][0], stacks.team(candidate), wanted)
-        assert isinstance(candidate, Stack)
+            return self._part_of_jobs(self._groups[i][0], candidate.full, wanted)
         if i not in self._rungs:
             self._rungs[i] = _Rung(self._groups[i], self.follower, self._groups[i][0].some(self.seeds), self.threads)
         start = time.process_time()
-        found = self._rungs[i].run(candidate, wanted)
+        found = self._rungs[i].run(candidate.z, wanted)
         self.ledger.add(self._rungs[i].steps, time.process_time() - start)
         return found
 
-    def whole(self, candidate: Stack | Team, wanted: tuple[str, ...]) -> Figures:
+    def whole(self, candidate: Team, wanted: tuple[str, ...]) -> Figures:
         """The same, of all scenarios at once."""
         return {s: figures for i in range(self.parts) for s, figures in self.part(i, candidate, wanted).items()}
 
@@ -200,11 +191,7 @@ class _Rung:
         self.steps = self.fleet.size * group[0].steps
 
     def run(self, stack: Stack, wanted: tuple[str, ...]) -> Figures:
-        every = np.arange(self.fleet.size)
-        self.fleet.forget_filters()
-        stack.install(self.fleet, every)
-        self.fleet.begin(every, scenarios.noise_keys(self.seeds))
-        whole = rollout.run(self.fleet, self.scenarios[0], stack, self.seeds)
+        whole = rollout.anew(self.fleet, self.scenarios[0], stack, self.seeds)
         found: Figures = {}
         for scenario, mine in zip(self.scenarios, self.machines, strict=True):
             part = slice(mine[0], mine[-1] + 1)

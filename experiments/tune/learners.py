@@ -59,7 +59,7 @@ def task(
         raise InvalidInput(f"one algorithm is tuned at a time, and nothing besides; known: {', '.join(ALGORITHMS)}")
     if others:
         raise InvalidInput(f"--{others[0]} is for controllers; the settings of {what[0]} are searched without")
-    base = presets.preset(what[0], env or next(iter(presets.ENVIRONMENTS)), presets.parsed(assignments))
+    base = presets.preset(what[0], env or next(iter(presets.TASKS)), presets.parsed(assignments))
     return TrainingTask(
         base, short_steps(base) if steps is None else steps, sampler or "tpe",
         TRIALS if trials is None else trials, seed, name or "", url or "", 1 if threads is None else threads,

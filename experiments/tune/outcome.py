@@ -13,7 +13,7 @@ from optuna.trial import FrozenTrial, TrialState
 
 from ...envs import scenarios
 from ...envs.control import stack as stacks
-from ...envs.control.stack import Stack, Team
+from ...envs.control.stack import Team
 from ...envs.engine.quantity import InvalidInput
 from ...envs.figures import evidence
 from ..store import runs
@@ -44,7 +44,7 @@ class Found:
     parameters: dict[str, Any]
     values: tuple[float, ...]
     ms: float
-    controller: Stack | Team
+    controller: Team
 
 
 def frame(trials: list[FrozenTrial], task: Task) -> pd.DataFrame:
@@ -169,7 +169,7 @@ def _none(trials: list[FrozenTrial]) -> str:
     )
 
 
-def scored(work: RollOuts, controller: Stack | Team, threads: int) -> tuple[dict[str, Any], goals.Figures]:
+def scored(work: RollOuts, controller: Team, threads: int) -> tuple[dict[str, Any], goals.Figures]:
     """What a controller is worth on *test* seeds: the metrics, collisions, overshoot of descents, runs per scenario,
     and of figures of the cut whether they lie within what they were calibrated on."""
     task = work.task
@@ -189,7 +189,7 @@ def scored(work: RollOuts, controller: Stack | Team, threads: int) -> tuple[dict
     return {k: float(f"{v:.6g}") if isinstance(v, float) else v for k, v in out.items()}, figures
 
 
-def moves(controller: Stack | Team, spans: dict[str, float]) -> Iterator[tuple[str, int, float]]:
+def moves(controller: Team, spans: dict[str, float]) -> Iterator[tuple[str, int, float]]:
     """Parameter, side and value of all that is moved, within its declared range, whole numbers by at least 1.
 
     Args:
@@ -214,7 +214,7 @@ def sensitivity(work: RollOuts, found: Found) -> pd.DataFrame:
     """
     task, rows = work.task, []
 
-    def measure(controller: Stack | Team) -> tuple[list[float], float, float]:
+    def measure(controller: Team) -> tuple[list[float], float, float]:
         figures = work.evaluator.whole(controller, task.wanted)
         crashes = sum(float(figures[s]["collision"].sum()) for s in figures)
         peak = work.evaluator.peak(controller) if math.isfinite(task.limits.ms) else math.nan

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...agents.settings import ALGORITHMS
-from ...envs.control.stack import Parameter, Stack, Team
+from ...envs.control.stack import Parameter, Team
 from ...envs.engine.quantity import InvalidInput, Quantity, did_you_mean
 from ...envs.plant.filters import KINDS
 
@@ -134,7 +134,7 @@ def read(known: dict[str, Parameter]) -> list[str]:
     return [f"{name.removesuffix('kind')}{setting}" for name, kind in kinds.items() for setting in READS[kind]]
 
 
-def space(controller: Stack | Team, words: Iterable[str]) -> Space:
+def space(controller: Team, words: Iterable[str]) -> Space:
     """The space that ``words`` mean: groups (filter, law, guard …), ``all``, ``read`` (what the filter's kind reads),
     and names with or without a range.
 

@@ -8,7 +8,7 @@ import optuna
 from optuna.trial import FrozenTrial, Trial
 
 from ...envs.control import stack as stacks
-from ...envs.control.stack import Stack, Team
+from ...envs.control.stack import Team
 from ...envs.engine.quantity import InvalidInput
 from ..store.ledger import Ledger
 from . import goals, sampling, storage
@@ -54,7 +54,7 @@ class Task:
     criterion: str = ""  # what is sought, for the record
 
     @property
-    def base(self) -> Stack | Team:
+    def base(self) -> Team:
         """The controller as it stands.
 
         Raises:
@@ -186,9 +186,9 @@ def _measured(trials: list[FrozenTrial]) -> dict[str, tuple[bool, int]]:
     return found
 
 
-def controller(spec: str) -> Stack | Team:
-    """A stack or, if the words name several slots, a team."""
-    return stacks.team(spec) if stacks.is_team(spec) else stacks.resolve(spec)
+def controller(spec: str) -> Team:
+    """The team that the words name; what they leave open is not tuned."""
+    return stacks.asked(spec)
 
 
 @dataclass
@@ -293,13 +293,13 @@ class RollOuts(Work):
         trial.set_constraint("ms", broken)
         return broken
 
-    def _look_closer(self, trial: Trial, candidate: Stack | Team, peak: float, value: float) -> None:
+    def _look_closer(self, trial: Trial, candidate: Team, peak: float, value: float) -> None:
         """Measures Ms of what may come out best at all frequencies; what that takes is counted apart."""
         best = min((rank(each, self.task.limits.ms) for each in done(self.study)), default=math.inf)
         if value < CLOSE * best:
             self._broken(trial, max(peak, self.exact_peak(candidate)))
 
-    def exact_peak(self, candidate: Stack | Team) -> float:
+    def exact_peak(self, candidate: Team) -> float:
         """Ms as a benchmark measures it; its steps are counted apart from those of the roll-outs."""
         before = self.evaluator.ledger.steps
         found = self.evaluator.exact_peak(candidate)

@@ -119,7 +119,7 @@ class TrainingTask:
     @property
     def height(self) -> bool:
         """Whether the score is an RMS error in µm."""
-        return presets.ENVIRONMENTS[self.base.env][0] == "height-following"
+        return presets.TASKS[self.base.env].name == "height-following"
 
     def work(self, threads: int, study: Any = None) -> "Trainings":
         """One process' part of the study."""

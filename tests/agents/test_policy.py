@@ -26,8 +26,8 @@ from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.plant import gantry
 from kerfgym.envs.tasks import workshop
 from kerfgym.envs.tasks.batch import Batch
-from kerfgym.envs.tasks.interface import FEATURES
-from kerfgym.envs.tasks.job_batch import ContourBatch, CuttingBatch
+from kerfgym.envs.tasks.interface import FEATURES, TASK
+from kerfgym.envs.tasks.job_interface import CONTOUR, CUTTING
 from kerfgym.experiments.measure import cost, rollout, stability
 
 torch.set_num_threads(1)
@@ -264,20 +264,20 @@ def test_its_base_can_be_varied_and_it_drives_the_slot_of_its_environment(folder
 
 def test_it_can_follow_the_sheet_in_a_job_but_not_be_the_base_of_its_own_kind(folder, tmp_path):
     with pytest.raises(InvalidInput, match="is a policy"):
-        Batch(1, base=str(folder))
-    job = ContourBatch(1, base=f"z={folder}", split="tune")
+        Batch(TASK, 1, base=str(folder))
+    job = Batch(CONTOUR, 1, base=f"z={folder}", split="tune")
     job.start(np.array([0]), np.array([SEED]))
     for _ in range(40):
         job.advance()
-    plain = ContourBatch(1, base="z=xi2023-improved", split="tune")
+    plain = Batch(CONTOUR, 1, base="z=xi2023-improved", split="tune")
     plain.start(np.array([0]), np.array([SEED]))
     for _ in range(40):
         plain.advance()
-    gaps = [b.infos[b.INFO.index("true_gap"), 0] for b in (job, plain)]
+    gaps = [b.info(0)["true_gap"] for b in (job, plain)]
     assert gaps[0] != gaps[1]
     export(model(PPO, CuttingVecEnv(1)), tmp_path, onnx=False)
     with pytest.raises(InvalidInput, match="is a policy"):
-        CuttingBatch(1, base=str(tmp_path))
+        Batch(CUTTING, 1, base=str(tmp_path))
     both = stack.team(f"z={folder},process={tmp_path}")
     fleet = workshop.fleet_for(scenarios.load("cut-square"), both, [SEED])
     fleet.advance(80)

@@ -27,7 +27,7 @@ from kerfgym.envs import scenarios
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.experiments import cli
 
-HEIGHT, CONTOUR, CUTTING = settings.ENVIRONMENTS
+HEIGHT, CONTOUR, CUTTING = settings.TASKS
 TINY = {
     "environment.num_envs": 4, "environment.max_steps": 30, "environment.scenario": "tilt", "policy.net_arch": [8],
     "evaluation.scenario": "tilt", "evaluation.max_steps": 20, "evaluation.episodes": 2, "evaluation.every": 128,
@@ -50,7 +50,7 @@ def tiny(name, env=HEIGHT, **changes):
     return settings.preset(name, env, {**more, **{key.replace("__", "."): value for key, value in changes.items()}})
 
 
-@pytest.mark.parametrize("env", list(settings.ENVIRONMENTS))
+@pytest.mark.parametrize("env", list(settings.TASKS))
 @pytest.mark.parametrize("name", list(settings.ALGORITHMS))
 def test_a_preset_stands_for_every_algorithm_on_every_environment_and_is_accepted(name, env):
     given = settings.preset(name, env)

@@ -18,7 +18,8 @@ from kerfgym.envs.height_following import HeightFollowingEnv
 from kerfgym.envs.plant import supervisor
 from kerfgym.envs.scenarios import SPLITS, load, suite
 from kerfgym.envs.tasks import interface
-from kerfgym.envs.tasks.interface import CONTROLS, FEATURES, INFO, OBSERVATIONS, RAW
+from kerfgym.envs.tasks.interface import FEATURES, INFO, RAW, TASK
+from kerfgym.envs.tasks.task import OBSERVATIONS
 from kerfgym.experiments.measure.rollout import fleet_for, roll
 
 ID = "kerfgym/HeightFollowing-v0"
@@ -38,7 +39,7 @@ def begun(seed, **arguments):
 # ----------------------------------------------------------------------------------------------------- checkers
 
 
-@pytest.mark.parametrize("control", CONTROLS)
+@pytest.mark.parametrize("control", TASK.actions)
 @pytest.mark.parametrize("observation", OBSERVATIONS)
 def test_both_checkers_pass_without_a_warning(control, observation):
     with warnings.catch_warnings():
@@ -250,7 +251,7 @@ def test_the_raw_signals_are_those_of_the_table(steps):
     assert observation == pytest.approx(np.array(expected, float), rel=1e-6, abs=1e-6)
 
 
-@pytest.mark.parametrize("control", CONTROLS)
+@pytest.mark.parametrize("control", TASK.actions)
 @pytest.mark.parametrize("observation", OBSERVATIONS)
 def test_random_actions_keep_every_observation_within_its_space(control, observation):
     env = made(scenario="following", control=control, observation=observation)

@@ -17,7 +17,7 @@ from kerfgym.envs.figures import job_metrics, quality
 from kerfgym.envs.paths import job as jobs
 from kerfgym.envs.paths import kerf, parts
 from kerfgym.envs.plant import gantry
-from kerfgym.envs.tasks import job_interface, workshop
+from kerfgym.envs.tasks import workshop
 from kerfgym.experiments.results import jobs as job_runs
 
 CONTOUR, CUTTING = "kerfgym/ContourFollowing-v0", "kerfgym/Cutting-v0"
@@ -182,10 +182,7 @@ class Proportional:
 
 def test_a_plain_python_law_does_a_job_with_the_bits_of_the_compiled_one():
     python = team(python_stack(Proportional, "mine"))
-    rows = [
-        job_runs.compute(who.name, FAST, who, (1000, 1003))["runs"].drop(columns="controller")
-        for who in (python, team("xi2023-improved:law.kv=50"))
-    ]
+    rows = [job_runs.measured(FAST, who, (1000, 1003))[0] for who in (python, team("xi2023-improved:law.kv=50"))]
     pd.testing.assert_frame_equal(*rows)
     assert not rows[0]["failed"].any()
 
@@ -242,7 +239,7 @@ def test_a_job_ends_when_it_is_done_and_objectives_are_told(id_):
     assert info["cost"] == 0.0
     # At the end of the rapid and of the cut the programme waits for the axes.
     assert -40 <= steps * 8 - len(env.batch.jobs[0].x) <= 260
-    assert info["objectives"].tolist() == [info[name] for name in job_interface.OBJECTIVES[env.batch.TASK]]
+    assert info["objectives"].tolist() == [info[name] for name in env.batch.task.objectives]
     with pytest.raises(InvalidInput, match=r"the episode is over; call reset\(\)"):
         env.step(np.zeros(env.action_space.shape, np.float32))
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from kerfgym.envs import scenarios
-from kerfgym.envs.control.stack import Stack, as_stack, get, names, resolve
+from kerfgym.envs.control.stack import Stack, as_stack, asked, get, names, resolve, team
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.plant import filters, heads, supervisor
 from kerfgym.envs.plant.controller import SLOTS
@@ -135,6 +135,27 @@ def test_a_slot_may_be_named_and_a_stack_passes_through():
     assert resolve("z=pid") is get("pid")
     assert resolve("z=pid:law.kp=80").parameters()["law.kp"].value == 80.0
     assert resolve(get("pid")) is get("pid")
+
+
+def test_a_follower_is_a_team_without_axes_and_process():
+    alone = asked("pid:law.kp=30")
+    assert (alone.name, alone.slots, alone.z) == ("pid:law.kp=30", "z", resolve("pid:law.kp=30"))
+    assert alone.parameters() == alone.z.parameters()
+    assert alone.varied({"law.kp": 40.0}).z == alone.z.varied({"law.kp": 40.0})
+    assert (alone.provenance, alone.information) == (alone.z.provenance, alone.z.information)
+    with pytest.raises(InvalidInput, match=r"controller 'pid:law.kp=30' drives slot 'z', not 'xy'"):
+        _ = alone.xy
+
+
+def test_what_the_words_leave_open_is_filled_for_jobs_alone():
+    two = asked("z=pid,xy=wu")
+    assert (two.slots, two.full.slots) == ("z and xy", "z, xy and process")
+    assert two.full == team("z=pid,xy=wu")
+    assert [s.name for s in two.full.stacks] == ["pid", "wu", "recipe"]
+    assert two.having(get("observer")).z is get("observer")
+    varied = two.varied({"xy.law.kp": 2.0})
+    assert varied.z == two.z
+    assert varied.parameters()["xy.law.kp"].value == varied.xy.part("law").kp == 2.0
 
 
 def test_every_group_of_a_stack_is_declared():

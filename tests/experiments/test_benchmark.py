@@ -430,7 +430,7 @@ def standard():
     for name in SAFE:
         scenario = suite("following")[name]
         for controller in ("xi2023-tuned", "pid", "observer") if name in core("following") else ("pid", "observer"):
-            frames.append(compute(Case(controller, scenario, scenario.some(SEEDS)), stack.resolve(controller))["runs"])
+            frames.append(compute(Case(controller, scenario, scenario.some(SEEDS)), stack.asked(controller))["runs"])
     runs = pd.concat(frames, ignore_index=True)
     return Results(runs, pd.DataFrame(), pd.DataFrame(), {"seed_count": len(SEEDS)}, core("following"), ())
 

@@ -29,8 +29,8 @@ def found():
     return measured(ROUGH, stacks.resolve("xi2023-improved"), SEEDS)
 
 
-def measured(*words, **more):
-    (one,) = measure(*words, **more)
+def measured(scenario, controller, *words, **more):
+    (one,) = measure(scenario, stacks.asked(controller), *words, **more)
     return one
 
 

@@ -118,13 +118,13 @@ def test_a_limit_weighs_a_tenth_too_much_alike_everywhere():
 
 
 def test_the_score_is_that_of_plain_rollouts():
-    base, seeds = stacks.get("pid"), [0, 1, 2]
+    base, seeds = stacks.asked("pid"), [0, 1, 2]
     evaluator = Evaluator(base, "following", seeds)
     figures = evaluator.whole(base, ("rms_true", "jitter", "collision"))
     logs = []
     for name in scenarios.core("following"):
         case = scenarios.load(name)
-        record = rollout.roll(case, base, case.some(seeds))
+        record = rollout.roll(case, base.z, case.some(seeds))
         logs.append(0.5 * np.log(np.mean(metrics.METRICS["rms_true"].function(record) ** 2)))
         assert figures[name]["jitter"] == pytest.approx(metrics.METRICS["jitter"].function(record), rel=1e-12)
     assert goals.score("rms_true", figures, evaluator.core) == pytest.approx(np.exp(np.mean(logs)), rel=1e-12)
@@ -133,7 +133,7 @@ def test_the_score_is_that_of_plain_rollouts():
 
 
 def test_a_fleet_that_is_used_again_remembers_nothing():
-    base = stacks.get("xi2023-improved")
+    base = stacks.asked("xi2023-improved")
     evaluator = Evaluator(base, "following", [0, 1])
     wide = base.varied({"filter.kind": "improved", "filter.window": 15, "filter.trim": 4})
     first = evaluator.part(0, base, ("rms_true",)), evaluator.peak(base)

@@ -28,7 +28,7 @@ from kerfgym.experiments.tune.space import start_of
 from kerfgym.experiments.tune.trainings import TrainingTask
 from kerfgym.experiments.tune.work import abandoned, done
 
-HEIGHT, CONTOUR, CUTTING = settings.ENVIRONMENTS
+HEIGHT, CONTOUR, CUTTING = settings.TASKS
 TINY = {
     "environment.num_envs": 8, "environment.max_steps": 30, "environment.scenario": "tilt", "policy.net_arch": [8],
     "evaluation.scenario": "tilt", "evaluation.max_steps": 20, "evaluation.episodes": 2, "algorithm.n_steps": 8,
@@ -64,7 +64,7 @@ def told(folder):
 # -------------------------------------------------------------------------------------------------------------- space
 
 
-@pytest.mark.parametrize("env", list(settings.ENVIRONMENTS))
+@pytest.mark.parametrize("env", list(settings.TASKS))
 @pytest.mark.parametrize("name", list(settings.ALGORITHMS))
 def test_the_search_begins_at_the_preset(name, env):
     base = settings.preset(name, env)

@@ -117,7 +117,8 @@ def runs(process: str) -> Runs:
     jobs, law = [], {}
     for i, case in enumerate(CASES.values()):
         scenario, control = SMALL.varied(**case.scenario), team(f"xy={case.axes},process={process}")
-        jobs.append(workshop.prepare(fleet, scenario, control, [i], [1000 + i]))
+        workshop.prepare(fleet, scenario, control, [i], [1000 + i])
+        jobs.append(workshop.programme(scenario, control))
         control.install(fleet, [i])
         for column, value in case.columns.items():
             g.set(column, [i], value)

@@ -29,9 +29,7 @@ def work(task: Task) -> tuple[Task, Windows]:
 
 
 def _follower(name: str) -> stacks.Stack:
-    found = grids.resolved(name, False)
-    assert isinstance(found, stacks.Stack)
-    return found
+    return grids.resolved(name, False).z
 
 
 def endurance(

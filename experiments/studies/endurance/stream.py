@@ -1,6 +1,5 @@
 """Long runs in little memory: the recorder runs for a second at a time, and windows of a few numbers are kept."""
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -94,27 +93,21 @@ class _Tally:
 
 def stream(scenario: Scenario, stack: Stack, seeds: Sequence[int], window: float = WINDOW, threads: int = 1) -> Windows:
     """One episode of ``scenario`` per seed under ``stack``, in windows of ``window`` s; a job until it is done."""
-    if scenario.job:
-        team = stacks.team(stack)
-        fleet = workshop.fleet_for(scenario, team, seeds, threads)
-        assert fleet.gantries
+    team = stacks.team(stack) if scenario.job else stacks.asked(stack)
+    fleet = workshop.fleet_for(scenario, team, seeds, threads)
+    if fleet.gantries:
         target, settle = fleet.gantries.column("recipe.standoff"), 0
         ends = len(workshop.programme(scenario, team).x) - 1.5
         steps = round(LONGEST * ends)
     else:
-        fleet = rollout.fleet_for(scenario, stack, seeds, threads)
         target, settle = fleet.column("job.set_height"), scenario.settle_steps
         ends, steps = np.inf, scenario.steps
     tally = _Tally(fleet.size, round(window / PERIOD))
-    one_by_one = rollout.periods(fleet, stack, steps, tally.broken) if stack.python else None
+    go = rollout.advancing(fleet, stack, steps, tally.broken)
     while tally.done < steps:
         count = min(_AT_ONCE, tally.each - tally.done % tally.each, steps - tally.done)
         record = fleet.start_recording(count)
-        if one_by_one:
-            for _ in itertools.islice(one_by_one, count):
-                pass
-        else:
-            fleet.advance(count)
+        go(count)
         fleet.stop_recording()
         scored = record[:, _SCORED] > 0.5
         scored[: max(0, settle - tally.done)] = False
