@@ -62,10 +62,11 @@ class Task:
         """
         base = controller(self.controller)
         if self.fresh:
-            if isinstance(base, Team):
+            if len(base.stacks) > 1:
                 raise InvalidInput(f"fresh takes one stack, not '{self.controller}'")
-            kept = {name: value for name, value in base.values.items() if not name.startswith("law.")}
-            base = replace(base, values=kept, provenance={})
+            (stack,) = base.stacks
+            kept = {name: value for name, value in stack.values.items() if not name.startswith("law.")}
+            base = replace(base, stacks=(replace(stack, values=kept, provenance={}),))
         return base.varied(dict(self.set))
 
     @property
