@@ -19,6 +19,7 @@ from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.figures import job_metrics, metrics
 from kerfgym.experiments import cli
 from kerfgym.experiments.manual import docs
+from kerfgym.experiments.tune import study_file
 
 ROOT = Path(kerfgym.__file__).parent
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(docs.FOLDER.glob("*.md"))]
@@ -239,8 +240,11 @@ def test_every_block_of_code_runs(page, place, capsys):
         if name:
             (place / name).write_text(block, encoding="utf-8")
         if language == "toml":
-            assert tomllib.loads(block)
-            scenarios.parse(block)
+            if "search" in tomllib.loads(block):
+                (place / "study.toml").write_text(block, encoding="utf-8")
+                study_file.read(str(place / "study.toml"))
+            else:
+                scenarios.parse(block)
         elif language == "python":
             for old, new in smaller.items():
                 block = block.replace(old, new)
