@@ -18,6 +18,8 @@ PRESETS = Path(__file__).parent / "presets"
 UNTUNED = {"trials": 0, "origin": "as printed or assumed; not tuned"}
 """Record of a stack whose values nobody searched."""
 
+_BRIDGED = {"filter.kind": "anti-impulse", "filter.hold": 4, "guard.rise": 0.05}
+
 # name: (module, summary, values, name of the tuned preset on top of them, if there is one)
 _CATALOGUE: dict[str, tuple[str, str, dict, str]] = {
     "xi2023-ma": (
@@ -32,25 +34,19 @@ _CATALOGUE: dict[str, tuple[str, str, dict, str]] = {
         "xi2023", "Xi2023 improved, with window, trim and gain tuned: the reference of every ratio",
         {"filter.kind": "improved"}, "xi2023-tuned",
     ),
-    "pid": (
-        "pid", "PID with derivative filter and anti-windup behind an anti-impulse filter, tuned",
-        {"filter.kind": "anti-impulse", "filter.hold": 4, "guard.rise": 0.05}, "pid",
-    ),
+    "pid": ("pid", "PID with derivative filter and anti-windup behind an anti-impulse filter, tuned", _BRIDGED, "pid"),
     "observer": (
         "observer", "surface observer with feed-forward behind an anti-impulse filter, tuned",
-        {"filter.kind": "anti-impulse", "filter.hold": 4, "guard.rise": 0.05}, "observer",
+        _BRIDGED, "observer",
     ),
-    "lqg": (
-        "lqg", "Kalman filters and linear-quadratic regulator on an identified model, tuned",
-        {"filter.kind": "anti-impulse", "filter.hold": 4, "guard.rise": 0.05}, "lqg",
-    ),
+    "lqg": ("lqg", "Kalman filters and linear-quadratic regulator on an identified model, tuned", _BRIDGED, "lqg"),
     "mpc": (
         "mpc", "model-predictive: LQG under bounds on command and acceleration, planned anew each period, tuned",
-        {"filter.kind": "anti-impulse", "filter.hold": 4, "guard.rise": 0.05}, "mpc",
+        _BRIDGED, "mpc",
     ),
     "self-tuning": (
         "self_tuning", "self-tuning predictor: learns how the sheet goes on by recursive least squares, tuned",
-        {"filter.kind": "anti-impulse", "filter.hold": 4, "guard.rise": 0.05, "filter.jump": 0.031}, "self-tuning",
+        {**_BRIDGED, "filter.jump": 0.031}, "self-tuning",
     ),
     "preview-5ms": ("preview", "knows the sheet 5 ms ahead, tuned: 1 on a report's scale", {}, "preview-5ms"),
     "patent2022": (
@@ -58,7 +54,7 @@ _CATALOGUE: dict[str, tuple[str, str, dict, str]] = {
     ),
     "patent2022-free": (
         "patent2022", "Patent2022 with its constants free, behind an anti-impulse filter, tuned",
-        {"filter.kind": "anti-impulse", "filter.hold": 4, "guard.rise": 0.05}, "patent2022-free",
+        _BRIDGED, "patent2022-free",
     ),
     "cn102528288a": (
         "cn102528288a", "CN102528288A: dual loop with scheduled gains, speed from the encoder, assumed gains",
@@ -79,16 +75,14 @@ _CATALOGUE: dict[str, tuple[str, str, dict, str]] = {
     ),
     "plasma-style": (
         "plasma", "PID with velocity anti-dive and void lock, as open-source plasma tables have",
-        {"filter.kind": "anti-impulse", "filter.hold": 4, "guard.rise": 0.05}, "plasma-style",
+        _BRIDGED, "plasma-style",
     ),
     "oracle": ("oracle", "knows sheet ahead, true gap and true motion, tuned", {}, "oracle"),
     "ilc": (
         "ilc", "iterative learning over laps of a closed contour, on a PID behind an anti-impulse filter",
-        {"filter.kind": "anti-impulse", "filter.hold": 4, "guard.rise": 0.05}, "pid",
+        _BRIDGED, "pid",
     ),
-    "wu": (
-        "wu", "Wu: proportional position loops, Kv 30 1/s, slow in corners", {"law.kp": 0.54}, "",
-    ),
+    "wu": ("wu", "Wu: proportional position loops, Kv 30 1/s, slow in corners", {"law.kp": 0.54}, ""),
     "wu-no-corners": (
         "wu", "Wu without acceleration, deceleration and corner handling", {"law.kp": 0.54, "plan.corners": 0}, "",
     ),
@@ -97,18 +91,14 @@ _CATALOGUE: dict[str, tuple[str, str, dict, str]] = {
         {"law.kp": 0.54, "law.x_plus": 0.9662, "law.x_minus": 0.9662, "law.y_plus": 1.0363, "law.y_minus": 1.0363},
         "",
     ),
-    "wu-tuned": (
-        "wu", "Wu, gain tuned to an overshoot of at most 1 %: the reference of the slot xy", {}, "wu-tuned",
-    ),
+    "wu-tuned": ("wu", "Wu, gain tuned to an overshoot of at most 1 %: the reference of the slot xy", {}, "wu-tuned"),
     "wu-feedforward": ("wu", "Wu with feed-forward of velocity and acceleration, tuned", {}, "wu-feedforward"),
     "wu-stiff": ("wu", "Wu with half the gain that is unstable, and feed-forward, tuned", {}, "wu-stiff"),
     "recipe": ("recipe", "the material's recipe: nominal feed and power, no dither", {}, ""),
     "huang2024-static-quality": (
         "recipe", "Huang2024 Table 2: static, surface quality first, 0.2 m/min", {"plan.feed": 200.0 / 60}, "",
     ),
-    "huang2024-static-fast": (
-        "recipe", "Huang2024 Table 2: static, fastest, 0.5 m/min", {"plan.feed": 500.0 / 60}, "",
-    ),
+    "huang2024-static-fast": ("recipe", "Huang2024 Table 2: static, fastest, 0.5 m/min", {"plan.feed": 500.0 / 60}, ""),
     "huang2024-dynamic": (
         "recipe", "Huang2024 Table 2: dynamic compound, 1 m/min, circular helix ±0.3 mm and ±1 mm at 2 kHz",
         {"plan.feed": 1000.0 / 60, "law.frequency": 2000.0, "law.x": 0.3, "law.y": 0.3, "law.z": 1.0}, "",

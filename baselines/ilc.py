@@ -16,12 +16,12 @@ goes, as soon as Q has all it needs; how many cells a lap has is known after the
 in the first, the law is its PID; so it is throughout on laps of more than CELLS cells.
 """
 
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
 from kerfgym.baselines import pid
-from kerfgym.envs.engine.lanes import clip, part, sine
+from kerfgym.envs.engine.lanes import clip, extended, part, sine
 from kerfgym.envs.engine.quantity import Quantity
 from kerfgym.envs.plant.controller import PERIOD
 
@@ -34,14 +34,9 @@ WIDEST = 60.0
 """Cells on each side that Q reaches at most."""
 
 
-class Params(NamedTuple):
+class Learning(NamedTuple):
     """Gains of the PID and of the learning."""
 
-    kp: Annotated[float, Quantity("1/s", 1.0, 400.0, "proportional gain", log=True)] = 50.0
-    ki: Annotated[float, Quantity("1/s²", 0.0, 20000.0, "integral gain")] = 1500.0
-    kd: Annotated[float, Quantity("1", -1.0, 2.0, "derivative gain")] = 0.2
-    lag: Annotated[float, Quantity("ms", 0.0, 20.0, "time constant of the derivative's lag")] = 4.0
-    limit: Annotated[float, Quantity("mm/s", 1.0, 500.0, "largest integral part")] = 100.0
     learn: Annotated[float, Quantity("1", 0.0, 1.5, "learning gain γ; 0: nothing is learnt")] = 0.6
     lead: Annotated[float, Quantity("ms", 0.0, 20.0, "of what is learnt from")] = 6.0
     smooth: Annotated[float, Quantity("ms", 0.0, 40.0, "half the length of Q")] = 14.0
@@ -49,12 +44,12 @@ class Params(NamedTuple):
     cell: Annotated[float, Quantity("mm", 0.1, 5.0, "length of a cell")] = 0.4
 
 
-class State(NamedTuple):
+Params: Any = extended("Params", pid.Params, Learning, kp=50.0, lag=4.0)
+
+
+class Place(NamedTuple):
     """The PID's, and where in the memory the law is."""
 
-    integral: float = 0.0  # mm/s
-    error: float = 0.0  # mm, of the period before
-    slope: float = 0.0  # mm/s
     place: float = 0.0  # mm
     lap: float = 0.0
     cell: float = -1.0  # that the head is in, −1: none yet
@@ -64,10 +59,14 @@ class State(NamedTuple):
     periods: float = 0.0  # in the cell
 
 
+State: Any = extended("State", pid.State, Place)
+_FIRST = State()
+
+
 @part
 def init(params):
     """The initial state."""
-    return State(0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0)
+    return _FIRST
 
 
 @part
@@ -83,6 +82,12 @@ def _ring(lap):
 
 
 @part
+def _around(cell, cells):
+    """A cell at most a lap before or behind this one, as one of this lap."""
+    return cell + (cells if cell < 0.0 else (-cells if cell >= cells else 0.0))
+
+
+@part
 def _learnt(memory, lap, cell, cells, half, lead, gain):
     """F of the next lap at a cell of ``lap``: Q over what was in force and what was seen there."""
     value, weights = 0.0, 0.0
@@ -95,14 +100,30 @@ def _learnt(memory, lap, cell, cells, half, lead, gain):
         # A lap's end is followed by its beginning; in the first nothing is known of what lies before its beginning.
         there, seen, further = cell + k, cell + k + shift, cell + k + shift + 1.0
         if cells > 0.0:
-            there += cells if there < 0.0 else (-cells if there >= cells else 0.0)
-            seen += cells if seen < 0.0 else (-cells if seen >= cells else 0.0)
-            further += cells if further < 0.0 else (-cells if further >= cells else 0.0)
+            there, seen, further = _around(there, cells), _around(seen, cells), _around(further, cells)
         if there >= 0.0 and seen >= 0.0 and there < CELLS and further < CELLS and further >= 0.0:
             lacks = (1.0 - share) * memory[_index(2.0, seen)] + share * memory[_index(2.0, further)]
             value += weight * (memory[_index(_ring(lap), there)] + gain * lacks)
             weights += weight
     return value / weights if weights > 0.0 else 0.0
+
+
+@part
+def _learn(p, s, memory, cells, left, feed):
+    """Notes what was seen in the ``left`` cells that were left, and learns wherever Q now has all it needs."""
+    half = min(np.floor(p.smooth * 1e-3 * feed / p.cell + 0.5), WIDEST)
+    lead = p.lead * 1e-3 * feed / p.cell
+    mean = s.total / max(s.periods, 1.0)
+    for i in range(int(clip(left, 0.0, 64.0))):
+        cell, lap = s.cell + i, s.lap
+        if cells > 0.0 and cell >= cells:
+            cell, lap = cell - cells, lap + 1.0
+        memory[_index(2.0, clip(cell, 0.0, CELLS - 1.0))] = mean
+        ready = cell - half - np.floor(lead) - 1.0
+        if cells > 0.0 and ready < 0.0:
+            ready, lap = ready + cells, lap - 1.0
+        if ready >= 0.0 and lap >= 0.0:
+            memory[_index(_ring(lap + 1.0), ready)] = _learnt(memory, lap, ready, cells, half, lead, p.learn)
 
 
 @part
@@ -125,8 +146,7 @@ def control(params, state, signals, tables, memory):
     if x.fresh:
         for i in range(MEMORY):
             memory[np.uint64(i)] = 0.0
-    gains = pid.Params(params.kp, params.ki, params.kd, params.lag, params.limit)
-    inner, back = pid.control(gains, pid.State(state.integral, state.error, state.slope), x, tables)
+    inner, back = pid.control(params, state, x, tables)
     error = x.height - x.set_height
     change = 0.0 if x.fresh else clip(error - state.error, -params.gate, params.gate)
     lacks = back - change / PERIOD if x.captured and not x.override else 0.0
@@ -142,27 +162,12 @@ def control(params, state, signals, tables, memory):
     fits = x.lap < 1e6 and here < CELLS and cells < CELLS and params.learn > 0.0
     entered = here != state.cell or turned
     if fits and entered and state.cell >= 0.0:
-        half = min(np.floor(params.smooth * 1e-3 * x.feed / params.cell + 0.5), WIDEST)
-        lead = params.lead * 1e-3 * x.feed / params.cell
-        mean = state.total / max(state.periods, 1.0)
         # All cells that were left, were there more than one in this period.
         left = here - state.cell + (cells if turned else 0.0)
-        for i in range(int(clip(left, 0.0, 64.0))):
-            cell, lap = state.cell + i, state.lap
-            if cells > 0.0 and cell >= cells:
-                cell, lap = cell - cells, lap + 1.0
-            memory[_index(2.0, clip(cell, 0.0, CELLS - 1.0))] = mean
-            ready = cell - half - np.floor(lead) - 1.0
-            if cells > 0.0 and ready < 0.0:
-                ready, lap = ready + cells, lap - 1.0
-            if ready >= 0.0 and lap >= 0.0:
-                learnt = _learnt(memory, lap, ready, cells, half, lead, params.learn)
-                memory[_index(_ring(lap + 1.0), ready)] = learnt
+        _learn(params, state, memory, cells, left, x.feed)
     total = (0.0 if entered else state.total) + lacks
     periods = (0.0 if entered else state.periods) + 1.0
-    after = State(
-        inner.integral, inner.error, inner.slope, x.place, x.lap, here, cells, length, total, periods
-    )  # fmt: skip
+    after = State(inner.integral, inner.error, inner.slope, x.place, x.lap, here, cells, length, total, periods)
     knows = fits and x.lap >= 1.0 and cells > 0.0 and x.captured
     forward = _forward(memory, after, x.lap, x.place) if knows else 0.0
     return after, back + forward

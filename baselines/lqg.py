@@ -25,22 +25,6 @@ from kerfgym.envs.engine.quantity import Quantity
 from kerfgym.envs.plant.controller import PERIOD
 from kerfgym.envs.plant.supervisor import HOLD
 
-_IDENTIFIED = "[C] experiments/studies/identify.py"
-
-Bandwidth = Annotated[float, Quantity("Hz", 20.0, 250.0, "of the model's velocity loop", _IDENTIFIED, log=True)]
-Zeta = Annotated[float, Quantity("1", 0.3, 3.0, "its damping ratio", _IDENTIFIED)]
-DeadTime = Annotated[float, Quantity("ms", 0.0, 3.0, "from reading to the command's first effect", _IDENTIFIED)]
-Encoder = Annotated[float, Quantity("mm", 1e-5, 0.1, "noise of the encoder; 1 µm/√12 by its counts", log=True)]
-Drift = Annotated[float, Quantity("mm/s²", 10.0, 1e4, "change of the drive's acceleration in a period", log=True)]
-Reading = Annotated[float, Quantity("mm", 1e-5, 0.1, "noise of the reading", log=True)]
-Shift = Annotated[float, Quantity("mm", 1e-5, 0.02, "random change of the sheet's level in a period", log=True)]
-Wander = Annotated[float, Quantity("mm/s", 1e-3, 10.0, "of its speed", log=True)]
-Bend = Annotated[float, Quantity("mm/s²", 0.1, 1e4, "of its acceleration", log=True)]
-Memory = Annotated[float, Quantity("ms", 0.1, 1000.0, "time constant with which its acceleration dies", log=True)]
-Gate = Annotated[float, Quantity("mm", 0.005, 5.0, "largest innovation of the sheet that counts", log=True)]
-Effort = Annotated[float, Quantity("ms", 1.0, 200.0, "weight of a change of command over that of an error", log=True)]
-Damping = Annotated[float, Quantity("ms", 0.0, 50.0, "weight of the speed relative to the sheet")]
-
 
 class Params(NamedTuple):
     """Model, variances (as standard deviations) and weights; of these only ratios matter.
@@ -48,19 +32,35 @@ class Params(NamedTuple):
     Default variances and weights are rounded from a first search of 160 trials on tune seeds.
     """
 
-    bandwidth: Bandwidth = 84.2
-    zeta: Zeta = 0.78
-    dead_time: DeadTime = 2.2
-    encoder: Encoder = 3e-4
-    drift: Drift = 400.0
-    reading: Reading = 2e-3
-    shift: Shift = 2e-3
-    wander: Wander = 0.2
-    bend: Bend = 1.0
-    memory: Memory = 20.0
-    gate: Gate = 0.05
-    effort: Effort = 16.0
-    damping: Damping = 15.0
+    bandwidth: Annotated[
+        float,
+        Quantity("Hz", 20.0, 250.0, "of the model's velocity loop", "[C] experiments/studies/identify.py", log=True),
+    ] = 84.2
+    zeta: Annotated[float, Quantity("1", 0.3, 3.0, "its damping ratio", "[C] experiments/studies/identify.py")] = 0.78
+    dead_time: Annotated[
+        float,
+        Quantity("ms", 0.0, 3.0, "from reading to the command's first effect", "[C] experiments/studies/identify.py"),
+    ] = 2.2
+    encoder: Annotated[float, Quantity("mm", 1e-5, 0.1, "noise of the encoder; 1 µm/√12 by its counts", log=True)] = (
+        3e-4
+    )
+    drift: Annotated[
+        float, Quantity("mm/s²", 10.0, 1e4, "change of the drive's acceleration in a period", log=True)
+    ] = 400.0
+    reading: Annotated[float, Quantity("mm", 1e-5, 0.1, "noise of the reading", log=True)] = 2e-3
+    shift: Annotated[float, Quantity("mm", 1e-5, 0.02, "random change of the sheet's level in a period", log=True)] = (
+        2e-3
+    )
+    wander: Annotated[float, Quantity("mm/s", 1e-3, 10.0, "of its speed", log=True)] = 0.2
+    bend: Annotated[float, Quantity("mm/s²", 0.1, 1e4, "of its acceleration", log=True)] = 1.0
+    memory: Annotated[
+        float, Quantity("ms", 0.1, 1000.0, "time constant with which its acceleration dies", log=True)
+    ] = 20.0
+    gate: Annotated[float, Quantity("mm", 0.005, 5.0, "largest innovation of the sheet that counts", log=True)] = 0.05
+    effort: Annotated[
+        float, Quantity("ms", 1.0, 200.0, "weight of a change of command over that of an error", log=True)
+    ] = 16.0
+    damping: Annotated[float, Quantity("ms", 0.0, 50.0, "weight of the speed relative to the sheet")] = 15.0
 
 
 class State(NamedTuple):
@@ -76,6 +76,8 @@ class State(NamedTuple):
     sent_2: float = 0.0
     sent_3: float = 0.0
 
+
+_FIRST = State()
 
 FOLLOWED = 30.0
 """mm/s, change of command that a drive still follows within the model's few periods, at 1 to 2 g [A]."""
@@ -94,24 +96,19 @@ STEP = WORK + STATES * STATES
 DRIVE, SHEET = STEP + 18, STEP + 21
 # What the above was made for.
 MADE = SHEET + 3
-MEMORY = MADE + len(Params._fields)
+NUMBERS = len(Params._fields)
+MEMORY = MADE + NUMBERS
 
 
 @part
 def init(params):
     """The initial state."""
-    return State(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return _FIRST
 
 
 @part
 def _unit(i, j):
     return 1.0 if i == j else 0.0
-
-
-@part
-def _column(m, at, width, j, x, y, z):
-    """Three numbers into column ``j`` of a matrix of three rows."""
-    m[at + j], m[at + width + j], m[at + 2 * width + j] = x, y, z
 
 
 @part
@@ -134,8 +131,8 @@ def prepare(p, m):
     """Model and gains for the parameters ``p`` into the memory ``m``."""
     drive, course = servo.Drive(p.bandwidth, p.zeta, p.dead_time), servo.sheet(p.memory * 1e-3)
     for j in range(6):
-        z, v, a = servo.period(drive, 0.0, _unit(j, 0), _unit(j, 1), _unit(j, 2), _unit(j, 3), _unit(j, 4), _unit(j, 5))
-        _column(m, STEP, 6, j, z, v, a)
+        given = _unit(j, 0), _unit(j, 1), _unit(j, 2), _unit(j, 3), _unit(j, 4), _unit(j, 5)
+        m[STEP + j], m[STEP + 6 + j], m[STEP + 12 + j] = servo.period(drive, 0.0, *given)
     # Transposed: row 0 is what the position does to each.
     for i in range(3):
         m[P + i] = _unit(i, 0)
@@ -148,18 +145,10 @@ def prepare(p, m):
     _filter(m, SHEET, p.shift, p.wander, p.bend, p.reading)
 
     for j in range(STATES + 1):
-        x = servo.Relative(
-            _unit(j, 0), _unit(j, 1), _unit(j, 2), _unit(j, 3), _unit(j, 4), _unit(j, 5), _unit(j, 6)
-        )  # fmt: skip
-        y = servo.ahead(drive, course, x, _unit(j, STATES))
-        if j < STATES:
-            _column(m, A, STATES, j, y.error, y.speed, y.acceleration)
-            _column(m, A + 3 * STATES, STATES, j, y.sent_1, y.sent_2, y.sent_3)
-            m[A + 6 * STATES + j] = y.bend
-        else:
-            _column(m, B, 1, 0, y.error, y.speed, y.acceleration)
-            _column(m, B + 3, 1, 0, y.sent_1, y.sent_2, y.sent_3)
-            m[B + 6] = y.bend
+        x = _unit(j, 0), _unit(j, 1), _unit(j, 2), _unit(j, 3), _unit(j, 4), _unit(j, 5), _unit(j, 6)
+        column = servo.ahead(drive, course, servo.Relative(*x), _unit(j, STATES))
+        for i in range(STATES):
+            m[A + i * STATES + j if j < STATES else B + i] = column[i]
     for i in range(STATES):
         m[Q + i] = 0.0
     m[Q], m[Q + 1] = 1.0, (1e-3 * p.damping) ** 2
@@ -169,14 +158,10 @@ def prepare(p, m):
 @part
 def is_made(p, m):
     """Whether the memory holds the gains for ``p``; marks it so."""
-    same = (
-        m[MADE] == p.bandwidth and m[MADE + 1] == p.zeta and m[MADE + 2] == p.dead_time and m[MADE + 3] == p.encoder
-        and m[MADE + 4] == p.drift and m[MADE + 5] == p.reading and m[MADE + 6] == p.shift and m[MADE + 7] == p.wander
-        and m[MADE + 8] == p.bend and m[MADE + 9] == p.memory and m[MADE + 10] == p.effort and m[MADE + 11] == p.damping
-    )  # fmt: skip
-    m[MADE], m[MADE + 1], m[MADE + 2], m[MADE + 3] = p.bandwidth, p.zeta, p.dead_time, p.encoder
-    m[MADE + 4], m[MADE + 5], m[MADE + 6], m[MADE + 7] = p.drift, p.reading, p.shift, p.wander
-    m[MADE + 8], m[MADE + 9], m[MADE + 10], m[MADE + 11] = p.bend, p.memory, p.effort, p.damping
+    same = True
+    for i in range(NUMBERS):
+        same = same and m[MADE + i] == p[i]
+        m[MADE + i] = p[i]
     return same
 
 
@@ -215,17 +200,18 @@ def estimate(p, s, x, m):
 @part
 def relative(s, x):
     """The estimate as seen from the sheet."""
-    return servo.Relative(
-        s.position - s.level - x.set_height, s.velocity - s.speed, s.acceleration,
-        s.sent_1 - s.speed, s.sent_2 - s.speed, s.sent_3 - s.speed, s.bend,
-    )  # fmt: skip
+    error = s.position - s.level - x.set_height
+    one, two, three = s.sent_1 - s.speed, s.sent_2 - s.speed, s.sent_3 - s.speed
+    return servo.Relative(error, s.velocity - s.speed, s.acceleration, one, two, three, s.bend)
 
 
 @part
 def change(m, r):
     """The regulator's change of command, mm/s."""
-    fed = m[K] * r.error + m[K + 1] * r.speed + m[K + 2] * r.acceleration + m[K + 3] * r.sent_1
-    return -(fed + m[K + 4] * r.sent_2 + m[K + 5] * r.sent_3 + m[K + 6] * r.bend)
+    fed = m[K] * r[0]
+    for i in range(1, STATES):
+        fed += m[K + i] * r[i]
+    return -fed
 
 
 @part

@@ -10,10 +10,10 @@ quadratic program is solved to the optimum (:mod:`active_set`). During an approa
 LQG's command is clipped instead.
 """
 
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 from kerfgym.baselines import active_set, lqg
-from kerfgym.envs.engine.lanes import clip, part, stage
+from kerfgym.envs.engine.lanes import clip, extended, part, stage
 from kerfgym.envs.engine.quantity import Quantity
 from kerfgym.envs.plant.controller import PERIOD
 
@@ -29,36 +29,16 @@ ROOM = X + N + 2 * S
 MEMORY = ROOM + active_set.room(N)
 
 
-class Params(NamedTuple):
+class Bounds(NamedTuple):
     """The LQG's, and the bounds."""
 
-    bandwidth: lqg.Bandwidth = lqg.Params().bandwidth
-    zeta: lqg.Zeta = lqg.Params().zeta
-    dead_time: lqg.DeadTime = lqg.Params().dead_time
-    encoder: lqg.Encoder = lqg.Params().encoder
-    drift: lqg.Drift = lqg.Params().drift
-    reading: lqg.Reading = lqg.Params().reading
-    shift: lqg.Shift = lqg.Params().shift
-    wander: lqg.Wander = lqg.Params().wander
-    bend: lqg.Bend = lqg.Params().bend
-    memory: lqg.Memory = lqg.Params().memory
-    gate: lqg.Gate = lqg.Params().gate
-    effort: lqg.Effort = lqg.Params().effort
-    damping: lqg.Damping = lqg.Params().damping
     acceleration: Annotated[float, Quantity("mm/s²", 100.0, 1e5, "largest change of command", log=True)] = 1e4
     fastest: Annotated[float, Quantity("mm/s", 1.0, 1000.0, "largest command", "Xi2023", log=True)] = 500.0
 
 
+Params: Any = extended("Params", lqg.Params, Bounds)
 State = lqg.State
 init = lqg.init
-
-
-@part
-def _lqg(p):
-    return lqg.Params(
-        p.bandwidth, p.zeta, p.dead_time, p.encoder, p.drift, p.reading, p.shift, p.wander, p.bend, p.memory, p.gate,
-        p.effort, p.damping,
-    )  # fmt: skip
 
 
 @stage
@@ -128,7 +108,7 @@ def plan(m, r):
 @part
 def control(params, state, signals, tables, memory):
     """Head velocity, mm/s."""
-    p, m = _lqg(params), memory
+    p, m = params, memory
     if signals.fresh and not lqg.is_made(p, m):
         lqg.prepare(p, m)
         prepare(m, 1e-3 * p.effort, 1e-3 * p.damping)

@@ -46,11 +46,6 @@ def init(params):
 def control(params, state, signals, tables):
     """Head velocity, mm/s."""
     x = signals
-    near = clip(params.lead, 0.5, 4.5)
-    coming = preview._at(x, near + 0.5) - preview._at(x, near - 0.5)  # mm in 1 ms
-    inner = clip(params.lead, 1.5, 4.0)  # where all four points are known
-    before = preview._at(x, inner - 0.5) - preview._at(x, inner - 1.5)
-    bend = (preview._at(x, inner + 1.0) - preview._at(x, inner) - before) / 1.25
     true = x.gap - x.set_height
     error = x.head_position - x.surface_0 - x.set_height
     error += params.nozzle * (true - error)
@@ -61,4 +56,4 @@ def control(params, state, signals, tables):
     integral = state.integral if x.override else held
     integral = integral if x.captured else 0.0
     feedback = params.kp * error + integral + params.damping * relative + params.brake * 1e-3 * bent
-    return State(integral, x.surface_0), (coming + params.sharpen * bend) / PERIOD - feedback
+    return State(integral, x.surface_0), preview.coming(params, x) - feedback

@@ -13,22 +13,17 @@ behaviour, nothing is taken over):
 While locked the head stands still; integral and derivative start afresh afterwards.
 """
 
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 from kerfgym.baselines import pid
-from kerfgym.envs.engine.lanes import part
+from kerfgym.envs.engine.lanes import extended, part
 from kerfgym.envs.engine.quantity import Quantity
 from kerfgym.envs.plant.controller import PERIOD
 
 
-class Params(NamedTuple):
+class Locks(NamedTuple):
     """Gains and locks."""
 
-    kp: Annotated[float, Quantity("1/s", 1.0, 400.0, "proportional gain", log=True)] = 50.0
-    ki: Annotated[float, Quantity("1/s²", 0.0, 20000.0, "integral gain")] = 1500.0
-    kd: Annotated[float, Quantity("1", -1.0, 2.0, "derivative gain")] = 0.2
-    lag: Annotated[float, Quantity("ms", 0.0, 20.0, "time constant of the derivative's lag")] = 4.0
-    limit: Annotated[float, Quantity("mm/s", 1.0, 500.0, "largest integral part")] = 100.0
     feed: Annotated[
         float, Quantity("1", 0.0, 1.0, "share of the programmed feed below which the head stands still")
     ] = 0.9
@@ -38,15 +33,18 @@ class Params(NamedTuple):
     off: Annotated[float, Quantity("ms", 1, 2000, "without it after which the lock ends", whole=True)] = 30.0
 
 
-class State(NamedTuple):
+Params: Any = extended("Params", pid.Params, Locks, kp=50.0, lag=4.0)
+
+
+class Watch(NamedTuple):
     """The PID's, and the locks'."""
 
-    integral: float = 0.0  # mm/s
-    error: float = 0.0  # mm, of the period before
-    slope: float = 0.0  # mm/s
     programmed: float = 0.0  # mm/s, largest feed of late
     rising: float = 0.0  # ms for which the reading has risen too fast
     lock: float = 0.0  # ms for which the void lock still holds
+
+
+State: Any = extended("State", pid.State, Watch)
 
 
 @part
@@ -66,8 +64,7 @@ def control(params, state, signals, tables):
     rising = state.rising + 1.0 if signals.captured and rise > params.slope else 0.0
     lock = params.off if rising >= params.on else max(state.lock - 1.0, 0.0)
     locked = signals.captured and (slow or lock > 0.0)
-    gains = pid.Params(params.kp, params.ki, params.kd, params.lag, params.limit)
-    after, wish = pid.control(gains, pid.State(state.integral, state.error, state.slope), signals, tables)
-    return State(
-        0.0 if locked else after.integral, error, 0.0 if locked else after.slope, programmed, rising, lock
-    ), 0.0 if locked else wish  # fmt: skip
+    after, wish = pid.control(params, state, signals, tables)
+    if locked:
+        return State(0.0, error, 0.0, programmed, rising, lock), 0.0
+    return State(after.integral, error, after.slope, programmed, rising, lock), wish

@@ -50,15 +50,20 @@ def _at(x, time):
 
 
 @part
+def coming(p, x):
+    """The sheet's speed ``lead`` ahead, sharpened, mm/s."""
+    near = clip(p.lead, 0.5, 4.5)
+    rise = _at(x, near + 0.5) - _at(x, near - 0.5)  # mm in 1 ms
+    inner = clip(p.lead, 1.5, 4.0)  # where all four points are known
+    before, after = _at(x, inner - 0.5) - _at(x, inner - 1.5), _at(x, inner + 1.0) - _at(x, inner)
+    return (rise + p.sharpen * ((after - before) / 1.25)) / PERIOD
+
+
+@part
 def control(params, state, signals, tables):
     """Head velocity, mm/s."""
     x = signals
-    near = clip(params.lead, 0.5, 4.5)
-    coming = _at(x, near + 0.5) - _at(x, near - 0.5)  # mm in 1 ms
-    inner = clip(params.lead, 1.5, 4.0)  # where all four points are known
-    before, after = _at(x, inner - 0.5) - _at(x, inner - 1.5), _at(x, inner + 1.0) - _at(x, inner)
-    bend = (after - before) / 1.25
     measured = x.head_position - x.height - x.surface_0
     bias = 0.0 if x.fresh else state.bias + params.level * PERIOD * clip(measured - state.bias, -0.02, 0.02)
     error = x.head_position - x.surface_0 - x.set_height - bias
-    return State(bias, error), (coming + params.sharpen * bend) / PERIOD - params.kp * error
+    return State(bias, error), coming(params, x) - params.kp * error

@@ -8,6 +8,7 @@ from typing import Annotated, NamedTuple
 
 from kerfgym.envs.engine.lanes import part
 from kerfgym.envs.engine.quantity import Quantity
+from kerfgym.envs.plant import idle
 from kerfgym.envs.plant.controller import Process
 
 SLOT = "process"
@@ -26,16 +27,7 @@ class Params(NamedTuple):
     standoff: Annotated[float, Quantity("mm", -1.0, 1.0, "added to the nominal standoff")] = 0.0
 
 
-class State(NamedTuple):
-    """Settings that stay remember nothing."""
-
-    nothing: float = 0.0
-
-
-@part
-def init(params):
-    """The initial state."""
-    return State(0.0)
+State, init = idle.State, idle.init  # it remembers nothing
 
 
 @part

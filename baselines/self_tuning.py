@@ -121,7 +121,7 @@ class State(NamedTuple):
 
     tick: float = 0.0  # of the rings
     known: float = 0.0  # periods since the readings are the sheet's
-    usual: float = 0.0  # mm², mean square of the farthest prediction's innovation
+    usual: float = 4e-6  # mm², mean square of the farthest prediction's innovation
     grow: float = 1.0  # of the coefficients' variance per period
     late: float = 0.0  # covariance of the head's velocity and its command's acceleration, …
     power: float = 0.0  # … and the latter's variance, forgotten as slowly
@@ -137,11 +137,25 @@ class State(NamedTuple):
     held: bool = False  # the supervisor held the head
 
 
+class Reading(NamedTuple):
+    """What a reading is taken for."""
+
+    measured: float  # mm, the sheet, bridged or not
+    seen: float  # mm, the sheet as it was read
+    far_off: float  # mm, from which on a reading is off
+    off: bool  # it is off
+    bridges: bool  # and bridged
+    anew: bool  # what was read before counts no more
+    lost: bool  # no reading of the sheet, or the first
+
+
+_FIRST = State()
+
+
 @part
 def init(params):
     """The initial state."""
-    grow = 2.0 ** (1.0 / params.memory)
-    return State(0.0, 0.0, 4e-6, grow, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1e-4, 0.0, 0.0, False)
+    return _FIRST._replace(grow=2.0 ** (1.0 / params.memory))
 
 
 @part
@@ -283,139 +297,167 @@ def lag(params, state):
 
 
 @part
+def _read(p, s, x, m):
+    """Tells the sheet from what is off it; takes the reading in, bridged or not. Returns state and :class:`Reading`."""
+    tick = s.tick
+    # Far from the sheet and over a hole the reading says nothing of the sheet.
+    blind, holds = not x.captured, x.mode == HOLD
+    # Not the filtered height: what is off the trend is told apart in the sheet, where the head's motion does not count.
+    seen, last = x.head_position - x.raw_height, m[READINGS + _slot(tick, 1.0)]
+    expected = last + (last - m[READINGS + _slot(tick, RECENT)]) / (RECENT - 1)
+    # What was predicted before the reading tells better than a trend what is off it, once it has proved itself.
+    soon, based = _foretold(m, tick)
+    proved = based and s.calm > PROVED
+    expected = soon if proved else expected
+    far_off = clip(p.rare * np.sqrt(s.stray), FINE, p.jump) if proved else p.jump
+    # What goes on from a reading that was taken is the sheet, whatever was predicted: an impulse leaves it.
+    leaves = _leaves(m, tick, seen, max(s.bridged, 0.0), far_off, proved)
+    off = abs(seen - expected) > far_off and leaves
+    bridges = off and s.bridged >= 0.0 and s.bridged < p.hold
+    # Across the bridge the trend of more readings: what noise adds to it would be taken for motion.
+    carried = soon if proved else last + (last - m[READINGS + _slot(tick, RING)]) / (RING - 1)
+    missed = min((seen - soon) * (seen - soon), 9.0 * s.stray)
+    stray = max(0.99 * s.stray + 0.01 * missed, QUIET * QUIET) if proved else s.stray
+    # One that outlasts is real; then the trend is that of the jump for a while.
+    bridged = s.bridged + 1.0 if bridges or s.bridged < 0.0 else (-float(RECENT) if off else 0.0)
+    m[RAW + _slot(tick, 0.0)] = seen
+    if bridges and s.bridged <= 0.0:
+        for k in range(AVERAGES):
+            m[BEFORE + k] = m[MEANS + k]
+    outlasts = off and not bridges
+    if outlasts and s.bridged > 0.0 and not holds:
+        _take_back(m, tick, s.bridged)
+    # What was read before a hold was of the hole, or of a fault.
+    anew = x.fresh or blind or (s.held and not holds)
+    if anew:
+        _begin_at(m, seen)
+    if x.fresh:
+        for i in range(RING):
+            m[COMMANDS + i] = 0.0
+    m[COMMANDS + _slot(tick, 1.0)] = x.command
+    measured = m[READINGS + _slot(tick, 1.0)] if holds else (carried if bridges and not anew else seen)
+    _see(m, tick, 0.0, measured)
+    # After what was taken to be a jump the readings tell no motion until all of them lie behind it.
+    known = 0.0 if blind or x.fresh else (1.0 if holds or outlasts else min(s.known + 1.0, 1e6))
+    calm, bridged = (0.0, 0.0) if anew or holds else (0.0 if outlasts else s.calm + 1.0, bridged)
+    s = s._replace(known=known, bridged=bridged, stray=stray, calm=calm, held=holds)
+    return s, Reading(measured, seen, far_off, off, bridges, anew, x.fresh or blind or holds)
+
+
+@part
+def _begin_at(m, reading):
+    """All that has been read is this one reading."""
+    for i in range(RING):
+        m[READINGS + i] = reading
+    for i in range(AVERAGES):
+        m[MEANS + i] = reading
+
+
+@part
+def _watch(p, s, x, m, r):
+    """An error that the sheet has not made is an oscillation: back to the proportional term, and learn anew.
+
+    Returns state, what was measured, and whether it is one.
+    """
+    measured, swung = r.measured, abs(m[SEEN + _slot(s.tick, 0.0) * TERMS + TERMS - 1])
+    swing = max(0.0 if r.anew else FADE * s.swing, swung)
+    swings = s.known > 0.0 and abs(x.head_position - measured - x.set_height) > SWING * swing + STRAY
+    known, bridged, calm = s.known, s.bridged, s.calm
+    if swings:
+        _forget(p, m)
+        if known > 2.0:  # what bridges have made of the readings is no trend to go on from
+            for back in range(RING):
+                m[READINGS + _slot(s.tick, back)] = m[RAW + _slot(s.tick, back)]
+            measured, bridged = r.seen, 0.0
+        known, calm = 1.0, 0.0
+    return s._replace(swing=swing, known=known, bridged=bridged, calm=calm), measured, swings
+
+
+@part
+def _taught(p, s, m, measured):
+    """The state after what was said ``FAR`` periods ago has been compared with what came."""
+    recall = 1.0 - 1.0 / p.recall
+    usual, wrong, plain = s.usual, recall * s.wrong, recall * s.plain
+    if s.known > FAR + 2.0:
+        base = _slot(s.tick, FAR)
+        rose = measured - m[READINGS + base]
+        wrong += (rose - m[SAID + base]) * (rose - m[SAID + base])
+        plain += rose * rose
+        now, mid = m[READINGS + _slot(s.tick, FAR - NEAR)], m[READINGS + _slot(s.tick, FAR - MIDDLE)]
+        missed = _learn(p, m, base, now, mid, measured, usual, s.grow)
+        usual = max(0.99 * usual + 0.01 * missed * missed, QUIET * QUIET)
+    return s._replace(usual=usual, wrong=wrong, plain=plain)
+
+
+@part
+def _foreseen(m, tick, measured, bridges):
+    """How far the sheet will have risen ``NEAR``, ``MIDDLE`` and ``FAR`` periods from now, mm; it is kept."""
+    here = _slot(tick, 0.0)
+    row, near, middle, far = SEEN + here * TERMS, 0.0, 0.0, 0.0
+    for i in range(TERMS):
+        near += m[NEARER + i] * m[row + i]
+        middle += m[NEARER + TERMS + i] * m[row + i]
+        far += m[FARTHER + i] * m[row + i]
+    m[SAID + here], m[SOON + here], m[LATER + here] = far, measured + near, measured + middle
+    m[TAKEN + here] = 0.0 if bridges else 1.0
+    return near, middle, far
+
+
+@part
+def _timed(s, x, m):
+    """The state after one more period of the drive, of which the lag is learnt: the head's velocity is its command,
+    later, to first order v(t) = u(t − c) − (lag − c)·u'(t − c)."""
+    sent, before = m[COMMANDS + _slot(s.tick, CENTRE)], m[COMMANDS + _slot(s.tick, CENTRE + 1.0)]
+    change = 0.5 * (m[COMMANDS + _slot(s.tick, CENTRE - 1.0)] - before)
+    late = s.late + (-(x.head_velocity - sent) * change if s.known > 20.0 else 0.0)
+    return s._replace(late=late, power=s.power + (change * change if s.known > 20.0 else 0.0))
+
+
+@part
+def _under_way(m, tick, behind):
+    """mm that the commands of the last ``behind`` ms are still to move the head by."""
+    moving = 0.0
+    for k in range(1, RING):
+        moving += clip(behind - k + 0.5, 0.0, 1.0) * m[COMMANDS + _slot(tick, k)] * PERIOD
+    return moving
+
+
+@part
 def control(params, state, signals, tables, memory):
-    """Head velocity, mm/s."""
+    """Head velocity, mm/s: read, learn, predict."""
     p, x, m = params, signals, memory
     if x.fresh:
         for i in range(MEMORY):
             m[i] = 0.0
         _forget(p, m)
-    # Far from the sheet and over a hole the reading says nothing of the sheet.
-    blind, holds = not x.captured, x.mode == HOLD
-    # Not the filtered height: what is off the trend is told apart in the sheet, where the head's motion does not count.
-    seen, tick = x.head_position - x.raw_height, state.tick + 1.0
-    last = m[READINGS + _slot(tick, 1.0)]
-    expected = last + (last - m[READINGS + _slot(tick, RECENT)]) / (RECENT - 1)
-    # What was predicted before the reading tells better than a trend what is off it, once it has proved itself.
-    soon, based = _foretold(m, tick)
-    proved = based and state.calm > PROVED
-    expected = soon if proved else expected
-    far_off = clip(p.rare * np.sqrt(state.stray), FINE, p.jump) if proved else p.jump
-    # What goes on from a reading that was taken is the sheet, whatever was predicted: an impulse leaves it.
-    leaves = _leaves(m, tick, seen, max(state.bridged, 0.0), far_off, proved)
-    off = abs(seen - expected) > far_off and leaves
-    bridges = off and state.bridged >= 0.0 and state.bridged < p.hold
-    # Across the bridge the trend of more readings: what noise adds to it would be taken for motion.
-    carried = soon if proved else last + (last - m[READINGS + _slot(tick, RING)]) / (RING - 1)
-    measured = carried if bridges else seen
-    missed = min((seen - soon) * (seen - soon), 9.0 * state.stray)
-    stray = max(0.99 * state.stray + 0.01 * missed, QUIET * QUIET) if proved else state.stray
-    # One that outlasts is real; then the trend is that of the jump for a while.
-    bridged = state.bridged + 1.0 if bridges or state.bridged < 0.0 else (-float(RECENT) if off else 0.0)
-    calm = 0.0 if off and not bridges else state.calm + 1.0
-    m[RAW + _slot(tick, 0.0)] = seen
-    if bridges and state.bridged <= 0.0:
-        for k in range(AVERAGES):
-            m[BEFORE + k] = m[MEANS + k]
-    if off and not bridges and state.bridged > 0.0 and not holds:
-        _take_back(m, tick, state.bridged)
-    # What was read before a hold was of the hole, or of a fault.
-    anew = x.fresh or blind or (state.held and not holds)
-    if anew:
-        measured = seen
-        for i in range(RING):
-            m[READINGS + i] = measured
-        for i in range(AVERAGES):
-            m[MEANS + i] = measured
-    if anew or holds:
-        bridged, calm = 0.0, 0.0
-    if x.fresh:
-        for i in range(RING):
-            m[COMMANDS + i] = 0.0
-    m[COMMANDS + _slot(tick, 1.0)] = x.command
-    if holds:
-        measured = m[READINGS + _slot(tick, 1.0)]
-    _see(m, tick, 0.0, measured)
-    # After what was taken to be a jump the readings tell no motion until all of them lie behind it.
-    known = 0.0 if blind or x.fresh else (1.0 if holds or (off and not bridges) else min(state.known + 1.0, 1e6))
-    row = SEEN + _slot(tick, 0.0) * TERMS
-    # An error that the sheet has not made is an oscillation: back to the proportional term, and learn anew.
-    swing = max(0.0 if anew else FADE * state.swing, abs(m[row + TERMS - 1]))
-    swings = known > 0.0 and abs(x.head_position - measured - x.set_height) > SWING * swing + STRAY
-    if swings:
-        _forget(p, m)
-        if known > 2.0:  # what bridges have made of the readings is no trend to go on from
-            for back in range(RING):
-                m[READINGS + _slot(tick, back)] = m[RAW + _slot(tick, back)]
-            measured, bridged = seen, 0.0
-        known, calm = 1.0, 0.0
-    recall = 1.0 - 1.0 / p.recall
-    usual, wrong, plain = state.usual, recall * state.wrong, recall * state.plain
-    if known > FAR + 2.0:
-        base = _slot(tick, FAR)
-        rose = measured - m[READINGS + base]
-        wrong += (rose - m[SAID + base]) * (rose - m[SAID + base])
-        plain += rose * rose
-        now, mid = m[READINGS + _slot(tick, FAR - NEAR)], m[READINGS + _slot(tick, FAR - MIDDLE)]
-        missed = _learn(p, m, base, now, mid, measured, usual, state.grow)
-        usual = max(0.99 * usual + 0.01 * missed * missed, QUIET * QUIET)
-    near, middle, far = 0.0, 0.0, 0.0
-    for i in range(TERMS):
-        near += m[NEARER + i] * m[row + i]
-        middle += m[NEARER + TERMS + i] * m[row + i]
-        far += m[FARTHER + i] * m[row + i]
-    m[SAID + _slot(tick, 0.0)] = far
-    m[SOON + _slot(tick, 0.0)], m[LATER + _slot(tick, 0.0)] = measured + near, measured + middle
-    m[TAKEN + _slot(tick, 0.0)] = 0.0 if bridges else 1.0
-    # Head velocity is its command, later: to first order v(t) = u(t − c) − (lag − c)·u'(t − c).
-    sent, before = m[COMMANDS + _slot(tick, CENTRE)], m[COMMANDS + _slot(tick, CENTRE + 1.0)]
-    after = m[COMMANDS + _slot(tick, CENTRE - 1.0)]
-    change = 0.5 * (after - before)
-    late = state.late + (-(x.head_velocity - sent) * change if known > 20.0 else 0.0)
-    power = state.power + (change * change if known > 20.0 else 0.0)
-    behind = _lag(p, late, power)
+    s, r = _read(p, state._replace(tick=state.tick + 1.0), x, m)
+    s, measured, swings = _watch(p, s, x, m, r)
+    s = _taught(p, s, m, measured)
+    near, middle, far = _foreseen(m, s.tick, measured, r.bridges)
+    s = _timed(s, x, m)
+    behind = _lag(p, s.late, s.power)
     # The parabola through the three: its value and slope where the command will act, and how that changes.
     bend = (far - 2.0 * middle + near) / ((MIDDLE - NEAR) * (MIDDLE - NEAR))
     slope = (far - near) / (FAR - NEAR)
-    ahead = behind + p.lead - MIDDLE
-    speed = slope + bend * ahead
-    ready = known > FAR + 2.0
+    speed = slope + bend * (behind + p.lead - MIDDLE)
+    ready = s.known > FAR + 2.0
     # A sheet hardly moves faster than it has just moved; an estimate that has gone astray says so.
-    fastest = max(0.0 if anew else FADE * state.fastest, abs(m[row + RECENT - 1]) / RECENT if known > RECENT else 0.0)
+    recent = m[SEEN + _slot(s.tick, 0.0) * TERMS + RECENT - 1]
+    fastest = max(0.0 if r.anew else FADE * s.fastest, abs(recent) / RECENT if s.known > RECENT else 0.0)
     most = p.reach * fastest
     # What has not come true lately, such as how the first step goes on, is fed forward in part or not at all.
-    trusted = clip(DOUBT * (1.0 - wrong / max(plain, SLIGHT * SLIGHT * p.recall)), 0.0, 1.0)
+    trusted = clip(DOUBT * (1.0 - s.wrong / max(s.plain, SLIGHT * SLIGHT * p.recall)), 0.0, 1.0)
     coming = trusted * clip(speed + p.sharpen * bend, -most, most) / PERIOD if ready else 0.0
     # Until then, the trend: that of before a jump, and once it lies behind, the new one.
-    trend = state.trend if bridges or off or known <= RECENT else m[row + RECENT - 1] / RECENT
-    trend = 0.0 if x.fresh or blind or holds or swings else trend
-    if not ready and RECENT * abs(trend) > far_off:  # less may be noise
+    trend = s.trend if r.bridges or r.off or s.known <= RECENT else recent / RECENT
+    trend = 0.0 if r.lost or swings else trend
+    if not ready and RECENT * abs(trend) > r.far_off:  # less may be noise
         coming = clip(trend, -most, most) / PERIOD
     ahead = behind - MIDDLE
     rise = middle + slope * ahead + 0.5 * bend * ahead * ahead if ready else 0.0
-    moving = 0.0
-    for k in range(1, RING):
-        moving += clip(behind - k + 0.5, 0.0, 1.0) * m[COMMANDS + _slot(tick, k)] * PERIOD
-    error = x.head_position - measured - x.set_height + p.smith * (moving - rise)
-    answer = p.feed * coming - p.kp * error
+    error = x.head_position - measured - x.set_height + p.smith * (_under_way(m, s.tick, behind) - rise)
     # Nothing winds up while the supervisor moves the head. A step is over before summing it up could help.
-    free = ready and not x.override
-    integral = state.integral + p.ki * PERIOD * clip(error, -LITTLE, LITTLE) if free else 0.0
-    return State(
-        tick,
-        known,
-        usual,
-        state.grow,
-        late / state.grow,
-        power / state.grow,
-        fastest,
-        integral,
-        wrong,
-        plain,
-        swing,
-        bridged,
-        stray,
-        calm,
-        trend,
-        holds,
-    ), answer - integral
+    grown = s.integral + p.ki * PERIOD * clip(error, -LITTLE, LITTLE)
+    integral = grown if ready and not x.override else 0.0
+    s = s._replace(late=s.late / s.grow, power=s.power / s.grow, fastest=fastest, integral=integral, trend=trend)
+    return s, p.feed * coming - p.kp * error - integral

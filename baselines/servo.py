@@ -91,7 +91,5 @@ def ahead(drive, course, x, change):
     command = x.sent_1 + change
     z, v, a = period(drive, x.error, x.speed, x.acceleration, x.sent_1, x.sent_2, x.sent_3, command)
     faster = course.speed_bend * x.bend
-    return Relative(
-        z - course.level_bend * x.bend, v - faster, a, command - faster, x.sent_1 - faster, x.sent_2 - faster,
-        course.keep * x.bend,
-    )  # fmt: skip
+    error, bend = z - course.level_bend * x.bend, course.keep * x.bend
+    return Relative(error, v - faster, a, command - faster, x.sent_1 - faster, x.sent_2 - faster, bend)

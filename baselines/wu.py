@@ -13,6 +13,7 @@ from typing import Annotated, NamedTuple
 
 from kerfgym.envs.engine.lanes import part
 from kerfgym.envs.engine.quantity import Quantity
+from kerfgym.envs.plant import idle
 from kerfgym.envs.plant.controller import Velocities
 
 SLOT = "xy"
@@ -31,16 +32,7 @@ class Params(NamedTuple):
     y_minus: Annotated[float, Quantity("1", 0.5, 2.0, "relative gain towards y−", "Wu")] = 1.0
 
 
-class State(NamedTuple):
-    """A proportional law remembers nothing."""
-
-    nothing: float = 0.0
-
-
-@part
-def init(params):
-    """The initial state."""
-    return State(0.0)
+State, init = idle.State, idle.init  # it remembers nothing
 
 
 @part

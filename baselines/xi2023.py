@@ -8,6 +8,7 @@ from typing import Annotated, NamedTuple
 
 from kerfgym.envs.engine.lanes import part
 from kerfgym.envs.engine.quantity import Quantity
+from kerfgym.envs.plant import idle
 
 
 class Params(NamedTuple):
@@ -16,16 +17,7 @@ class Params(NamedTuple):
     kv: Annotated[float, Quantity("1/s", 1.0, 400.0, "position loop gain Kv", "[A]", log=True)] = 50.0
 
 
-class State(NamedTuple):
-    """A proportional law remembers nothing."""
-
-    nothing: float = 0.0
-
-
-@part
-def init(params):
-    """The initial state."""
-    return State(0.0)
+State, init = idle.State, idle.init  # it remembers nothing
 
 
 @part

@@ -5,6 +5,7 @@ inside a kernel. Here they are lowered once and no more; then a kernel is linked
 turned into an object file, once. What to do when Numba changes stands in ``docs/engine.md``.
 """
 
+import inspect
 import types as python_types
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, cast
@@ -17,8 +18,10 @@ from numba.core import ir as numba_ir
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import register_pass
 from numba.core.dispatcher import Dispatcher
+from numba.core.imputils import lower_builtin
 from numba.core.registry import cpu_target
 from numba.core.typed_passes import NativeLowering
+from numba.core.typing.templates import AbstractTemplate, AttributeTemplate, infer_getattr, signature
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 
@@ -105,6 +108,16 @@ def _store(typingctx, block, at, value):
     return types.none(block, types.uint64, whole), codegen
 
 
+def _array(context, builder, kind, data, count):
+    """Instructions that take ``count`` numbers at the pointer ``data`` for an array."""
+    array, width = (
+        context.make_array(kind)(context, builder),
+        context.get_constant(types.intp, kind.dtype.bitwidth // 8),
+    )
+    populate_array(array, data=data, shape=[count], strides=[width], itemsize=width, meminfo=None)
+    return array._getvalue()
+
+
 def _view(number: Any, word: ir.Type) -> Any:
     """The instruction that takes an address for an array."""
     kind = types.Array(number, 1, "C")
@@ -112,14 +125,8 @@ def _view(number: Any, word: ir.Type) -> Any:
     @intrinsic
     def view(typingctx, address, size):
         def codegen(context, builder, signature, args):
-            array = context.make_array(kind)(context, builder)
-            count = builder.bitcast(args[1], ir.IntType(64))
-            populate_array(
-                array, data=builder.inttoptr(args[0], word.as_pointer()), shape=[count],
-                strides=[context.get_constant(types.intp, number.bitwidth // 8)],
-                itemsize=context.get_constant(types.intp, number.bitwidth // 8), meminfo=None,
-            )  # fmt: skip
-            return array._getvalue()
+            data = builder.inttoptr(args[0], word.as_pointer())
+            return _array(context, builder, kind, data, builder.bitcast(args[1], ir.IntType(64)))
 
         return kind(types.uint64, types.uint64), codegen
 
@@ -145,16 +152,11 @@ def _scratch(typingctx, size):
     count, kind = size.literal_value, types.Array(types.float64, 1, "C")
 
     def codegen(context, builder, signature, args):
-        array = context.make_array(kind)(context, builder)
         with builder.goto_entry_block():
             room = builder.alloca(ir.ArrayType(ir.DoubleType(), count))  # not zeroed
             room.align = 64  # a vector must not straddle two cache lines
-        populate_array(
-            array, data=builder.bitcast(room, ir.DoubleType().as_pointer()),
-            shape=[context.get_constant(types.intp, count)], strides=[context.get_constant(types.intp, 8)],
-            itemsize=context.get_constant(types.intp, 8), meminfo=None,
-        )  # fmt: skip
-        return array._getvalue()
+        data = builder.bitcast(room, ir.DoubleType().as_pointer())
+        return _array(context, builder, kind, data, context.get_constant(types.intp, count))
 
     return kind(size), codegen
 
@@ -190,16 +192,53 @@ def _same_bits(given: Any, wanted: Any, word: ir.Type) -> Any:
     return same_bits
 
 
+@infer_getattr
+class _Replacing(AttributeTemplate):
+    """``part._replace(field=value, …)``: the fields that are not named stay."""
+
+    key = types.BaseNamedTuple
+
+    def resolve__replace(self, whole):
+        class Replace(AbstractTemplate):
+            key = "kerfgym._replace"
+
+            def generic(self, args, kws):
+                if args or not kws.keys() <= set(whole.fields):
+                    raise errors.TypingError(f"_replace takes fields of {whole.instance_class.__name__} by name")
+                fields = [
+                    inspect.Parameter(f, inspect.Parameter.POSITIONAL_OR_KEYWORD, default=None) for f in whole.fields
+                ]
+                given = (kws.get(f, types.Omitted(None)) for f in whole.fields)
+                return signature(whole, *given, recvr=whole).replace(pysig=inspect.Signature(fields))
+
+        return types.BoundFunction(Replace, whole)
+
+
+@lower_builtin("kerfgym._replace", types.BaseNamedTuple, types.VarArg(types.Any))
+def _replace(context, builder, signature, args):
+    values = cgutils.unpack_tuple(builder, args[0])
+    for i, (given, wanted) in enumerate(zip(signature.args[1:], signature.return_type, strict=True)):
+        if not isinstance(given, types.Omitted):
+            values[i] = context.cast(builder, args[i + 1], given, wanted)
+    return context.make_tuple(builder, signature.return_type, values)
+
+
 _INSTRUCTIONS = {
-    lanes.load: _load, lanes.store: _store, lanes.call: _call, lanes.fma: _fma,
+    lanes.load: _load,
+    lanes.store: _store,
+    lanes.call: _call,
+    lanes.fma: _fma,
+    lanes.take: _take,
+    lanes.scratch: _scratch,
     lanes.as_bits: _same_bits(types.float64, types.uint64, ir.IntType(64)),
     lanes.as_number: _same_bits(types.uint64, types.float64, ir.DoubleType()),
     lanes.as_bits32: _same_bits(types.float32, types.uint32, ir.IntType(32)),
     lanes.as_number32: _same_bits(types.uint32, types.float32, ir.FloatType()),
-    lanes.take: _take, lanes.scratch: _scratch, lanes.words: _view(types.uint64, ir.IntType(64)),
-    lanes.doubles: _view(types.float64, ir.DoubleType()), lanes.singles: _view(types.float32, ir.FloatType()),
+    lanes.words: _view(types.uint64, ir.IntType(64)),
+    lanes.doubles: _view(types.float64, ir.DoubleType()),
+    lanes.singles: _view(types.float32, ir.FloatType()),
     lanes.flags: _view(types.uint8, ir.IntType(8)),
-}  # fmt: skip
+}
 
 
 # ----------------------------------------------------------------------------------- functions as Numba wants them
@@ -250,10 +289,9 @@ def _dispatcher(function: Callable[..., Any], forceinline: bool) -> Any:
     """The function as compiled code calls it; nothing is compiled yet."""
     copy = _copied(function)
     ours = function.__module__.split(".")[0] == PACKAGE  # allocates nothing
-    _dispatchers[function] = njit(
-        error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True,
-        pipeline_class=_Pipeline, _nrt=not ours, forceinline=forceinline,
-    )(copy)  # fmt: skip
+    wrappers = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    compiles = njit(error_model="numpy", pipeline_class=_Pipeline, _nrt=not ours, forceinline=forceinline, **wrappers)
+    _dispatchers[function] = compiles(copy)
     _translate_globals(copy)  # only now, because an attribute may have the name of the function itself
     return _dispatchers[function]
 

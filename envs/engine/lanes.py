@@ -10,6 +10,7 @@ What keeps the lane loops vectorised, all found by measurement: unsigned indices
 the last lanes of a block other bits than the first). ``kerfgym speed`` shows when one of these is lost.
 """
 
+import collections
 import ctypes
 import functools
 from collections.abc import Callable, Iterable
@@ -80,6 +81,11 @@ def fields(cls: Any, prefix: str = "") -> list[str]:
     return names
 
 
+def row(cls: Any, field: str) -> np.uint64:
+    """Offset of a number from the place of its part, by its dotted name."""
+    return U(fields(cls).index(field) * W)
+
+
 def flat(value: Any) -> list[float]:
     """A part's numbers in row order."""
     return [x for v in value for x in (flat(v) if isinstance(v, tuple) else [float(v)])]
@@ -97,11 +103,28 @@ def unflat(cls: Any, numbers: Iterable[float]) -> Any:
     return build(cls)
 
 
+def extended(name: str, first: Any, more: Any, **defaults: Any) -> Any:
+    """A NamedTuple class of the fields of ``first``, then those of ``more``; ``defaults`` take the place of theirs."""
+    parts = (first, more)
+    values = {field: value for part in parts for field, value in part._field_defaults.items()} | defaults
+    make: Any = collections.namedtuple  # a checker wants to know the name
+    made = make(name, [*first._fields, *more._fields], defaults=[*values.values()])
+    made.__annotations__ = {field: kind for part in parts for field, kind in part.__annotations__.items()}
+    made.__module__, made.__doc__, made.joined = more.__module__, more.__doc__, parts
+    return made
+
+
 class Layout:
-    """Hands out consecutive rows; :attr:`rows` is their number so far."""
+    """Hands out consecutive rows; :attr:`rows` is their number so far, :attr:`parts` what has a name."""
 
     def __init__(self) -> None:
         self.rows = 0
+        self.parts: dict[str, tuple[np.uint64, Any]] = {}
+
+    def part(self, name: str, cls: Any) -> np.uint64:
+        """Offset of a part that Python reads or writes by this name."""
+        self.parts[name] = self.place(rows(cls)), cls
+        return self.parts[name][0]
 
     def place(self, count: int) -> np.uint64:
         """Offset of ``count`` new rows within a block."""

@@ -1,13 +1,13 @@
 """The part with its kerf, coloured by what the cut was like, and the spot where it is now."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw
 
 from ..engine.quantity import InvalidInput, did_you_mean
+from .letters import font
 
 Floats = npt.NDArray[np.float64]
 
@@ -141,23 +141,13 @@ def _shades(values: Floats, low: float, high: float, signed: bool) -> npt.NDArra
 
 
 def _legend(draw: ImageDraw.ImageDraw, title: str, quantity: Quantity, low: float, high: float) -> None:
-    large, small = ImageFont.load_default(15 * _SCALE), ImageFont.load_default(12 * _SCALE)
+    large, small = font(15 * _SCALE), font(12 * _SCALE)
     draw.text((_MARGIN * _SCALE, 10 * _SCALE), title, fill=_INK, font=large)
     y, x0, x1 = (HEIGHT - 34) * _SCALE, _MARGIN * _SCALE, (_MARGIN + 220) * _SCALE
     ramp = _shades(np.linspace(low, high, x1 - x0), low, high, quantity.signed)
     for i, shade in enumerate(ramp.tolist()):
         draw.line((x0 + i, y, x0 + i, y + 10 * _SCALE), fill=tuple(shade))
     draw.text((x0, y + 12 * _SCALE), f"{low:.3g}", fill=_QUIET, font=small)
-    _unit(draw, x1, y + 12 * _SCALE, f"{high:.3g} {quantity.unit}", small)
+    draw.text((x1, y + 12 * _SCALE), f"{high:.3g} {quantity.unit}", fill=_QUIET, font=small, anchor="ra")
     draw.text((x0, y - 18 * _SCALE), quantity.title, fill=_INK, font=small)
     draw.text((x1 + 16 * _SCALE, y - 2 * _SCALE), "black edge: not cut through · grey: rapids", fill=_QUIET, font=small)
-
-
-def _unit(draw: ImageDraw.ImageDraw, x: float, y: float, text: str, font: Any) -> None:
-    """Text that ends at ``x``; Pillow's font has no µ, which becomes a u with a stroke."""
-    plain = text.replace("µ", "u")
-    draw.text((x, y), plain, fill=_QUIET, font=font, anchor="ra")
-    if "µ" in text:
-        start = x - draw.textlength(plain, font) + draw.textlength(plain[: text.index("µ")], font)
-        stem = start + 1.4 * _SCALE
-        draw.line((stem, y + 5.5 * _SCALE, stem, y + 15 * _SCALE), fill=_QUIET, width=round(1.1 * _SCALE))

@@ -11,13 +11,14 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..engine.quantity import InvalidInput
 from ..plant import sensor
+from .letters import font
 
 Floats = npt.NDArray[np.floating]
 
@@ -358,10 +359,10 @@ class Renderer:
 
 
 class _Letters:
-    """Writes in one size of Pillow's own font.
+    """Writes in one size.
 
     Letters are drawn enlarged and kept as coverages at quarters of a pixel: Pillow takes 0.5 ms for a line, and places
-    small letters at whole pixels. The font lacks −, × and µ; they are made here.
+    small letters at whole pixels.
     """
 
     FINE = 4
@@ -373,13 +374,8 @@ class _Letters:
     KEPT = 500
     """Lines kept: most are the same in the next frame."""
 
-    MADE: ClassVar[dict[str, str]] = {"µ": "u", "×": "+", "−": "+"}
-    """Letters not in the font, and those as wide as they."""
-
     def __init__(self, size: int) -> None:
-        from PIL import ImageFont
-
-        self._size, self._font = size, ImageFont.load_default(size * self.FINE)
+        self._font = font(size * self.FINE)
         self._middle = 0.36 * size  # of digits and capitals, above the baseline
         self._above, self._below = size, math.ceil(0.4 * size)
         self._letters: dict[tuple[str, int], Floats] = {}
@@ -442,7 +438,7 @@ class _Letters:
 
     def _advance(self, letter: str) -> float:
         if letter not in self._widths:
-            self._widths[letter] = self._font.getlength(self.MADE.get(letter, letter)) / self.FINE
+            self._widths[letter] = self._font.getlength(letter) / self.FINE
         return self._widths[letter]
 
     def _letter(self, letter: str, start: int) -> Floats:
@@ -456,20 +452,8 @@ class _Letters:
 
         width, height = math.ceil(self._advance(letter)) + 2 * self.PAD, self._above + self._below
         image = Image.new("L", (width * self.FINE, height * self.FINE))
-        draw, size = ImageDraw.Draw(image), self._size * self.FINE
-        x, base, pen = self.PAD * self.FINE + start, self._above * self.FINE, round(0.09 * size)
-        wide, y, arm = self._advance(letter) * self.FINE, base - round(self._middle * self.FINE), 0.2 * size
-        middle = x + wide / 2
-        if letter == "×":
-            draw.line((middle - arm, y - arm, middle + arm, y + arm), fill=255, width=pen)
-            draw.line((middle - arm, y + arm, middle + arm, y - arm), fill=255, width=pen)
-        elif letter == "−":
-            draw.rectangle((middle - 1.3 * arm, y - pen // 2, middle + 1.3 * arm, y - pen // 2 + pen - 1), fill=255)
-        else:
-            draw.text((x, base), self.MADE.get(letter, letter), fill=255, font=self._font, anchor="ls")
-        if letter == "µ":
-            stem = image.crop((x, y, int(middle), y + 1)).resize((int(middle) - x, base + round(0.2 * size) - y))
-            image.paste(255, (x, y), mask=stem)
+        origin = self.PAD * self.FINE + start, self._above * self.FINE
+        ImageDraw.Draw(image).text(origin, letter, fill=255, font=self._font, anchor="ls")
         return np.asarray(image.reduce(self.FINE), np.float32) / 255
 
 

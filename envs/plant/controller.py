@@ -16,7 +16,7 @@ A law fills a *slot* of the machine, which decides what it sees, what it command
 | `process` | 8 ms                       | :class:`ProcessSensed`    | :class:`Process`: feed, dither, focus, …     |
 
 In slots ``z`` and ``process`` the *information class* under which the law was registered may give it more, such as
-:class:`Preview` or :class:`Privileged`; a law cannot read what its class does not hold. ``tables`` is a one-dimensional
+:data:`Preview` or :data:`Privileged`; a law cannot read what its class does not hold. ``tables`` is a one-dimensional
 float64 array shared by all machines, empty unless the law brought one. A law of the slot ``z`` that solves or learns
 something, and so needs more than a few numbers, declares ``MEMORY = n``: its ``control`` gets a fifth argument, ``n``
 numbers of the machine's own, which outlast an episode (``signals.fresh`` says when one begins). The functions are
@@ -37,7 +37,7 @@ import numpy as np
 
 from ..engine import lanes
 from ..engine.kernels import Kernel, is_stamped, specialise
-from ..engine.lanes import doubles, load, part, store
+from ..engine.lanes import doubles, extended, load, part, store
 from ..engine.quantity import InvalidInput, did_you_mean
 
 PERIOD = 1e-3
@@ -70,24 +70,9 @@ class Sensed(NamedTuple):
     lap: float = 0.0  # laps that are over
 
 
-class Preview(NamedTuple):
-    """:class:`Sensed` and the sheet ahead (information class *preview*)."""
+class SheetAhead(NamedTuple):
+    """What a preview law knows beside :class:`Sensed`."""
 
-    height: float = 0.0
-    raw_height: float = 0.0
-    frequency: float = 0.0
-    valid: bool = False
-    set_height: float = 0.0
-    head_position: float = 0.0
-    head_velocity: float = 0.0
-    command: float = 0.0
-    mode: float = 0.0
-    override: bool = False
-    captured: bool = False
-    fresh: bool = True
-    feed: float = 0.0
-    place: float = 0.0
-    lap: float = 0.0
     surface_0: float = 0.0  # mm, surface under the nozzle now
     surface_1: float = 0.0  # mm, and in 1 … 5 ms
     surface_2: float = 0.0
@@ -96,34 +81,20 @@ class Preview(NamedTuple):
     surface_5: float = 0.0
 
 
-class Privileged(NamedTuple):
-    """:class:`Preview` and the truth (information class *privileged*)."""
+class Truth(NamedTuple):
+    """What no sensor tells about the head."""
 
-    height: float = 0.0
-    raw_height: float = 0.0
-    frequency: float = 0.0
-    valid: bool = False
-    set_height: float = 0.0
-    head_position: float = 0.0
-    head_velocity: float = 0.0
-    command: float = 0.0
-    mode: float = 0.0
-    override: bool = False
-    captured: bool = False
-    fresh: bool = True
-    feed: float = 0.0
-    place: float = 0.0
-    lap: float = 0.0
-    surface_0: float = 0.0
-    surface_1: float = 0.0
-    surface_2: float = 0.0
-    surface_3: float = 0.0
-    surface_4: float = 0.0
-    surface_5: float = 0.0
     gap: float = 0.0  # mm, true gap now
     head: float = 0.0  # mm, true position of the nozzle
     velocity: float = 0.0  # mm/s, true velocity of the motor
     acceleration: float = 0.0  # mm/s², true acceleration of the motor
+
+
+Preview: Any = extended("Preview", Sensed, SheetAhead)
+"""Information class *preview*."""
+
+Privileged: Any = extended("Privileged", Preview, Truth)
+"""Information class *privileged*."""
 
 
 class AxesSensed(NamedTuple):
@@ -174,33 +145,17 @@ class ProcessSensed(NamedTuple):
     fresh: bool = True  # first decision of an episode
 
 
-class ProcessPrivileged(NamedTuple):
-    """:class:`ProcessSensed` and the cut as it turns out (information class *privileged*)."""
+class CutTruth(NamedTuple):
+    """The cut as it turns out, which no sensor tells."""
 
-    planned: float = 0.0
-    planned_50: float = 0.0
-    planned_100: float = 0.0
-    planned_200: float = 0.0
-    speed: float = 0.0
-    override: float = 1.0
-    lag: float = 0.0
-    contour_error: float = 0.0
-    height: float = 0.0
-    set_height: float = 0.0
-    phase: float = 0.0
-    beam: bool = False
-    progress: float = 0.0
-    thickness: float = 1.0
-    nominal_power: float = 0.0
-    standoff: float = 1.0
-    feed: float = 0.0
-    tangent_x: float = 1.0
-    tangent_y: float = 0.0
-    fresh: bool = True
     gap: float = 0.0  # mm, true
     margin: float = 0.0  # melt margin, 1: just cuts through
     dross: float = 0.0  # mm
     roughness: float = 0.0  # mm, Rz
+
+
+ProcessPrivileged: Any = extended("ProcessPrivileged", ProcessSensed, CutTruth)
+"""Information class *privileged*."""
 
 
 class Process(NamedTuple):
@@ -272,61 +227,37 @@ _control: Any = None
 _Params: Any = None
 _State: Any = None
 _Signals: Any = None
-_P = _S = _X = _WISH = _SIZE = _DUE = _MEMORY = _STRIDE = lanes.U0
+_TIMED = _REMEMBERS = False
+_P = _S = _X = _WISH = _DUE = _MEMORY = _STRIDE = lanes.U0
+_ANY = lanes.U(2**40)
 
 
 def _stage(block_address, at, n, tables_address, tables_size):
-    """The law for the lanes 0…n − 1 of the block at ``at``."""
-    block = doubles(block_address, _SIZE)
-    tables = doubles(tables_address, tables_size)
+    """The law for the lanes 0…n − 1 of the block at ``at``.
+
+    In a slot with a rate of its own only for those whose turn it is. The memories of laws that have one lie behind the
+    tables.
+    """
+    block, tables = doubles(block_address, _ANY), doubles(tables_address, tables_size)
     for lane in range(n):
         a = at + lane
-        params = load(_Params, block, a + _P)
-        signals = load(_Signals, block, a + _X)
-        if signals.fresh:
-            state = _init(params)
-        else:
-            state = load(_State, block, a + _S)
-        state, command = _control(params, state, signals, tables)
-        store(block, a + _S, state)
-        block[a + _WISH] = command
-
-
-def _remembering_stage(block_address, at, n, tables_address, tables_size):
-    """The same for a law with a memory; the machines' memories lie behind the tables."""
-    block = doubles(block_address, _SIZE)
-    tables = doubles(tables_address, tables_size)
-    first = (at // _STRIDE) * lanes.UW + at % _STRIDE
-    for lane in range(n):
-        a = at + lane
-        params = load(_Params, block, a + _P)
-        signals = load(_Signals, block, a + _X)
-        memory = doubles(tables_address + _BYTES * (tables_size + (first + lane) * _MEMORY), _MEMORY)
-        if signals.fresh:
-            state = _init(params)
-        else:
-            state = load(_State, block, a + _S)
-        state, command = _control(params, state, signals, tables, memory)
-        store(block, a + _S, state)
-        block[a + _WISH] = command
-
-
-def _timed_stage(block_address, at, n, tables_address, tables_size):
-    """The same for a slot with a rate of its own: the lanes whose turn it is."""
-    block = doubles(block_address, _SIZE)
-    tables = doubles(tables_address, tables_size)
-    for lane in range(n):
-        a = at + lane
-        if block[a + _DUE] > 0.5:
-            params = load(_Params, block, a + _P)
-            signals = load(_Signals, block, a + _X)
+        if not _TIMED or block[a + _DUE] > 0.5:
+            params, signals = load(_Params, block, a + _P), load(_Signals, block, a + _X)
             if signals.fresh:
                 state = _init(params)
             else:
                 state = load(_State, block, a + _S)
-            state, command = _control(params, state, signals, tables)
+            if _REMEMBERS:
+                machine = (at // _STRIDE) * lanes.UW + at % _STRIDE + lane
+                memory = doubles(tables_address + _BYTES * (tables_size + machine * _MEMORY), _MEMORY)
+                state, command = _control(params, state, signals, tables, memory)
+            else:
+                state, command = _control(params, state, signals, tables)
             store(block, a + _S, state)
-            store(block, a + _WISH, command)
+            if _TIMED:
+                store(block, a + _WISH, command)
+            else:
+                block[a + _WISH] = command
 
 
 def stage_of(law: Law, rows: dict[str, np.uint64]) -> int:
@@ -340,14 +271,13 @@ def stage_of(law: Law, rows: dict[str, np.uint64]) -> int:
     # Names of stages become file names in the cache: the law's own name and a digest of its text.
     digest = hashlib.sha256(law.source.encode()).hexdigest()[:12]
     name = f"{law.name}.{digest}".replace("-", "_").replace(":", "_")
-    template = _timed_stage if "due" in rows else (_remembering_stage if law.memory else _stage)
     if name not in _stages:
-        _stages[name] = specialise(
-            template, name, law.source, _init=law.init, _control=law.control, _Params=law.Params, _State=law.State,
-            _Signals=law.signals, _P=rows["params"], _S=rows["state"], _X=rows["signals"], _WISH=rows["wish"],
-            _SIZE=lanes.U(2**40), _DUE=rows.get("due", lanes.U0),
-            _MEMORY=lanes.U(law.memory), _STRIDE=rows.get("stride", lanes.U0),
-        )  # fmt: skip
+        contract = {"_Params": law.Params, "_State": law.State, "_Signals": law.signals}
+        places = {"_P": "params", "_S": "state", "_X": "signals", "_WISH": "wish", "_DUE": "due", "_STRIDE": "stride"}
+        filled = {own: rows.get(place, lanes.U0) for own, place in places.items()}
+        kind = {"_TIMED": "due" in rows, "_REMEMBERS": law.memory > 0, "_MEMORY": lanes.U(law.memory)}
+        functions = {"_init": law.init, "_control": law.control}
+        _stages[name] = specialise(_stage, name, law.source, **functions, **contract, **filled, **kind)
     try:
         return _stages[name].address
     except Exception as error:  # the compiler's are of many kinds
@@ -402,14 +332,19 @@ def make_law(space: Any, name: str, information: str = "sensor", slot: str = "z"
         raise InvalidInput(f"controller '{name}': MEMORY is for laws of the slot z, not {slot}")
     if not 0 <= memory <= LARGEST_MEMORY:
         raise InvalidInput(f"controller '{name}': MEMORY = {memory}; allowed: 0 to {LARGEST_MEMORY}")
-    doc = inspect.getdoc(space) or ""
+    functions = {"init": _compiled(space.init), "control": _compiled(space.control)}
     return Law(
-        name=name, summary=doc.split("\n")[0], information=information, slot=slot, Params=space.Params,
-        State=space.State, init=_compiled(space.init), control=_compiled(space.control),
+        name,
+        (inspect.getdoc(space) or "").split("\n")[0],
+        information,
+        slot,
+        space.Params,
+        space.State,
+        **functions,
         tables=np.zeros(0) if tables is None else np.ascontiguousarray(tables, np.float64).ravel(),
-        source=source_of(space) + "".join(_told(_compiled(f), frozenset(), set()) for f in (space.init, space.control)),
+        source=source_of(space) + "".join(_told(f, frozenset(), set()) for f in functions.values()),
         memory=memory,
-    )  # fmt: skip
+    )
 
 
 def source_of(space: Any) -> str:

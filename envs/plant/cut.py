@@ -157,12 +157,6 @@ def fresh():
 
 
 @part
-def nothing():
-    """No cut."""
-    return Figures(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-
-@part
 def flattened(r):
     """h(r) = 2F2(½, ½; 1, 1; −r²) to 0.6 % for r ≤ 16: how a sine of r·σ flattens a Gaussian of σ."""
     q = r * r
@@ -213,6 +207,12 @@ def _kerf(margin, sigma2, across):
 
 
 @part
+def _mean(x0, x1, x2, x3, x4):
+    """Mean over the depth of what is known at 0, ¼, ½, ¾ and 1 of it (Boole's rule)."""
+    return (7.0 * (x0 + x4) + 32.0 * (x1 + x3) + 12.0 * x2) / 90.0
+
+
+@part
 def film2(p, v, hotness, flow):
     """Square of the melt film's thickness at the bottom, mm²; ``hotness`` is m̂, ``flow`` K."""
     return p.film * v * p.thickness / (max(hotness, 0.02) * flow)
@@ -259,10 +259,8 @@ def remembered(s, way, error, contour):
     full = along >= LENGTH
     lengths = min(s.lengths + 1.0, 5.0) if full else s.lengths
     geometric = s.geometric + (high - low - s.geometric) / lengths if full else s.geometric
-    return State(
-        base, high, low, 0.0 if full else along, lengths, geometric, s.error2 + share * (error * error - s.error2),
-        weight,
-    )  # fmt: skip
+    error2 = s.error2 + share * (error * error - s.error2)
+    return State(base, high, low, 0.0 if full else along, lengths, geometric, error2, weight)
 
 
 @part
@@ -287,21 +285,20 @@ def step(p, b, s, speed, error, contour, dt):
     a = b.across * np.sqrt(1.0 - exponential(-k * k * b.length * b.length / 12.0))
     d0, d1, d2 = _depth(p, b, a, zf, 0.0), _depth(p, b, a, zf, 0.25 * t), _depth(p, b, a, zf, 0.5 * t)
     d3, d4 = _depth(p, b, a, zf, 0.75 * t), _depth(p, b, a, zf, t)
-    mean = (7.0 * (d0.density + d4.density) + 32.0 * (d1.density + d3.density) + 12.0 * d2.density) / 90.0
+    mean = _mean(d0.density, d1.density, d2.density, d3.density, d4.density)
     absorbed = b.absorbed * b.power / t
     m0, m1 = _margin(p, absorbed, v, d0.density, mean), _margin(p, absorbed, v, d1.density, mean)
     m2, m3 = _margin(p, absorbed, v, d2.density, mean), _margin(p, absorbed, v, d3.density, mean)
     m4 = _margin(p, absorbed, v, d4.density, mean)
-    margin = (7.0 * (m0 + m4) + 32.0 * (m1 + m3) + 12.0 * m2) / 90.0
+    margin = _mean(m0, m1, m2, m3, m4)
     k0, k1, k2 = _kerf(m0, d0.sigma2, a), _kerf(m1, d1.sigma2, a), _kerf(m2, d2.sigma2, a)
     k3, k4 = _kerf(m3, d3.sigma2, a), _kerf(m4, d4.sigma2, a)
-    mean_kerf = (7.0 * (k0 + k4) + 32.0 * (k1 + k3) + 12.0 * k2) / 90.0
+    mean_kerf = _mean(k0, k1, k2, k3, k4)
 
     c = p.carry
-    cold = (
-        7.0 * ((1.0 + c) / max(m0, 0.02) + (1.0 - c) / max(m4, 0.02))
-        + 32.0 * ((1.0 + 0.5 * c) / max(m1, 0.02) + (1.0 - 0.5 * c) / max(m3, 0.02)) + 12.0 / max(m2, 0.02)
-    ) / 90.0  # fmt: skip
+    ends = 7.0 * ((1.0 + c) / max(m0, 0.02) + (1.0 - c) / max(m4, 0.02))
+    inner = 32.0 * ((1.0 + 0.5 * c) / max(m1, 0.02) + (1.0 - 0.5 * c) / max(m3, 0.02))
+    cold = (ends + inner + 12.0 / max(m2, 0.02)) / 90.0
     losses = 1.0 + widening(k0, k4)
     empty = 1.0 / (losses + p.slot * t * resistance(k0, k1, k2, k3, k4, 0.0))
     film = np.sqrt(film2(p, v, 1.0 / cold, empty))

@@ -244,7 +244,7 @@ class Fleet(Columns):
         self.deck["tables"] = tables.frequencies.size
         every = np.arange(self.size)
         self.set("start.head", every, float(head))
-        self._put_rows(int(machine.HINTS) // W, every, [0.0, 0.0])
+        self._put_rows(int(machine.HINT) // W, every, [0.0, 0.0])
 
     def replay(self, frequencies: np.ndarray | None) -> None:
         """A recorded signal, Hz, one number for each control period, in place of all sensors'; None: none."""

@@ -21,7 +21,6 @@ from ..engine.kernels import Kernel
 from ..engine.lanes import (
     U0,
     U1,
-    U2,
     UW,
     Layout,
     U,
@@ -31,6 +30,7 @@ from ..engine.lanes import (
     doubles,
     load,
     part,
+    row,
     rows,
     singles,
     stage,
@@ -154,21 +154,28 @@ class Sums(NamedTuple):
 
 
 _layout = Layout()
-P_JOURNEY, P_XY, G_XY = (_layout.place(rows(c)) for c in (Journey, xy_axes.Params, xy_axes.Gains))
+P_JOURNEY, P_XY = _layout.part("journey", Journey), _layout.part("xy", xy_axes.Params)
+G_XY = _layout.part("gains", xy_axes.Gains)
 P_LAW, S_LAW = _layout.place(SLOTS["xy"].params), _layout.place(SLOTS["xy"].state)
-SIGNALS, WISH, DUE = _layout.place(rows(AxesSensed)), _layout.place(rows(Velocities)), _layout.place(1)
-HAND, PROGRESS = _layout.place(rows(Hand)), _layout.place(rows(Progress))
-X, Y = _layout.place(rows(xy_axes.Axis)), _layout.place(rows(xy_axes.Axis))
+SIGNALS, WISH = _layout.part("axes_signals", AxesSensed), _layout.part("velocities", Velocities)
+DUE = _layout.place(1)
+HAND, PROGRESS = _layout.part("hand", Hand), _layout.part("progress", Progress)
+X, Y = _layout.part("x", xy_axes.Axis), _layout.part("y", xy_axes.Axis)
 TRAIL, TRAIL_LAST = _layout.place(8 * rows(Trail)), U(7)
-P_RECIPE, P_OPTICS, P_CUT = (_layout.place(rows(c)) for c in (Recipe, spot.Params, cut.Params))
+P_RECIPE, P_OPTICS = _layout.part("recipe", Recipe), _layout.part("optics", spot.Params)
+P_CUT = _layout.part("cut", cut.Params)
 P_PROCESS, S_PROCESS = _layout.place(SLOTS["process"].params), _layout.place(SLOTS["process"].state)
-PROCESS_SIGNALS, PROCESS_WISH = _layout.place(rows(ProcessPrivileged)), _layout.place(rows(Process))
-PROCESS_DUE, TURN, APPLIED = _layout.place(1), _layout.place(rows(Turn)), _layout.place(rows(Process))
-REALISED, BEAM = _layout.place(rows(spot.Realised)), _layout.place(rows(cut.Beam))
-S_CUT, FIGURES, SUMS = _layout.place(rows(cut.State)), _layout.place(rows(cut.Figures)), _layout.place(rows(Sums))
-P_PUBLISHED, P_CALIBRATED = _layout.place(rows(published.Range)), _layout.place(rows(published.Range))
-EXCESS = _layout.place(rows(published.Excess))
-WORST = _layout.place(rows(published.Excess))  # of the episode, while cutting
+PROCESS_SIGNALS = _layout.part("process_signals", ProcessPrivileged)
+PROCESS_WISH = _layout.part("wish", Process)
+PROCESS_DUE, TURN = _layout.place(1), _layout.place(rows(Turn))
+APPLIED, REALISED = _layout.part("applied", Process), _layout.part("realised", spot.Realised)
+_layout.place(rows(cut.Beam))  # free
+S_CUT = _layout.place(rows(cut.State))
+FIGURES, SUMS = _layout.part("figures", cut.Figures), _layout.part("sums", Sums)
+P_PUBLISHED = _layout.part("published", published.Range)
+P_CALIBRATED = _layout.part("calibrated", published.Range)
+EXCESS = _layout.part("excess", published.Excess)
+WORST = _layout.part("worst", published.Excess)  # of the episode, while cutting
 BEFORE = _layout.place(rows(Sums))  # the sums when an environment last looked
 ROWS = _layout.rows
 STRIDE = U(ROWS * W)
@@ -181,16 +188,7 @@ LAW_PLACES = {
     },
 }  # fmt: skip
 
-PLACES = {
-    "journey": (P_JOURNEY, Journey), "xy": (P_XY, xy_axes.Params), "gains": (G_XY, xy_axes.Gains),
-    "axes_signals": (SIGNALS, AxesSensed), "velocities": (WISH, Velocities), "hand": (HAND, Hand),
-    "progress": (PROGRESS, Progress), "x": (X, xy_axes.Axis), "y": (Y, xy_axes.Axis), "recipe": (P_RECIPE, Recipe),
-    "optics": (P_OPTICS, spot.Params), "cut": (P_CUT, cut.Params), "wish": (PROCESS_WISH, Process),
-    "process_signals": (PROCESS_SIGNALS, ProcessPrivileged), "applied": (APPLIED, Process),
-    "realised": (REALISED, spot.Realised), "figures": (FIGURES, cut.Figures), "sums": (SUMS, Sums),
-    "published": (P_PUBLISHED, published.Range), "calibrated": (P_CALIBRATED, published.Range),
-    "excess": (EXCESS, published.Excess), "worst": (WORST, published.Excess),
-}  # fmt: skip
+PLACES = _layout.parts
 """Offset and class of each part that Python reads or writes."""
 
 
@@ -215,9 +213,12 @@ D = places(Entries)
 DECK = U(len(D))
 
 CHANNELS = (
-    *Trail._fields, "gap_error", *(f"command_{name}" for name in Process._fields),
-    *(f"dither_{name}" for name in spot.Realised._fields), *cut.Figures._fields,
-)  # fmt: skip
+    *Trail._fields,
+    "gap_error",
+    *(f"command_{name}" for name in Process._fields),
+    *(f"dither_{name}" for name in spot.Realised._fields),
+    *cut.Figures._fields,
+)
 """What a recorder keeps of each control period, float32: the trail, the true standoff error (mm), the process' command,
 the dither as the optics realise it, and the figures of the cut."""
 _CHANNELS = U(len(CHANNELS))
@@ -226,8 +227,13 @@ _EXCESS_ROWS = U(rows(published.Excess))
 _REALISED_ROWS, _FIGURES_ROWS = U(rows(spot.Realised)), U(rows(cut.Figures))
 
 _ANY = U(2**40)
-_SET_HEIGHT = U(supervisor.Job._fields.index("set_height") * W)
-_SERVO_IN = U(Progress._fields.index("servo_in"))
+_SET_HEIGHT = machine.JOB + row(supervisor.Job, "set_height")
+_SERVO_IN, _PROCESS_IN = PROGRESS + row(Progress, "servo_in"), TURN + row(Turn, "process_in")
+_STANDOFF = P_RECIPE + row(Recipe, "standoff")
+_X, _Y, _S, _FEED, _TX, _TY, _BEAM, _PHASE, _LIFT, _MOST = (U(JOB.index(name)) for name in JOB[:10])
+_NOMINAL, _STEADY = Process(), spot.Realised()
+_NONE, _INSIDE, _UNCUT = Sums(), published.Excess(), cut.Figures()
+_UNTOUCHED, _BEGUN, _DECIDES = Hand(), Progress(), Turn()
 _STRIDE_Z = machine.STRIDE
 _JOB = U(len(JOB))
 _AHEAD = U(AHEAD)
@@ -270,7 +276,7 @@ def between(jobs, j, tau, field):
 @part
 def _distance2(jobs, j, k, x, y):
     i = _at(jobs, j, k)
-    dx, dy = jobs[i] - x, jobs[i + U1] - y
+    dx, dy = jobs[i + _X] - x, jobs[i + _Y] - y
     return dx * dx + dy * dy
 
 
@@ -282,9 +288,9 @@ def _nearest(jobs, j, near, latest, x, y):
     the path as eight times the present distance, which is enough down to corners of 30 degrees.
     """
     best = _distance2(jobs, j, near, x, y)
-    limit = jobs[_at(jobs, j, near) + U2] + 8.0 * np.sqrt(best) + 0.05
+    limit = jobs[_at(jobs, j, near) + _S] + 8.0 * np.sqrt(best) + 0.05
     k = near + 1.0
-    while k <= latest and jobs[_at(jobs, j, k) + U2] <= limit:
+    while k <= latest and jobs[_at(jobs, j, k) + _S] <= limit:
         there = _distance2(jobs, j, k, x, y)
         if there <= best:
             best, near = there, k
@@ -313,13 +319,29 @@ def _arrived(jobs, j, near, latest, dx, dy, ax, ay):
     """
     if near < latest:
         i, k = _at(jobs, j, latest), _at(jobs, j, latest - 1.0)
-        waits = jobs[i] == jobs[k] and jobs[i + U1] == jobs[k + U1]
-        if waits and _in_position(jobs[i] + dx - ax.position, jobs[i + U1] + dy - ay.position, ax, ay):
+        waits = jobs[i + _X] == jobs[k + _X] and jobs[i + _Y] == jobs[k + _Y]
+        if waits and _in_position(jobs[i + _X] + dx - ax.position, jobs[i + _Y] + dy - ay.position, ax, ay):
             near = latest
     return near
 
 
 # ------------------------------------------------------------------------------------------- stages of a period
+
+
+@part
+def _allowed(r, p, hand, u):
+    """The law's command and the hand's, as far as recipe and optics allow."""
+    k, h = hand.keep, hand.process
+    return Process(
+        override=clip(k * u.override + h.override, LEAST_OVERRIDE, r.most_override),
+        power=clip(k * u.power + h.power, 0.0, r.most_power),
+        frequency=clip(k * u.frequency + h.frequency, 0.0, p.highest),
+        x=clip(k * u.x + h.x, 0.0, p.galvo_range),
+        y=clip(k * u.y + h.y, 0.0, p.galvo_range),
+        z=clip(k * u.z + h.z, 0.0, p.piezo_range),
+        focus=clip(k * u.focus + h.focus, -p.piezo_range, p.piezo_range),
+        standoff=clip(k * u.standoff + h.standoff, -r.most_standoff, r.most_standoff),
+    )
 
 
 @stage
@@ -328,29 +350,15 @@ def apply_all(g, base, n):
     for lane in range(n):
         a = base + lane
         if g[a + PROCESS_DUE] > 0.5:
-            r, p, u = (
-                load(Recipe, g, a + P_RECIPE),
-                load(spot.Params, g, a + P_OPTICS),
-                load(Process, g, a + PROCESS_WISH),
-            )
-            hand = load(Hand, g, a + HAND)
-            k, h = hand.keep, hand.process
-            c = Process(
-                override=clip(k * u.override + h.override, LEAST_OVERRIDE, r.most_override),
-                power=clip(k * u.power + h.power, 0.0, r.most_power),
-                frequency=clip(k * u.frequency + h.frequency, 0.0, p.highest),
-                x=clip(k * u.x + h.x, 0.0, p.galvo_range), y=clip(k * u.y + h.y, 0.0, p.galvo_range),
-                z=clip(k * u.z + h.z, 0.0, p.piezo_range),
-                focus=clip(k * u.focus + h.focus, -p.piezo_range, p.piezo_range),
-                standoff=clip(k * u.standoff + h.standoff, -r.most_standoff, r.most_standoff),
-            )  # fmt: skip
+            optics, hand = load(spot.Params, g, a + P_OPTICS), load(Hand, g, a + HAND)
+            c = _allowed(load(Recipe, g, a + P_RECIPE), optics, hand, load(Process, g, a + PROCESS_WISH))
             r = load(published.Range, g, a + P_PUBLISHED)
             if r.bounded:
                 c = published.bounded(r, load(Journey, g, a + P_JOURNEY).feed, c)
             before = load(spot.Realised, g, a + REALISED)
-            real = spot.realised(p, spot.Command(c.frequency, c.x, c.y, c.z, c.focus), before.focus)
             store(g, a + APPLIED, c)
-            store(g, a + REALISED, real)
+            command = spot.Command(c.frequency, c.x, c.y, c.z, c.focus)
+            store(g, a + REALISED, spot.realised(optics, command, before.focus))
             g[a + PROCESS_DUE] = 0.0
 
 
@@ -387,25 +395,23 @@ def locate_all(g, base, n, jobs, now):
         near = _arrived(jobs, j, near, np.floor(s.tau), s.dx, s.dy, ax, ay)
         aloft = s.aloft + clip((near - s.aloft) / _SMOOTHING, 0.0, _HURRY)
         i = _at(jobs, j, near)
-        tx, ty = jobs[i + U(4)], jobs[i + U(5)]
-        dx, dy = ax.position - jobs[i], ay.position - jobs[i + U1]
+        tx, ty = jobs[i + _TX], jobs[i + _TY]
+        dx, dy = ax.position - jobs[i + _X], ay.position - jobs[i + _Y]
         along, beside = dx * tx + dy * ty, dy * tx - dx * ty
         # Beyond the ends of the segments around a corner the nearest point is the corner itself.
-        outside = abs(along) > jobs[i + U(3)] * PERIOD + 1e-9
+        outside = abs(along) > jobs[i + _FEED] * PERIOD + 1e-9
         distance = np.sqrt(dx * dx + dy * dy)
         error = (distance if beside >= 0.0 else -distance) if outside else beside
         vx, vy = xy_axes.velocity(ax), xy_axes.velocity(ay)
-        store(g, a + now, Trail(
+        trail = Trail(
             x=ax.position, y=ay.position, speed=np.sqrt(vx * vx + vy * vy), error=error,
             lag=(ax.issued - ax.position) * tx + (ay.issued - ay.position) * ty,
-            s=jobs[i + U(2)] + (0.0 if outside else along), feed=jobs[i + U(3)] * s.override, tx=tx, ty=ty,
-            phase=jobs[i + U(7)], beam=jobs[i + U(6)], lift=between(jobs, j, aloft, U(8)), tau=near,
+            s=jobs[i + _S] + (0.0 if outside else along), feed=jobs[i + _FEED] * s.override, tx=tx, ty=ty,
+            phase=jobs[i + _PHASE], beam=jobs[i + _BEAM], lift=between(jobs, j, aloft, _LIFT), tau=near,
             override=s.override, over=1.0 if near >= j.samples - 1.0 else 0.0,
-        ))  # fmt: skip
-        store(g, a + PROGRESS, Progress(
-            s.tau, s.override, near, aloft, s.servo_in, s.interpolation_in, s.velocity_x, s.velocity_y, s.dx, s.dy,
-            s.waited, s.fresh,
-        ))  # fmt: skip
+        )  # fmt: skip
+        store(g, a + now, trail)
+        store(g, a + PROGRESS, s._replace(near=near, aloft=aloft))
 
 
 @stage
@@ -414,12 +420,35 @@ def hand_over(block, at, g, base, n, ahead, now):
     for lane in range(n):
         a, b = at + lane, base + lane
         before, there = load(path.State, block, a + machine.S_PATH), load(Trail, g, b + ahead)
-        here = load(Trail, g, b + now)
-        store(block, a + machine.S_PATH, path.State(
-            time=before.time + PERIOD, distance=there.s, x=there.x, y=there.y, middle_x=0.5 * (before.x + there.x),
-            middle_y=0.5 * (before.y + there.y), feed=there.feed, here=here.s,
-        ))  # fmt: skip
+        here, x, y = load(Trail, g, b + now), 0.5 * (before.x + there.x), 0.5 * (before.y + there.y)
+        after = path.State(before.time + PERIOD, there.s, there.x, there.y, x, y, there.feed, here.s)
+        store(block, a + machine.S_PATH, after)
         block[a + machine.BEAM] = 1.0 if here.phase == LEAD_IN or here.phase == CUT else 0.0
+
+
+@part
+def _interpolated(jobs, p, j, hand, applied, s, x, y):
+    """:class:`Progress` at an interpolation instant: override, place in the programme, correction."""
+    feed = between(jobs, j, s.tau, _FEED)
+    most = _SLEW * p.acceleration * p.interpolation * PERIOD / max(feed, 1.0)
+    # Override and corrections are about cuts. Rapids and piercing take the time they take, and begin and end where the
+    # programme says, or the nozzle would never be seen to arrive; so do cuts.
+    phase, stands = jobs[_at(jobs, j, np.rint(s.tau)) + _PHASE], feed == 0.0
+    feeds = phase == LEAD_IN or phase == CUT
+    wanted = clip(applied.override, LEAST_OVERRIDE, between(jobs, j, s.tau, _MOST)) if feeds else 1.0
+    override = s.override + clip(wanted - s.override, -most, most)
+    far_x = between(jobs, j, s.tau, _X) + s.dx - x.position
+    far_y = between(jobs, j, s.tau, _Y) + s.dy - y.position
+    halted, tau, waited = stands and not _in_position(far_x, far_y, x, y), s.tau, s.waited
+    if halted and waited < j.patience:
+        waited += p.interpolation
+    else:
+        waited = waited if halted else 0.0
+        tau = min(tau + override * p.interpolation, j.samples - 1.0)
+    corrects = feeds and not stands
+    dx = clip(hand.dx, -j.corrections, j.corrections) if corrects else _FADE * s.dx
+    dy = clip(hand.dy, -j.corrections, j.corrections) if corrects else _FADE * s.dy
+    return s._replace(tau=tau, override=override, interpolation_in=p.interpolation, dx=dx, dy=dy, waited=waited)
 
 
 @stage
@@ -429,52 +458,57 @@ def head_all(g, base, n, jobs):
         a = base + lane
         s = load(Progress, g, a + PROGRESS)
         if s.servo_in > 1.0:
-            g[a + PROGRESS + _SERVO_IN * UW] = s.servo_in - 1.0
+            g[a + _SERVO_IN] = s.servo_in - 1.0
         else:
             p, j = load(xy_axes.Params, g, a + P_XY), load(Journey, g, a + P_JOURNEY)
-            hand, applied = load(Hand, g, a + HAND), load(Process, g, a + APPLIED)
             x = xy_axes.sampled(p, load(xy_axes.Axis, g, a + X))
             y = xy_axes.sampled(p, load(xy_axes.Axis, g, a + Y))
-            tau, override, dx, dy, waited = s.tau, s.override, s.dx, s.dy, s.waited
             vx, vy = s.velocity_x, s.velocity_y
             if s.interpolation_in > p.servo:
-                interpolation_in = s.interpolation_in - p.servo
+                s = s._replace(interpolation_in=s.interpolation_in - p.servo)
             else:
-                interpolation_in = p.interpolation
-                most = _SLEW * p.acceleration * p.interpolation * PERIOD / max(between(jobs, j, tau, U(3)), 1.0)
-                # Override and corrections are about cuts. Rapids and piercing take the time they take, and begin and
-                # end where the programme says, or the nozzle would never be seen to arrive; so do cuts.
-                phase, stands = jobs[_at(jobs, j, np.rint(tau)) + U(7)], between(jobs, j, tau, U(3)) == 0.0
-                feeds = phase == LEAD_IN or phase == CUT
-                wanted = clip(applied.override, LEAST_OVERRIDE, between(jobs, j, tau, U(9))) if feeds else 1.0
-                override += clip(wanted - override, -most, most)
-                far_x, far_y = between(jobs, j, tau, U0) + dx - x.position, between(jobs, j, tau, U1) + dy - y.position
-                halted = stands and not _in_position(far_x, far_y, x, y)
-                if halted and waited < j.patience:
-                    waited += p.interpolation
-                else:
-                    waited = waited if halted else 0.0
-                    tau = min(tau + override * p.interpolation, j.samples - 1.0)
-                corrects = feeds and not stands
-                dx = clip(hand.dx, -j.corrections, j.corrections) if corrects else _FADE * dx
-                dy = clip(hand.dy, -j.corrections, j.corrections) if corrects else _FADE * dy
-                x = xy_axes.headed(p, x, between(jobs, j, tau, U0) + dx)
-                y = xy_axes.headed(p, y, between(jobs, j, tau, U1) + dy)
+                s = _interpolated(jobs, p, j, load(Hand, g, a + HAND), load(Process, g, a + APPLIED), s, x, y)
+                x = xy_axes.headed(p, x, between(jobs, j, s.tau, _X) + s.dx)
+                y = xy_axes.headed(p, y, between(jobs, j, s.tau, _Y) + s.dy)
             period = p.servo * PERIOD
             new_x, new_y = x.step / period, y.step / period
             ex, ey = xy_axes.encoded(p, x), xy_axes.encoded(p, y)
+            sensed = AxesSensed(
+                error_x=x.issued - ex, error_y=y.issued - ey, position_x=ex, position_y=ey, velocity_x=new_x,
+                velocity_y=new_y, acceleration_x=(new_x - vx) / period, acceleration_y=(new_y - vy) / period,
+                period=period, feed=between(jobs, j, s.tau, _FEED) * s.override, fresh=s.fresh,
+            )  # fmt: skip
             store(g, a + X, x)
             store(g, a + Y, y)
-            store(g, a + SIGNALS, AxesSensed(
-                error_x=x.issued - ex, error_y=y.issued - ey, position_x=ex, position_y=ey,
-                velocity_x=new_x, velocity_y=new_y, acceleration_x=(new_x - vx) / period,
-                acceleration_y=(new_y - vy) / period, period=period,
-                feed=between(jobs, j, tau, U(3)) * override, fresh=s.fresh,
-            ))  # fmt: skip
-            store(g, a + PROGRESS, Progress(
-                tau, override, s.near, s.aloft, p.servo, interpolation_in, new_x, new_y, dx, dy, waited, False
-            ))  # fmt: skip
+            store(g, a + SIGNALS, sensed)
+            store(g, a + PROGRESS, s._replace(servo_in=p.servo, velocity_x=new_x, velocity_y=new_y, fresh=False))
             g[a + DUE] = 1.0
+
+
+@part
+def _added(s, trail, f, error, power, real, scored, outside):
+    """:class:`Sums` after one more period: the trail, the figures of the cut, its standoff error, power and dither."""
+    w, off, gap = trail.speed * PERIOD if scored else 0.0, abs(trail.error), abs(error)
+    s = s._replace(
+        time=s.time + (0.0 if trail.over > 0.5 else PERIOD),
+        cutting=s.cutting + (PERIOD if scored else 0.0),
+        energy=s.energy + trail.beam * power * PERIOD,
+        contour_worst=max(s.contour_worst, off) if scored else s.contour_worst,
+        gap_worst=max(s.gap_worst, gap) if scored else s.gap_worst,
+        power_most=max(s.power_most, power) if scored else s.power_most,
+        dither_most=max(s.dither_most, real.x, real.y) if scored else s.dither_most,
+        outside=s.outside + (w if outside else 0.0),
+    )
+    return s._replace(
+        length=s.length + w,
+        contour2=s.contour2 + w * off * off,
+        gap2=s.gap2 + w * error * error,
+        dross=s.dross + w * f.dross,
+        roughness=s.roughness + w * f.roughness,
+        through=s.through + w * f.through,
+        kerf=s.kerf + w * f.kerf_top,
+        taper=s.taper + w * f.taper,
+    )
 
 
 @stage
@@ -494,25 +528,13 @@ def cut_all(block, at, g, base, n, now):
         s, f = cut.step(params, beam, load(cut.State, g, b + S_CUT), trail.speed, error, trail.error, PERIOD)
         store(g, b + S_CUT, s)
         store(g, b + FIGURES, f)
-        w = trail.speed * PERIOD if scored else 0.0
         ranges, journey = load(published.Range, g, b + P_CALIBRATED), load(Journey, g, b + P_JOURNEY)
         excess = published.beyond(ranges, journey.feed, applied, optics.shape, recipe.offset, params.pressure)
         store(g, b + EXCESS, excess)
         if scored:
             for i in range(_EXCESS_ROWS):
                 g[b + WORST + i * UW] = max(g[b + WORST + i * UW], g[b + EXCESS + i * UW])
-        off, gap = abs(trail.error), abs(error)
-        running = 0.0 if trail.over > 0.5 else PERIOD
-        store(g, b + SUMS, Sums(
-            sums.time + running, sums.cutting + (PERIOD if scored else 0.0), sums.length + w,
-            sums.contour2 + w * off * off, max(sums.contour_worst, off) if scored else sums.contour_worst,
-            sums.gap2 + w * error * error, max(sums.gap_worst, gap) if scored else sums.gap_worst,
-            sums.dross + w * f.dross, sums.roughness + w * f.roughness, sums.through + w * f.through,
-            sums.kerf + w * f.kerf_top, sums.taper + w * f.taper, sums.energy + trail.beam * power * PERIOD,
-            max(sums.power_most, power) if scored else sums.power_most,
-            max(sums.dither_most, real.x, real.y) if scored else sums.dither_most,
-            sums.outside + (w if published.outside(excess) else 0.0),
-        ))  # fmt: skip
+        store(g, b + SUMS, _added(sums, trail, f, error, power, real, scored, published.outside(excess)))
 
 
 @stage
@@ -521,25 +543,24 @@ def decide_all(block, at, g, base, n, jobs, now, after):
     for lane in range(n):
         a, b = at + lane, base + lane
         turn, recipe, applied = load(Turn, g, b + TURN), load(Recipe, g, b + P_RECIPE), load(Process, g, b + APPLIED)
-        block[a + machine.JOB + _SET_HEIGHT] = (
-            recipe.standoff + recipe.offset + applied.standoff + load(Trail, g, b + after).lift
-        )
+        lift = load(Trail, g, b + after).lift
+        block[a + _SET_HEIGHT] = recipe.standoff + recipe.offset + applied.standoff + lift
         if turn.process_in > 1.0:
-            g[b + TURN] = turn.process_in - 1.0
+            g[b + _PROCESS_IN] = turn.process_in - 1.0
         else:
             trail, j, f = load(Trail, g, b + now), load(Journey, g, b + P_JOURNEY), load(cut.Figures, g, b + FIGURES)
             x = load(Privileged, block, a + machine.SIGNALS)
             tau = trail.tau
-            store(g, b + PROCESS_SIGNALS, ProcessPrivileged(
-                planned=between(jobs, j, tau, U(3)), planned_50=between(jobs, j, tau + 50.0, U(3)),
-                planned_100=between(jobs, j, tau + 100.0, U(3)), planned_200=between(jobs, j, tau + 200.0, U(3)),
-                speed=trail.speed, override=trail.override, lag=trail.lag, contour_error=trail.error,
-                height=x.height, set_height=x.set_height, phase=trail.phase, beam=trail.beam > 0.5,
-                progress=tau / (j.samples - 1.0), thickness=recipe.thickness, nominal_power=recipe.power,
-                standoff=recipe.standoff, feed=j.feed, tangent_x=trail.tx, tangent_y=trail.ty, fresh=turn.fresh,
-                gap=x.gap, margin=f.margin, dross=f.dross,
+            seen = ProcessPrivileged(
+                planned=between(jobs, j, tau, _FEED), planned_50=between(jobs, j, tau + 50.0, _FEED),
+                planned_100=between(jobs, j, tau + 100.0, _FEED), planned_200=between(jobs, j, tau + 200.0, _FEED),
+                speed=trail.speed, override=trail.override, lag=trail.lag, contour_error=trail.error, height=x.height,
+                set_height=x.set_height, phase=trail.phase, beam=trail.beam > 0.5, progress=tau / (j.samples - 1.0),
+                thickness=recipe.thickness, nominal_power=recipe.power, standoff=recipe.standoff, feed=j.feed,
+                tangent_x=trail.tx, tangent_y=trail.ty, fresh=turn.fresh, gap=x.gap, margin=f.margin, dross=f.dross,
                 roughness=f.roughness,
-            ))  # fmt: skip
+            )  # fmt: skip
+            store(g, b + PROCESS_SIGNALS, seen)
             store(g, b + TURN, Turn(recipe.period, False))
             g[b + PROCESS_DUE] = 1.0
 
@@ -549,19 +570,19 @@ def record_all(block, at, g, base, n, now, record, where, machines):
     """The channels of this period into the recorder, lanes side by side."""
     for lane in range(n):
         a, b = at + lane, base + lane
-        for i in range(_TRAIL_ROWS):
-            record[where + lane + i * machines] = g[b + now + i * UW]
-        x = load(Privileged, block, a + machine.SIGNALS)
-        o = where + lane + _TRAIL_ROWS * machines
-        record[o] = x.gap - g[b + P_RECIPE + U2 * UW]
-        for i in range(_APPLIED_ROWS):
-            record[o + (U1 + i) * machines] = g[b + APPLIED + i * UW]
-        o += (U1 + _APPLIED_ROWS) * machines
-        for i in range(_REALISED_ROWS):
-            record[o + i * machines] = g[b + REALISED + i * UW]
-        o += _REALISED_ROWS * machines
-        for i in range(_FIGURES_ROWS):
-            record[o + i * machines] = g[b + FIGURES + i * UW]
+        o = copied(g, b + now, record, where + lane, machines, _TRAIL_ROWS)
+        record[o] = load(Privileged, block, a + machine.SIGNALS).gap - g[b + _STANDOFF]
+        o = copied(g, b + APPLIED, record, o + machines, machines, _APPLIED_ROWS)
+        o = copied(g, b + REALISED, record, o, machines, _REALISED_ROWS)
+        copied(g, b + FIGURES, record, o, machines, _FIGURES_ROWS)
+
+
+@part
+def copied(g, b, record, o, machines, count):
+    """Copies ``count`` rows of a column into channels from ``o`` on; returns where the next channel lies."""
+    for i in range(count):
+        record[o + i * machines] = g[b + i * UW]
+    return o + count * machines
 
 
 # ------------------------------------------------------------------------------------ what the machine calls
@@ -579,15 +600,15 @@ def _start(block_address, at, n, deck_address, tick):
     g, jobs = doubles(deck[D.block], _ANY), doubles(deck[D.jobs], _ANY)
     base = column_of(at)
     j = load(Journey, g, base + P_JOURNEY)
-    x, y = between(jobs, j, 0.0, U0), between(jobs, j, 0.0, U1)
+    x, y = between(jobs, j, 0.0, _X), between(jobs, j, 0.0, _Y)
     store(g, base + G_XY, xy_axes.gains(load(xy_axes.Params, g, base + P_XY), PERIOD))
     store(g, base + X, xy_axes.at_rest(x))
     store(g, base + Y, xy_axes.at_rest(y))
-    store(g, base + HAND, Hand(0.0, 0.0, 1.0, Process(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)))
-    store(g, base + APPLIED, Process(1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
-    store(g, base + REALISED, spot.Realised(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
-    store(g, base + TURN, Turn(0.0, True))
-    store(g, base + PROGRESS, Progress(0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, True))
+    store(g, base + HAND, _UNTOUCHED)
+    store(g, base + APPLIED, _NOMINAL)
+    store(g, base + REALISED, _STEADY)
+    store(g, base + TURN, _DECIDES)
+    store(g, base + PROGRESS, _BEGUN)
     locate_all(g, base, U1, jobs, TRAIL)
     first = load(Trail, g, base + TRAIL)
     for i in range(TRAIL_LAST + U1):
@@ -633,13 +654,11 @@ def _ready(block_address, at, n, deck_address, tick):
     g, jobs = doubles(deck[D.block], _ANY), doubles(deck[D.jobs], _ANY)
     base = column_of(at)
     store(g, base + S_CUT, cut.fresh())
-    store(g, base + FIGURES, cut.nothing())
-    none = Sums(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    inside = published.Excess(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    store(g, base + EXCESS, inside)
-    store(g, base + WORST, inside)
-    store(g, base + SUMS, none)
-    store(g, base + BEFORE, none)
+    store(g, base + FIGURES, _UNCUT)
+    store(g, base + EXCESS, _INSIDE)
+    store(g, base + WORST, _INSIDE)
+    store(g, base + SUMS, _NONE)
+    store(g, base + BEFORE, _NONE)
     now, after = TRAIL + (tick & TRAIL_LAST) * _TRAIL, TRAIL + ((tick + U1) & TRAIL_LAST) * _TRAIL
     decide_all(block, at, g, base, n, jobs, now, after)
     call(deck[D.process], deck[D.block], base, n, deck[D.process_tables], deck[D.process_size])

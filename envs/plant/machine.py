@@ -19,6 +19,8 @@ from ..engine.lanes import (
     U0,
     U1,
     U2,
+    U3,
+    U4,
     UW,
     Layout,
     U,
@@ -30,6 +32,7 @@ from ..engine.lanes import (
     gauss,
     load,
     part,
+    row,
     rows,
     singles,
     stage,
@@ -86,6 +89,15 @@ class Moment(NamedTuple):
     lowest: float = 0.0  # mm, smallest gap of the period
 
 
+class On(NamedTuple):
+    """How much of what takes turns is on, 0 to 1."""
+
+    waves: float = 1.0
+    random: float = 1.0
+    vibrations: float = 1.0
+    impulses: float = 1.0
+
+
 class Tally(NamedTuple):
     """What an episode adds up."""
 
@@ -96,34 +108,31 @@ class Tally(NamedTuple):
 
 
 _layout = Layout()
-P_PATH, P_SHEET = _layout.place(rows(path.Params)), _layout.place(rows(sheet.Params))
-PLATE = P_SHEET + U(rows(sheet.Params) - 1) * UW
+P_PATH, P_SHEET = _layout.part("path", path.Params), _layout.part("sheet", sheet.Params)
 WAVES = _layout.place(sheet.WAVES * rows(sheet.Wave))
 VIBRATIONS = _layout.place(sheet.VIBRATIONS * rows(sheet.Vibration))
-P_RANDOM, P_TURNS = _layout.place(rows(sheet.Random)), _layout.place(rows(sheet.Turns))
+P_RANDOM, P_TURNS = _layout.part("random", sheet.Random), _layout.part("turns", sheet.Turns)
 FEATURES = _layout.place(sheet.FEATURES * rows(sheet.Feature))
-P_SENSOR, P_GATE = _layout.place(rows(sensor.Params)), _layout.place(rows(sensor.Gate))
-P_FILTER, P_TABLE = _layout.place(rows(filters.Params)), _layout.place(rows(calibration.Params))
-P_Z, P_GUARD = _layout.place(rows(z_axis.Params)), _layout.place(rows(supervisor.Params))
-JOB, START, HAND = _layout.place(rows(supervisor.Job)), _layout.place(rows(Start)), _layout.place(rows(Hand))
+P_SENSOR, P_GATE = _layout.part("sensor", sensor.Params), _layout.part("gate", sensor.Gate)
+P_FILTER, P_TABLE = _layout.part("filter", filters.Params), _layout.part("table", calibration.Params)
+P_Z, P_GUARD = _layout.part("z", z_axis.Params), _layout.part("guard", supervisor.Params)
+JOB, START = _layout.part("job", supervisor.Job), _layout.part("start", Start)
+HAND = _layout.part("hand", Hand)
 P_LAW, S_LAW = _layout.place(SLOTS["z"].params), _layout.place(SLOTS["z"].state)
-S_PATH, S_SHEET = _layout.place(rows(path.State)), _layout.place(rows(sheet.State))
-ON = _layout.place(4)  # how much of waves, random sheet, vibrations and impulses is on, 0 to 1
+S_PATH, S_SHEET = _layout.part("journey", path.State), _layout.place(rows(sheet.State))
+ON = _layout.place(rows(On))
 SHAKEN = _layout.place(sheet.VIBRATIONS * rows(sheet.Shaken))
 S_SENSOR, S_FILTER = _layout.place(rows(sensor.State)), _layout.place(rows(filters.State))
-S_Z, DRIVE, S_GUARD = (
-    _layout.place(rows(z_axis.State)),
-    _layout.place(rows(z_axis.Drive)),
-    _layout.place(rows(supervisor.State)),
-)
-SIGNALS, TALLY = _layout.place(rows(Privileged)), _layout.place(rows(Tally))
-COURSE, MOMENT = _layout.place(rows(Course)), _layout.place(rows(Moment))
+S_Z, DRIVE = _layout.part("motion", z_axis.State), _layout.part("drive", z_axis.Drive)
+S_GUARD = _layout.part("supervisor", supervisor.State)
+SIGNALS, TALLY = _layout.part("signals", Privileged), _layout.part("tally", Tally)
+COURSE, MOMENT = _layout.part("course", Course), _layout.part("moment", Moment)
 PACE = _layout.place(max(rows(z_axis.Pace), rows(filters.Fold)))
 GAINS = _layout.place(rows(z_axis.Gains))
 FOLD, KEPT = PACE, _layout.place(2)  # the pace has been used when the filter folds
 WISH, BEAM, SLOPE, CLOCK, ORIGIN = (_layout.place(1) for _ in range(5))
 PASSED, REFUGE = KEPT, KEPT + UW  # and these two when it keeps
-HINTS = _layout.place(2)  # entries of the table at the last reading, filtered and raw
+HINT, RAW_HINT = _layout.place(1), _layout.place(1)  # entries of the table at the last reading, filtered and raw
 SURFACES, SURFACES_LAST = _layout.place(16), U(15)  # ring: two points a period, from the past period to the preview
 FELT = _layout.place(16)  # the same for what the sheet under the plate is above that under the tip
 SAMPLES, SAMPLES_LAST = _layout.place(filters.LONGEST), U(filters.LONGEST - 1)  # ring of frequencies
@@ -134,15 +143,7 @@ STRIDE = U(ROWS * W)
 
 LAW_PLACES = {"params": P_LAW, "state": S_LAW, "signals": SIGNALS, "wish": WISH, "stride": STRIDE}
 
-PLACES = {
-    "path": (P_PATH, path.Params), "sheet": (P_SHEET, sheet.Params), "random": (P_RANDOM, sheet.Random),
-    "turns": (P_TURNS, sheet.Turns), "sensor": (P_SENSOR, sensor.Params),
-    "gate": (P_GATE, sensor.Gate), "filter": (P_FILTER, filters.Params), "table": (P_TABLE, calibration.Params),
-    "z": (P_Z, z_axis.Params), "guard": (P_GUARD, supervisor.Params), "job": (JOB, supervisor.Job),
-    "start": (START, Start), "hand": (HAND, Hand), "signals": (SIGNALS, Privileged), "course": (COURSE, Course),
-    "moment": (MOMENT, Moment), "tally": (TALLY, Tally), "supervisor": (S_GUARD, supervisor.State),
-    "motion": (S_Z, z_axis.State), "drive": (DRIVE, z_axis.Drive), "journey": (S_PATH, path.State),
-}  # fmt: skip
+PLACES = _layout.parts
 """Offset and class of each part that Python reads or writes."""
 
 CHANNELS = (
@@ -216,7 +217,6 @@ F_CONTOURS, F_FEATURES, F_PROFILES, F_BULGES, F_RANKS, F_PLATES, F_RANDOM, F_BAN
 _WAVE, _VIBRATION, _FEATURE = (U(rows(c) * W) for c in (sheet.Wave, sheet.Vibration, sheet.Feature))
 _SHAKEN = U(rows(sheet.Shaken) * W)
 _SALT = U(0x5EED5EED5EED5EED)  # sets a vibration's random numbers apart from the sensor's
-_FEATURES = U(sheet.FEATURES)
 _AHEAD2 = U(2 * AHEAD)
 AHEAD_S = AHEAD * PERIOD
 """s by which the path runs ahead of the machine."""
@@ -225,7 +225,18 @@ _PREFILL = AHEAD + 1
 _RISE, _MEMORY = U(supervisor.RISE_WINDOW), U(supervisor.MEMORY)
 _WORDS = U(6)  # random words that a sample takes
 _POINTS = float(calibration.POINTS)
-_FRESH, _HEAD_POSITION = (U(Privileged._fields.index(name) * W) for name in ("fresh", "head_position"))
+_HEIGHT, _RAW_HEIGHT, _FREQUENCY, _FRESH, _HEAD_POSITION = (
+    SIGNALS + row(Privileged, name) for name in ("height", "raw_height", "frequency", "fresh", "head_position")
+)
+_ON_WAVES, _ON_RANDOM, _ON_VIBRATIONS, _ON_IMPULSES = (ON + row(On, name) for name in On._fields)
+_PLATE, _TABLE, _WINDOW = (
+    P_SHEET + row(sheet.Params, "plate"),
+    START + row(Start, "head"),
+    P_FILTER + row(filters.Params, "window"),
+)
+_SURFACE, _BEND_1, _BEND_2 = (COURSE + row(Course, name) for name in ("surface", "slope", "bend"))
+_UNDER = FELT - SURFACES  # from a point of the tip's surface to the plate's
+_STILL, _ALL_ON, _UNSENSED, _UNGUARDED = z_axis.Drive(), On(), sensor.State(), supervisor.State()
 
 
 # ---------------------------------------------------------------------------------- stages, in the order of a period
@@ -237,11 +248,23 @@ def _view(block, a, surface, refuge):
     x, hand = load(Privileged, block, a + SIGNALS), load(Hand, block, a + HAND)
     encoder = x.head_position - load(supervisor.State, block, a + S_GUARD).offset
     return supervisor.View(
-        height=x.height, fall=surface - (x.head_position - x.height), refuge=refuge, valid=x.valid,
-        head_position=x.head_position, encoder=encoder,
-        last_encoder=encoder - x.head_velocity * PERIOD, wish=hand.gain * block[a + WISH] + hand.residual,
+        height=x.height,
+        fall=surface - (x.head_position - x.height),
+        refuge=refuge,
+        valid=x.valid,
+        head_position=x.head_position,
+        encoder=encoder,
+        last_encoder=encoder - x.head_velocity * PERIOD,
+        wish=hand.gain * block[a + WISH] + hand.residual,
         frequency=x.frequency,
-    )  # fmt: skip
+    )
+
+
+@part
+def _guard(block, a):
+    """Parameters, state and job of the supervisor."""
+    p, s = load(supervisor.Params, block, a + P_GUARD), load(supervisor.State, block, a + S_GUARD)
+    return p, s, load(supervisor.Job, block, a + JOB)
 
 
 @stage
@@ -255,26 +278,21 @@ def supervise_all(block, at, n, tick):
         block[at + lane + REFUGE] = block[before + lane]
     for lane in range(n):
         a = at + lane
-        s, u = supervisor.follow(
-            load(supervisor.Params, block, a + P_GUARD), load(supervisor.State, block, a + S_GUARD),
-            load(supervisor.Job, block, a + JOB), _view(block, a, block[a + PASSED], block[a + REFUGE]),
-        )  # fmt: skip
+        p, s, job = _guard(block, a)
+        s, u = supervisor.follow(p, s, job, _view(block, a, block[a + PASSED], block[a + REFUGE]))
         store(block, a + S_GUARD, s)
         block[a + PASSED] = u
     for lane in range(n):  # rare, so branches are cheaper than computing it for all
         a = at + lane
-        s, job = load(supervisor.State, block, a + S_GUARD), load(supervisor.Job, block, a + JOB)
+        p, s, job = _guard(block, a)
         if not supervisor.is_following(s, job):
-            p = load(supervisor.Params, block, a + P_GUARD)
             s, u = supervisor.errand(p, s, job, _view(block, a, 0.0, 0.0), block[a + PASSED])
             store(block, a + S_GUARD, s)
             block[a + PASSED] = u
     for lane in range(n):
         a = at + lane
-        s, command = supervisor.join(
-            load(supervisor.Params, block, a + P_GUARD), load(supervisor.State, block, a + S_GUARD),
-            load(supervisor.Job, block, a + JOB), _view(block, a, 0.0, 0.0), block[a + PASSED],
-        )  # fmt: skip
+        p, s, job = _guard(block, a)
+        s, command = supervisor.join(p, s, job, _view(block, a, 0.0, 0.0), block[a + PASSED])
         store(block, a + S_GUARD, s)
         drive = z_axis.accept(load(z_axis.Params, block, a + P_Z), load(z_axis.Drive, block, a + DRIVE), command)
         store(block, a + DRIVE, drive)
@@ -287,20 +305,10 @@ def supervise_all(block, at, n, tick):
 def travel_all(block, at, n, tick, deck):
     """Path and sheet: the surface in the middle and at the end of the period that lies AHEAD ms ahead."""
     flags = deck[D.flags]
-    slot_middle, slot_end = (
-        ((tick + tick + _AHEAD2) & SURFACES_LAST) * UW,
-        ((tick + tick + _AHEAD2 + U1) & SURFACES_LAST) * UW,
-    )
-    middle, end = at + SURFACES + slot_middle, at + SURFACES + slot_end
-    felt_middle, felt_end = at + FELT + slot_middle, at + FELT + slot_end
+    middle = at + SURFACES + ((tick + tick + _AHEAD2) & SURFACES_LAST) * UW
+    end = at + SURFACES + ((tick + tick + _AHEAD2 + U1) & SURFACES_LAST) * UW
     if flags & F_TURNS:
-        for lane in range(n):
-            a = at + lane
-            p, t = load(sheet.Turns, block, a + P_TURNS), load(path.State, block, a + S_PATH).time
-            block[a + ON] = sheet.turned(p, p.waves, t)
-            block[a + ON + UW] = sheet.turned(p, p.random, t)
-            block[a + ON + U2 * UW] = sheet.turned(p, p.vibrations, t)
-            block[a + ON + U(3) * UW] = sheet.turned(p, p.impulses, t)
+        _take_turns(block, at, n)
     if deck[D.travel] > U0:  # axes that follow a job
         call(deck[D.travel], deck[D.block], at, n, deck[D.gantry], tick)
     else:
@@ -309,116 +317,157 @@ def travel_all(block, at, n, tick, deck):
             p, s = load(path.Params, block, a + P_PATH), load(path.State, block, a + S_PATH)
             store(block, a + S_PATH, path.advance(p, s, PERIOD, AHEAD_S))
     if flags & F_CONTOURS:
-        xs, ys = doubles(deck[D.contour_x], deck[D.contours]), doubles(deck[D.contour_y], deck[D.contours])
-        on = doubles(deck[D.contour_on], deck[D.contours])
-        for lane in range(n):
-            a = at + lane
-            p, s = load(path.Params, block, a + P_PATH), load(path.State, block, a + S_PATH)
-            if p.contour >= 0.0:
-                half = s.distance - 0.5 * p.feed * PERIOD
-                x = path.sample(xs, p.contour, p.samples, path.SPACING, s.distance)
-                y = path.sample(ys, p.contour, p.samples, path.SPACING, s.distance)
-                mx = path.sample(xs, p.contour, p.samples, path.SPACING, half)
-                my = path.sample(ys, p.contour, p.samples, path.SPACING, half)
-                store(block, a + S_PATH, path.State(s.time, s.distance, x, y, mx, my, s.feed, s.here))
-                block[a + BEAM] = 1.0 if path.sample(on, p.contour, p.samples, path.SPACING, s.here) > 0.5 else 0.0
+        _trace_contours(block, at, n, deck)
     for lane in range(n):
         a = at + lane
-        p, s, where = (
-            load(sheet.Params, block, a + P_SHEET),
-            load(sheet.State, block, a + S_SHEET),
-            load(path.State, block, a + S_PATH),
-        )
+        p, where = load(sheet.Params, block, a + P_SHEET), load(path.State, block, a + S_PATH)
         block[middle + lane] = p.tilt_x * sheet.sloped(p, where.middle_x) + p.tilt_y * where.middle_y
         block[end + lane] = p.tilt_x * sheet.sloped(p, where.x) + p.tilt_y * where.y
     if flags & F_BULGES:
-        for lane in range(n):
-            a = at + lane
-            p, s, where = (
-                load(sheet.Params, block, a + P_SHEET),
-                load(sheet.State, block, a + S_SHEET),
-                load(path.State, block, a + S_PATH),
-            )
-            before = s.grown
-            s = sheet.grow(p, s)
-            half = sheet.State(0.5 * (before + s.grown), s.level, s.upcoming, s.current)
-            block[middle + lane] += sheet.bulge(p, half, where.middle_x, where.middle_y)
-            block[end + lane] += sheet.bulge(p, s, where.x, where.y)
-            store(block, a + S_SHEET, s)
+        _add_bulges(block, at, n, middle, end)
     if flags & F_PLATES:
         for lane in range(n):
-            block[felt_middle + lane], block[felt_end + lane] = 0.0, 0.0
-    for i in range(deck[D.waves]):
+            block[middle + lane + _UNDER], block[end + lane + _UNDER] = 0.0, 0.0
+    _add_waves(block, at, n, middle, end, deck[D.waves])
+    if flags & F_BANDS:
+        shake_all(block, at, n, tick, middle, end, words(deck[D.keys], U(2**40)), deck[D.vibrations])
+    else:
+        _add_tones(block, at, n, middle, end, deck[D.vibrations])
+    if flags & F_RANDOM:
+        _add_random(block, at, n, middle, end, doubles(deck[D.random], deck[D.randoms]))
+    if flags & F_FEATURES:
+        _add_features(block, at, n, middle, end)
+    if flags & F_PROFILES:
+        _add_profiles(block, at, n, middle, end, doubles(deck[D.profile], deck[D.profiles]))
+
+
+@part
+def _take_turns(block, at, n):
+    """Turns of long episodes: what is on."""
+    for lane in range(n):
+        a = at + lane
+        p, t = load(sheet.Turns, block, a + P_TURNS), load(path.State, block, a + S_PATH).time
+        waves, random = sheet.turned(p, p.waves, t), sheet.turned(p, p.random, t)
+        store(block, a + ON, On(waves, random, sheet.turned(p, p.vibrations, t), sheet.turned(p, p.impulses, t)))
+
+
+@part
+def _trace_contours(block, at, n, deck):
+    """Contours: place and beam at the distance that has been travelled."""
+    xs, ys = doubles(deck[D.contour_x], deck[D.contours]), doubles(deck[D.contour_y], deck[D.contours])
+    on = doubles(deck[D.contour_on], deck[D.contours])
+    for lane in range(n):
+        a = at + lane
+        p, s = load(path.Params, block, a + P_PATH), load(path.State, block, a + S_PATH)
+        if p.contour >= 0.0:
+            half = s.distance - 0.5 * p.feed * PERIOD
+            x = path.sample(xs, p.contour, p.samples, path.SPACING, s.distance)
+            y = path.sample(ys, p.contour, p.samples, path.SPACING, s.distance)
+            mx = path.sample(xs, p.contour, p.samples, path.SPACING, half)
+            my = path.sample(ys, p.contour, p.samples, path.SPACING, half)
+            store(block, a + S_PATH, s._replace(x=x, y=y, middle_x=mx, middle_y=my))
+            block[a + BEAM] = 1.0 if path.sample(on, p.contour, p.samples, path.SPACING, s.here) > 0.5 else 0.0
+
+
+@part
+def _add_bulges(block, at, n, middle, end):
+    """Thermal bulge: it grows, and half-way it has grown by half as much."""
+    for lane in range(n):
+        a = at + lane
+        p, s = load(sheet.Params, block, a + P_SHEET), load(sheet.State, block, a + S_SHEET)
+        where, grown = load(path.State, block, a + S_PATH), sheet.grow(p, s)
+        half = s._replace(grown=0.5 * (s.grown + grown.grown))
+        block[middle + lane] += sheet.bulge(p, half, where.middle_x, where.middle_y)
+        block[end + lane] += sheet.bulge(p, grown, where.x, where.y)
+        store(block, a + S_SHEET, grown)
+
+
+@part
+def _add(block, point, on, tip, felt):
+    """Adds to the surface under the tip, and to what the plate feels above it."""
+    block[point] += on * tip
+    block[point + _UNDER] += on * felt
+
+
+@part
+def _add_waves(block, at, n, middle, end, count):
+    """Waves, of which the plate feels less."""
+    for i in range(count):
         offset = WAVES + i * _WAVE
         for lane in range(n):
             a = at + lane
             w, where = load(sheet.Wave, block, a + offset), load(path.State, block, a + S_PATH)
-            on = block[a + ON]
+            on = block[a + _ON_WAVES]
             halfway, whole = on * sheet.wave(w, where.middle_x, where.middle_y), on * sheet.wave(w, where.x, where.y)
-            block[middle + lane] += w.amplitude * halfway
-            block[end + lane] += w.amplitude * whole
-            block[felt_middle + lane] += w.felt * halfway
-            block[felt_end + lane] += w.felt * whole
-    if flags & F_BANDS:
-        shake_all(block, at, n, tick, middle, end, words(deck[D.keys], U(2**40)), deck[D.vibrations])
-    else:
-        for i in range(deck[D.vibrations]):
-            offset = VIBRATIONS + i * _VIBRATION
-            for lane in range(n):
-                a = at + lane
-                v, where = load(sheet.Vibration, block, a + offset), load(path.State, block, a + S_PATH)
-                on = block[a + ON + U2 * UW]
-                block[middle + lane] += on * sheet.vibration(v, where.time - 0.5 * PERIOD)
-                block[end + lane] += on * sheet.vibration(v, where.time)
-    if flags & F_RANDOM:
-        randoms = doubles(deck[D.random], deck[D.randoms])
+            _add(block, middle + lane, halfway, w.amplitude, w.felt)
+            _add(block, end + lane, whole, w.amplitude, w.felt)
+
+
+@part
+def _add_tones(block, at, n, middle, end, count):
+    """Vibrations that are tones."""
+    for i in range(count):
+        offset = VIBRATIONS + i * _VIBRATION
         for lane in range(n):
             a = at + lane
-            p, where, on = (
-                load(sheet.Random, block, a + P_RANDOM),
-                load(path.State, block, a + S_PATH),
-                block[a + ON + UW],
-            )
-            if p.first >= 0.0:
-                half = where.distance - 0.5 * where.feed * PERIOD
-                halfway = sheet.random_height(randoms, p, half, 0.0)
-                whole = sheet.random_height(randoms, p, where.distance, 0.0)
-                block[middle + lane] += on * halfway
-                block[end + lane] += on * whole
-                block[felt_middle + lane] += on * (sheet.random_height(randoms, p, half, 1.0) - halfway)
-                block[felt_end + lane] += on * (sheet.random_height(randoms, p, where.distance, 1.0) - whole)
-    if flags & F_FEATURES:
-        for lane in range(n):
-            a = at + lane
-            s, along = load(sheet.State, block, a + S_SHEET), block[a + S_PATH + UW]
-            if sheet.is_behind(s.current, along) and s.upcoming < sheet.FEATURES:
-                upcoming = load(sheet.Feature, block, a + FEATURES + U(np.int64(s.upcoming)) * _FEATURE)
-                store(block, a + S_SHEET, sheet.leave(s, upcoming))
-        for lane in range(n):
-            a = at + lane
-            s, where = load(sheet.State, block, a + S_SHEET), load(path.State, block, a + S_PATH)
-            half, plate = where.distance - 0.5 * where.feed * PERIOD, block[a + PLATE]
-            halfway, whole = (
-                sheet.features(s, half, sheet.FOOTPRINT),
-                sheet.features(s, where.distance, sheet.FOOTPRINT),
-            )
-            block[middle + lane] += halfway
-            block[end + lane] += whole
-            block[felt_middle + lane] += sheet.features(s, half, plate) - halfway
-            block[felt_end + lane] += sheet.features(s, where.distance, plate) - whole
-    if flags & F_PROFILES:
-        profile = doubles(deck[D.profile], deck[D.profiles])
-        for lane in range(n):
-            a = at + lane
-            p, s = load(path.Params, block, a + P_PATH), load(path.State, block, a + S_PATH)
-            if p.profile >= 0.0:
-                if p.profile_samples == 0.0:
-                    block[middle + lane] += path.height_of(profile, p.profile, s.middle_x, s.middle_y)
-                    block[end + lane] += path.height_of(profile, p.profile, s.x, s.y)
-                else:
-                    size, spacing, half = p.profile_samples, p.profile_spacing, s.distance - 0.5 * s.feed * PERIOD
-                    block[middle + lane] += path.sample(profile, p.profile, size, spacing, half)
-                    block[end + lane] += path.sample(profile, p.profile, size, spacing, s.distance)
+            v, where = load(sheet.Vibration, block, a + offset), load(path.State, block, a + S_PATH)
+            on = block[a + _ON_VIBRATIONS]
+            block[middle + lane] += on * sheet.vibration(v, where.time - 0.5 * PERIOD)
+            block[end + lane] += on * sheet.vibration(v, where.time)
+
+
+@part
+def _half_way(where):
+    """Distance along the path in the middle of the period, mm."""
+    return where.distance - 0.5 * where.feed * PERIOD
+
+
+@part
+def _add_random(block, at, n, middle, end, randoms):
+    """Sheets of continuous spectrum."""
+    for lane in range(n):
+        a = at + lane
+        p, where = load(sheet.Random, block, a + P_RANDOM), load(path.State, block, a + S_PATH)
+        on, half = block[a + _ON_RANDOM], _half_way(where)
+        if p.first >= 0.0:
+            halfway = sheet.random_height(randoms, p, half, 0.0)
+            whole = sheet.random_height(randoms, p, where.distance, 0.0)
+            _add(block, middle + lane, on, halfway, sheet.random_height(randoms, p, half, 1.0) - halfway)
+            _add(block, end + lane, on, whole, sheet.random_height(randoms, p, where.distance, 1.0) - whole)
+
+
+@part
+def _add_features(block, at, n, middle, end):
+    """Steps, holes and edges: those behind are left, the present one is there."""
+    for lane in range(n):
+        a = at + lane
+        s, along = load(sheet.State, block, a + S_SHEET), load(path.State, block, a + S_PATH).distance
+        if sheet.is_behind(s.current, along) and s.upcoming < sheet.FEATURES:
+            upcoming = load(sheet.Feature, block, a + FEATURES + U(np.int64(s.upcoming)) * _FEATURE)
+            store(block, a + S_SHEET, sheet.leave(s, upcoming))
+    for lane in range(n):
+        a = at + lane
+        s, where = load(sheet.State, block, a + S_SHEET), load(path.State, block, a + S_PATH)
+        half, plate = _half_way(where), block[a + _PLATE]
+        halfway, whole = sheet.features(s, half, sheet.FOOTPRINT), sheet.features(s, where.distance, sheet.FOOTPRINT)
+        _add(block, middle + lane, 1.0, halfway, sheet.features(s, half, plate) - halfway)
+        _add(block, end + lane, 1.0, whole, sheet.features(s, where.distance, plate) - whole)
+
+
+@part
+def _add_profiles(block, at, n, middle, end, profile):
+    """Measured profiles along the path, and measured maps."""
+    for lane in range(n):
+        a = at + lane
+        p, s = load(path.Params, block, a + P_PATH), load(path.State, block, a + S_PATH)
+        if p.profile >= 0.0:
+            if p.profile_samples == 0.0:
+                block[middle + lane] += path.height_of(profile, p.profile, s.middle_x, s.middle_y)
+                block[end + lane] += path.height_of(profile, p.profile, s.x, s.y)
+            else:
+                size, spacing = p.profile_samples, p.profile_spacing
+                block[middle + lane] += path.sample(profile, p.profile, size, spacing, _half_way(s))
+                block[end + lane] += path.sample(profile, p.profile, size, spacing, s.distance)
 
 
 @stage
@@ -430,9 +479,9 @@ def shake_all(block, at, n, tick, middle, end, keys, count):
         for lane in range(n):
             a = at + lane
             v, where = load(sheet.Vibration, block, a + offset), load(path.State, block, a + S_PATH)
-            key, word, on = keys[first + lane] + salt, tick * _WORDS, block[a + ON + U2 * UW]
+            key, word, on = keys[first + lane] + salt, tick * _WORDS, block[a + _ON_VIBRATIONS]
             one = gauss(bits(key, word), uniform(bits(key, word + U1)))
-            two = gauss(bits(key, word + U2), uniform(bits(key, word + U(3))))
+            two = gauss(bits(key, word + U2), uniform(bits(key, word + U3)))
             s = sheet.shake(v, load(sheet.Shaken, block, a + place), one, 0.5 * PERIOD)
             block[middle + lane] += on * (s.height if v.zeta > 0.0 else sheet.vibration(v, where.time - 0.5 * PERIOD))
             s = sheet.shake(v, s, two, 0.5 * PERIOD)
@@ -446,36 +495,34 @@ def prepare_all(block, at, n, tick):
     s0 = at + SURFACES + ((tick + tick - U1) & SURFACES_LAST) * UW
     s1 = at + SURFACES + ((tick + tick) & SURFACES_LAST) * UW
     s2 = at + SURFACES + ((tick + tick + U1) & SURFACES_LAST) * UW
-    f0, f1, f2 = s0 + FELT - SURFACES, s1 + FELT - SURFACES, s2 + FELT - SURFACES
     for lane in range(n):
         a = at + lane
         start, middle, end = block[s0 + lane], block[s1 + lane], block[s2 + lane]
-        block[a + COURSE] = start
-        block[a + COURSE + UW] = 4.0 * middle - 3.0 * start - end
-        block[a + COURSE + U2 * UW] = 2.0 * (start - middle) + 2.0 * (end - middle)
+        block[a + _SURFACE] = start
+        block[a + _BEND_1] = 4.0 * middle - 3.0 * start - end
+        block[a + _BEND_2] = 2.0 * (start - middle) + 2.0 * (end - middle)
     for lane in range(n):
         a = at + lane
         feature, here = load(sheet.State, block, a + S_SHEET).current, load(path.State, block, a + S_PATH).here
-        c, m, gate = (
-            load(Course, block, a + COURSE),
-            load(Moment, block, a + MOMENT),
-            load(sensor.Gate, block, a + P_GATE),
-        )
+        c, m = load(Course, block, a + COURSE), load(Moment, block, a + MOMENT)
         radius = sensor.sensing_radius(load(sensor.Params, block, a + P_SENSOR), max(m.gap, 0.0))
+        gate = load(sensor.Gate, block, a + P_GATE)
         counted = max(1.0, np.rint(gate.length * (1e-3 / PERIOD) * SUBSTEPS))  # substeps within the gate
         # Means of q and q² over the gate's substeps, with which the plate's course is averaged as the gap is.
         q = 1.0 - (counted - 1.0) / (2.0 * SUBSTEPS)
         q2 = q * q + (counted * counted - 1.0) / (12.0 * SUBSTEPS * SUBSTEPS)
-        start, middle, end = block[f0 + lane], block[f1 + lane], block[f2 + lane]
-        felt = start + (4.0 * middle - 3.0 * start - end) * q + 2.0 * (start - 2.0 * middle + end) * q2
-        store(block, a + COURSE, Course(
-            c.surface, c.slope, c.bend, opens=1.0 - counted / SUBSTEPS + 1e-9, weight=1.0 / counted,
-            cover=sheet.coverage(feature, here, radius), felt=felt,
+        start, middle, end = block[s0 + lane + _UNDER], block[s1 + lane + _UNDER], block[s2 + lane + _UNDER]
+        course = c._replace(
+            opens=1.0 - counted / SUBSTEPS + 1e-9,
+            weight=1.0 / counted,
+            cover=sheet.coverage(feature, here, radius),
+            felt=start + (4.0 * middle - 3.0 * start - end) * q + 2.0 * (start - 2.0 * middle + end) * q2,
             open=sheet.over_void(feature, here, sheet.FOOTPRINT),
             scored=block[a + BEAM] > 0.5 and not sheet.over_void(feature, here, 0.0),
-        ))  # fmt: skip
+        )
+        store(block, a + COURSE, course)
         store(block, a + PACE, z_axis.pace(load(z_axis.Params, block, a + P_Z), load(z_axis.Drive, block, a + DRIVE)))
-        store(block, a + MOMENT, Moment(m.gap, m.head, 0.0, 0.0, 1e9))
+        store(block, a + MOMENT, m._replace(gate_gap=0.0, gate_motor=0.0, lowest=1e9))
 
 
 @part
@@ -531,17 +578,16 @@ def sense_all(block, at, n, tick, keys, first):
         m, c = load(Moment, block, a + MOMENT), load(Course, block, a + COURSE)
         touches = m.lowest <= 0.0 and not c.open
         gap = 0.0 if touches else sensed_gap(m, c)
-        s, f = sensor.step(
-            load(sensor.Params, block, a + P_SENSOR), load(sensor.State, block, a + S_SENSOR),
-            load(sensor.Gate, block, a + P_GATE), gap, c.cover, block[a + ON + U(3) * UW], keys[first + lane], tick,
-        )  # fmt: skip
+        p, s = load(sensor.Params, block, a + P_SENSOR), load(sensor.State, block, a + S_SENSOR)
+        gate, spatter = load(sensor.Gate, block, a + P_GATE), block[a + _ON_IMPULSES]
+        s, f = sensor.step(p, s, gate, gap, c.cover, spatter, keys[first + lane], tick)
         store(block, a + S_SENSOR, s)
         t = load(Tally, block, a + TALLY)
         lowest = t.lowest if c.open else min(t.lowest, m.lowest)
-        store(block, a + TALLY, Tally(t.ticks + 1.0, t.collided or touches, lowest, t.encoder))
-        block[a + SIGNALS + U2 * UW] = f
+        store(block, a + TALLY, t._replace(ticks=t.ticks + 1.0, collided=t.collided or touches, lowest=lowest))
+        block[a + _FREQUENCY] = f
     for lane in range(n):
-        f = block[at + lane + SIGNALS + U2 * UW]
+        f = block[at + lane + _FREQUENCY]
         block[now + lane] = f if f > 0.0 else block[last + lane]
 
 
@@ -553,7 +599,7 @@ def replay_all(block, at, n, tick, deck):
     for lane in range(n):
         a = at + lane
         f = signal[U(np.int64(min(max(load(Tally, block, a + TALLY).ticks, 0.0), last)))]
-        block[a + SIGNALS + U2 * UW] = f
+        block[a + _FREQUENCY] = f
         block[now + lane] = f
 
 
@@ -577,10 +623,8 @@ def filter_all(block, at, n, tick, window, ranks):
     now = at + SAMPLES + (tick & SAMPLES_LAST) * UW
     for lane in range(n):
         a = at + lane
-        s, f = filters.finish(
-            load(filters.Params, block, a + P_FILTER), load(filters.State, block, a + S_FILTER), block[a + FOLD],
-            block[now + lane], block[a + SLOPE],
-        )  # fmt: skip
+        p, s = load(filters.Params, block, a + P_FILTER), load(filters.State, block, a + S_FILTER)
+        s, f = filters.finish(p, s, block[a + FOLD], block[now + lane], block[a + SLOPE])
         store(block, a + S_FILTER, s)
         block[a + FOLD] = f
 
@@ -603,7 +647,7 @@ def rank_all(block, at, n, tick, window):
                 a = at + lane
                 x, y = block[this + lane], block[that + lane]
                 below = y < x or (y == x and its_age < old)
-                block[a + rank] += 1.0 if below and its_age < block[a + P_FILTER + UW] else 0.0
+                block[a + rank] += 1.0 if below and its_age < block[a + _WINDOW] else 0.0
         for lane in range(n):
             a = at + lane
             p = load(filters.Params, block, a + P_FILTER)
@@ -622,21 +666,20 @@ def look_up_all(block, at, n, tick, deck):
     now = at + SAMPLES + (tick & SAMPLES_LAST) * UW
     for lane in range(n):
         a = at + lane
-        first = U(np.int64(block[a + START + UW] * _POINTS))
+        first = U(np.int64(block[a + _TABLE] * _POINTS))
         p = load(calibration.Params, block, a + P_TABLE)
         filtered, raw = block[a + FOLD], block[now + lane]
-        i = calibration.bracket_near(frequencies, first, filtered, first + U(np.int64(block[a + HINTS])))
-        j = calibration.bracket_near(frequencies, first, raw, first + U(np.int64(block[a + HINTS + UW])))
-        block[a + HINTS], block[a + HINTS + UW] = np.float64(np.int64(i - first)), np.float64(np.int64(j - first))
+        i = calibration.bracket_near(frequencies, first, filtered, first + U(np.int64(block[a + HINT])))
+        j = calibration.bracket_near(frequencies, first, raw, first + U(np.int64(block[a + RAW_HINT])))
+        block[a + HINT], block[a + RAW_HINT] = np.float64(np.int64(i - first)), np.float64(np.int64(j - first))
         height, slope = calibration.between(p, frequencies, heights, i, filtered)
-        block[a + SIGNALS], block[a + SLOPE] = height, slope
-        block[a + SIGNALS + UW] = calibration.between(p, frequencies, heights, j, raw)[0]
+        block[a + _HEIGHT], block[a + SLOPE] = height, slope
+        block[a + _RAW_HEIGHT] = calibration.between(p, frequencies, heights, j, raw)[0]
 
 
 @stage
 def report_all(block, at, n, tick):
     """Signals of this period for the law, the supervisor, the history and the recorder."""
-    here = U(0)
     for lane in range(n):
         a = at + lane
         m, t, z = load(Moment, block, a + MOMENT), load(Tally, block, a + TALLY), load(z_axis.State, block, a + S_Z)
@@ -649,18 +692,17 @@ def report_all(block, at, n, tick):
         way, way_there = load(path.State, block, a + S_PATH), load(path.Params, block, a + P_PATH)
         lap, feed = way_there.lap, path.feed_at(way_there, way.here) if way_there.corner > 0.0 else way.feed
         turns = np.floor(max(way.here, 0.0) / lap) if lap > 0.0 else 0.0
-        here = a + SURFACES
-        store(block, a + TALLY, Tally(t.ticks, t.collided, t.lowest, encoder))
-        store(block, a + SIGNALS, Privileged(
-            height=x.height, raw_height=x.raw_height, frequency=x.frequency, valid=x.frequency > 0.0,
-            set_height=set_height, head_position=position, head_velocity=speed,
-            command=s.command, mode=s.mode, override=s.override, captured=s.captured, fresh=False,
-            feed=feed, place=way.here - turns * lap, lap=turns,
-            surface_0=block[here + _surface(tick, U0)], surface_1=block[here + _surface(tick, U1)],
-            surface_2=block[here + _surface(tick, U2)], surface_3=block[here + _surface(tick, U(3))],
-            surface_4=block[here + _surface(tick, U(4))], surface_5=block[here + _surface(tick, U(5))],
-            gap=m.gap, head=m.head, velocity=z.velocity, acceleration=z.acceleration,
-        ))  # fmt: skip
+        store(block, a + TALLY, t._replace(encoder=encoder))
+        signals = x._replace(
+            valid=x.frequency > 0.0, set_height=set_height, head_position=position, head_velocity=speed,
+            command=s.command, mode=s.mode, override=s.override, captured=s.captured, fresh=False, feed=feed,
+            place=way.here - turns * lap, lap=turns, surface_0=block[a + _surface(tick, U0)],
+            surface_1=block[a + _surface(tick, U1)], surface_2=block[a + _surface(tick, U2)],
+            surface_3=block[a + _surface(tick, U3)], surface_4=block[a + _surface(tick, U4)],
+            surface_5=block[a + _surface(tick, U(5))], gap=m.gap, head=m.head, velocity=z.velocity,
+            acceleration=z.acceleration,
+        )  # fmt: skip
+        store(block, a + SIGNALS, signals)
         block[a + CLOCK] = np.float64(np.int64(tick & HISTORY_LAST))
         slot = a + (tick & HISTORY_LAST) * UW
         block[slot + HEIGHTS] = x.height
@@ -670,8 +712,8 @@ def report_all(block, at, n, tick):
 
 @part
 def _surface(tick, ahead):
-    """Offset in the ring of the surface at the end of the period ``ahead`` ms from now."""
-    return ((tick + tick + U1 + ahead + ahead) & SURFACES_LAST) * UW
+    """Offset of the surface at the end of the period ``ahead`` ms from now."""
+    return SURFACES + ((tick + tick + U1 + ahead + ahead) & SURFACES_LAST) * UW
 
 
 @stage
@@ -679,11 +721,7 @@ def record_all(block, at, n, tick, record, where, machines):
     """The channels of this period into the recorder, lanes side by side."""
     for lane in range(n):
         a = at + lane
-        x, c, s = (
-            load(Privileged, block, a + SIGNALS),
-            load(Course, block, a + COURSE),
-            load(path.State, block, a + S_PATH),
-        )
+        x, s = load(Privileged, block, a + SIGNALS), load(path.State, block, a + S_PATH)
         o = where + lane
         record[o] = x.gap
         record[o + machines] = x.height
@@ -695,7 +733,7 @@ def record_all(block, at, n, tick, record, where, machines):
         record[o + U(7) * machines] = x.command
         record[o + U(8) * machines] = block[a + WISH]
         record[o + U(9) * machines] = x.mode
-        record[o + U(10) * machines] = 1.0 if c.scored else 0.0
+        record[o + U(10) * machines] = 1.0 if load(Course, block, a + COURSE).scored else 0.0
         record[o + U(11) * machines] = s.here
         record[o + U(12) * machines] = 1.0 if x.override else 0.0
 
@@ -797,20 +835,16 @@ def _begin(deck_address, machine, key):
         call(deck[D.start], deck[D.block], at, U1, deck[D.gantry], tick)
 
     growth = load(sheet.Params, block, at + P_SHEET).bulge_growth  # the prefill's first step grows it to 0 at time 0
-    store(block, at + S_SHEET, sheet.State(
-        growth / (growth - 1.0), 0.0, 1.0, load(sheet.Feature, block, at + FEATURES)
-    ))  # fmt: skip
-    store(block, at + S_SENSOR, sensor.State(0.0, 0.0, 0.0, 0.0))
+    first = load(sheet.Feature, block, at + FEATURES)
+    store(block, at + S_SHEET, sheet.State(growth / (growth - 1.0), 0.0, 1.0, first))
+    store(block, at + S_SENSOR, _UNSENSED)
     follows = load(supervisor.Job, block, at + JOB).request == supervisor.FOLLOW
-    store(block, at + S_GUARD, supervisor.State(
-        supervisor.FOLLOW if follows else supervisor.STOP, 0.0, 0.0, False, False, supervisor.NO_ALARM,
-        0.0, 0.0, start.coast, 0.0, 0.0, 0.0,
-    ))  # fmt: skip
-    store(block, at + DRIVE, z_axis.Drive(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    mode = supervisor.FOLLOW if follows else supervisor.STOP
+    store(block, at + S_GUARD, _UNGUARDED._replace(mode=mode, offset=start.coast))
+    store(block, at + DRIVE, _STILL)
     block[at + BEAM] = 1.0
     store(block, at + S_PATH, path.State(-PERIOD, -PERIOD * feed, 0.0, 0.0, 0.0, 0.0, feed, -PERIOD * feed))
-    for i in range(4):
-        block[at + ON + U(i) * UW] = 1.0
+    store(block, at + ON, _ALL_ON)
     for i in range(SURFACES_LAST + U1):
         block[at + FELT + i * UW] = 0.0
     for i in range(sheet.VIBRATIONS):
@@ -818,14 +852,14 @@ def _begin(deck_address, machine, key):
         store(block, at + SHAKEN + U(i) * _SHAKEN, sheet.shaken(v))
     for i in range(_PREFILL):
         travel_all(block, at, U1, tick + U1 - U(_PREFILL) + U(i), deck)
-    surface = block[at + SURFACES + _surface(tick, U0)]
+    surface = block[at + _surface(tick, U0)]
     head = surface + start.gap
     store(block, at + S_Z, z_axis.at_rest(head))
     gains = z_axis.gains(load(z_axis.Params, block, at + P_Z), DT)
     store(block, at + GAINS, gains)
     if gains.spring > 0.0:
         deck[D.flags] |= F_BRISTLES
-    felt = block[at + FELT + _surface(tick, U0)]
+    felt = block[at + _UNDER + _surface(tick, U0)]
     store(block, at + COURSE, Course(surface, 0.0, 0.0, 0.75, 0.2, 1.0, felt, False, True))
     store(block, at + MOMENT, Moment(start.gap, head, start.gap, head, start.gap))
     store(block, at + TALLY, Tally(-1.0, False, 1e9, z_axis.encoded(load(z_axis.Params, block, at + P_Z), head)))
@@ -838,20 +872,20 @@ def _begin(deck_address, machine, key):
     for i in range(SAMPLES_LAST + U1):
         block[at + SAMPLES + i * UW] = reading
     store(block, at + S_FILTER, filters.State(reading, 1e6, 0.0, 0.0))
-    block[at + HINTS], block[at + HINTS + UW] = 0.0, 0.0
+    block[at + HINT], block[at + RAW_HINT] = 0.0, 0.0
     block[at + SLOPE] = 1e9  # nothing is a jump before the first reading
     filter_all(block, at, U1, tick, deck[D.window], deck[D.flags] & F_RANKS)
     if deck[D.filtered] > U0:
         call(deck[D.filtered], deck[D.block], at, U1, deck[D.filtered_io], tick)
     look_up_all(block, at, U1, tick, deck)
     report_all(block, at, U1, tick)
-    block[at + SIGNALS + _FRESH] = 1.0
+    block[at + _FRESH] = 1.0
     for i in range(HISTORY_LAST + U1):
-        block[at + HEIGHTS + i * UW] = block[at + SIGNALS]
-        block[at + RAW_HEIGHTS + i * UW] = block[at + SIGNALS + UW]
+        block[at + HEIGHTS + i * UW] = block[at + _HEIGHT]
+        block[at + RAW_HEIGHTS + i * UW] = block[at + _RAW_HEIGHT]
         block[at + POSITIONS + i * UW] = block[at + POSITIONS + (tick & HISTORY_LAST) * UW]
         block[at + COMMANDS + i * UW] = 0.0
-    block[at + ORIGIN] = block[at + SIGNALS + _HEAD_POSITION]
+    block[at + ORIGIN] = block[at + _HEAD_POSITION]
     store(block, at + HAND, Hand(1.0, 0.0))
     call(deck[D.law], deck[D.block], at, U1, deck[D.law_tables], deck[D.law_size])
     if deck[D.ready] > U0:

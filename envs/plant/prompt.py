@@ -20,6 +20,7 @@ from ..engine.deck import places
 from ..engine.kernels import Kernel
 from ..engine.lanes import U1, U2, UW, W, doubles, load, stage, store, words
 from . import filters, machine, sensor
+from .controller import Privileged
 from .fleet import Filtered, Fleet
 
 _ROWS = machine.ROWS + 1
@@ -39,7 +40,7 @@ def _count_all(block, at, shadow, mine, n, tick):
         p, c = load(sensor.Params, block, a + machine.P_SENSOR), load(machine.Course, block, a + machine.COURSE)
         gap = machine.sensed_gap(load(machine.Moment, block, a + machine.MOMENT), c)
         f = sensor.oscillator(p, sensor.capacitance(p, max(gap, sensor.LEAST_GAP), c.cover), 0.0)
-        valid = block[a + machine.SIGNALS + U2 * UW] > 0.0
+        valid = load(Privileged, block, a + machine.SIGNALS).frequency > 0.0
         shadow[now + lane] = f if valid else shadow[last + lane]
         store(shadow, b + machine.P_FILTER, load(filters.Params, block, a + machine.P_FILTER))
         shadow[b + machine.SLOPE] = block[a + machine.SLOPE]

@@ -310,10 +310,10 @@ def leave(s, following):
     """The state after passing the current feature: a step that stays becomes part of the level."""
     f = s.current
     stays = f.rise if f.stop >= FAR and f.across == 0.0 else 0.0
-    return State(grown=s.grown, level=s.level + stays, upcoming=s.upcoming + 1.0, current=following)
+    return s._replace(level=s.level + stays, upcoming=s.upcoming + 1.0, current=following)
 
 
 @part
 def grow(p, s):
     """The bulge one control period later."""
-    return State(s.grown + (1.0 - s.grown) * p.bulge_growth, s.level, s.upcoming, s.current)
+    return s._replace(grown=s.grown + (1.0 - s.grown) * p.bulge_growth)

@@ -132,14 +132,6 @@ def offset(p, r, t):
 
 
 @part
-def in_machine_axes(p, x, y, tx, ty):
-    """The dither (x, y) in machine axes; ``(tx, ty)`` is the path's direction."""
-    if p.along:
-        return x * tx - y * ty, x * ty + y * tx
-    return x, y
-
-
-@part
 def spread(p, r, tx, ty):
     """Amplitudes of the sines that spread the spot as much along and across the path: ``(along, across, z)``, mm.
 

@@ -41,9 +41,7 @@ from ..engine.quantity import Quantity
 MODES = ("stop", "home", "move", "calibrate", "follow", "hold", "alarm", "protect")
 STOP, HOME, MOVE, CALIBRATE, FOLLOW, HOLD, ALARM, PROTECT = (float(i) for i in range(len(MODES)))
 
-ALARMS = (
-    "none", "collision", "limit", "following error", "sensor lost", "index pulse missing", "unknown command",
-)  # fmt: skip
+ALARMS = ("none", "collision", "limit", "following error", "sensor lost", "index pulse missing", "unknown command")
 NO_ALARM, COLLISION, LIMIT, FOLLOWING_ERROR, SENSOR_LOST, NO_INDEX, UNKNOWN = (float(i) for i in range(len(ALARMS)))
 
 UNJOINED = 1e9
@@ -239,10 +237,8 @@ def follow(p, s, job, x):
         u = planned(p, x.refuge - x.head_position) if trips else (0.0 if alarmed else passed)
     alarm = FOLLOWING_ERROR if alarmed else s.alarm
     anchor = x.refuge if trips and not holding else s.anchor
-    after = State(
-        mode, 1.0 if alarmed else s.phase, ticks, captured, s.override, alarm, s.zero, anchor, s.offset, s.command,
-        s.goal, s.apart,
-    )  # fmt: skip
+    phase = 1.0 if alarmed else s.phase
+    after = s._replace(mode=mode, phase=phase, ticks=ticks, captured=captured, alarm=alarm, anchor=anchor)
     mine = s.mode == FOLLOW or s.mode == HOLD
     return after if mine else s, (0.0 if job.request == HOLD else u) if mine else 0.0
 
@@ -288,9 +284,8 @@ def errand(p, s, job, x, u):
     Returns:
         ``(state, command)``, mm/s, before :func:`join`.
     """
-    mode, phase, ticks, captured, alarm, zero, offset, anchor, goal = (
-        s.mode, s.phase, s.ticks, s.captured, s.alarm, s.zero, s.offset, s.anchor, s.goal,
-    )  # fmt: skip
+    mode, phase, ticks, captured, alarm = s.mode, s.phase, s.ticks, s.captured, s.alarm
+    zero, offset, anchor, goal = s.zero, s.offset, s.anchor, s.goal
     asked = FOLLOW if job.request == HOLD else job.request
     running = FOLLOW if mode == HOLD else mode
     still, apart = abs(s.command) < 1e-9, s.apart
@@ -344,9 +339,8 @@ def errand(p, s, job, x, u):
         going = phase == 0.0 and x.head_position < zero + p.retract
         u = planned(p, zero + p.retract + 0.5 - x.head_position) if going else 0.0
         phase = 0.0 if going else 1.0
-    return State(
-        mode, phase, ticks, captured, s.override, alarm, zero, anchor, offset, s.command, goal, apart
-    ), u  # fmt: skip
+    s = s._replace(mode=mode, phase=phase, ticks=ticks, captured=captured, alarm=alarm, zero=zero)
+    return s._replace(anchor=anchor, offset=offset, goal=goal, apart=apart), u
 
 
 @part
@@ -379,20 +373,5 @@ def join(p, s, job, x, u):
     own = clip(u, s.command - p.slew, s.command + p.slew if planned_move else u)
     command = joined if passes else own
     override = not passes or joined != x.wish
-    return State(
-        mode, phase, s.ticks, s.captured, override, alarm, zero, s.anchor, s.offset, command, s.goal,
-        joined - u if passes else UNJOINED,
-    ), command  # fmt: skip
-
-
-@part
-def step(p, s, job, x):
-    """One tick: :func:`follow`, :func:`errand` where needed, :func:`join`.
-
-    Returns:
-        ``(state, command)``, command in mm/s.
-    """
-    s, u = follow(p, s, job, x)
-    if not is_following(s, job):
-        s, u = errand(p, s, job, x, u)
-    return join(p, s, job, x, u)
+    s = s._replace(mode=mode, phase=phase, override=override, alarm=alarm, zero=zero, command=command)
+    return s._replace(apart=joined - u if passes else UNJOINED), command

@@ -72,10 +72,16 @@ class Axis(NamedTuple):
 
 
 @part
+def _modes(p, dt):
+    """What is left of the drive's two parts after ``dt`` seconds, and their weights c1 and c2."""
+    c1, c2 = (p.t1 - p.tau) / (p.t1 - p.t2), (p.tau - p.t2) / (p.t1 - p.t2)
+    return np.exp(-dt / p.t1), np.exp(-dt / p.t2), c1, c2
+
+
+@part
 def gains(p, dt):
     """The :class:`Gains` for control periods of ``dt`` seconds."""
-    e1, e2 = np.exp(-dt / p.t1), np.exp(-dt / p.t2)
-    c1, c2 = (p.t1 - p.tau) / (p.t1 - p.t2), (p.tau - p.t2) / (p.t1 - p.t2)
+    e1, e2, c1, c2 = _modes(p, dt)
     way_1, way_2 = p.t1 * (1.0 - e1), p.t2 * (1.0 - e2)
     return Gains(e1, e2, c1 * (1.0 - e1), c2 * (1.0 - e2), way_1, way_2, dt - c1 * way_1 - c2 * way_2)
 
@@ -104,15 +110,14 @@ def sampled(p, a):
     """The axis at a servo instant: the literal mode adds the sampled speed to its sum."""
     moved = velocity(a) * p.servo * 1e-3
     if p.literal:
-        return Axis(a.issued, a.step, a.command, a.part_1, a.part_2, a.position, a.summed + moved, moved / p.servo)
+        return a._replace(summed=a.summed + moved, drawn=moved / p.servo)
     return a
 
 
 @part
 def headed(p, a, target):
     """The axis at an interpolation instant: the way to ``target`` (mm), in one increment per servo period."""
-    step = (target - a.issued) * p.servo / p.interpolation
-    return Axis(a.issued, step, a.command, a.part_1, a.part_2, a.position, a.summed, a.drawn)
+    return a._replace(step=(target - a.issued) * p.servo / p.interpolation)
 
 
 @part
@@ -120,7 +125,7 @@ def commanded(p, a, command, plus, minus):
     """The axis takes the law's ``command`` (mm/s) and is issued the next increment."""
     u = np.rint(command / p.dac) * p.dac if p.dac > 0.0 else command
     u = clip(u * p.gain * (plus if u > 0.0 else minus), -p.speed, p.speed)
-    return Axis(a.issued + a.step, a.step, u, a.part_1, a.part_2, a.position, a.summed, a.drawn)
+    return a._replace(issued=a.issued + a.step, command=u)
 
 
 @part
@@ -135,7 +140,7 @@ def moved(p, g, a, dt):
     way = f * asked + (1.0 - f) * now * dt
     part_1, part_2 = a.part_1 + f * (next_1 - a.part_1), a.part_2 + f * (next_2 - a.part_2)
     position = a.position + (a.drawn if p.literal else way)
-    return Axis(a.issued, a.step, a.command, part_1, part_2, position, a.summed, a.drawn)
+    return a._replace(part_1=part_1, part_2=part_2, position=position)
 
 
 # ------------------------------------------------------------------------------------------------- the z domain
@@ -144,8 +149,7 @@ def moved(p, g, a, dt):
 def z_domain(p, period=None):
     """``(A, B, C, D)`` of Wu's open loop for a servo period in seconds (default: that of ``p``)."""
     t = p.servo * 1e-3 if period is None else period
-    c, d = np.exp(-t / p.t1), np.exp(-t / p.t2)
-    c1, c2 = (p.t1 - p.tau) / (p.t1 - p.t2), (p.tau - p.t2) / (p.t1 - p.t2)
+    c, d, c1, c2 = _modes(p, t)
     return 1.0 - c1 * c - c2 * d, c1 * d + c2 * c - c * d, c, d
 
 
@@ -161,14 +165,10 @@ def physical_loop(p, k):
     States at a servo instant: the two parts of the velocity (times the servo period) and the position error.
     """
     t = p.servo * 1e-3
-    c, d = np.exp(-t / p.t1), np.exp(-t / p.t2)
-    c1, c2 = (p.t1 - p.tau) / (p.t1 - p.t2), (p.tau - p.t2) / (p.t1 - p.t2)
+    c, d, c1, c2 = _modes(p, t)
     w1, w2 = p.t1 * (1.0 - c) / t, p.t2 * (1.0 - d) / t
-    return np.array([
-        [c, 0.0, k * c1 * (1.0 - c)],
-        [0.0, d, k * c2 * (1.0 - d)],
-        [-w1, -w2, 1.0 - k * (1.0 - c1 * w1 - c2 * w2)],
-    ])  # fmt: skip
+    error = 1.0 - k * (1.0 - c1 * w1 - c2 * w2)
+    return np.array([[c, 0.0, k * c1 * (1.0 - c)], [0.0, d, k * c2 * (1.0 - d)], [-w1, -w2, error]])
 
 
 def largest_gain(p):

@@ -288,7 +288,7 @@ def signals() -> str:
         rows: list[tuple[str, str, str]] = []
         for information, cls in slot.information.items():
             known = {row[0] for row in rows}
-            mine = notes[cls.__name__]
+            mine = _noted(notes, cls)
             rows += [(f"`{f}`", information, mine.get(f, "")) for f in cls._fields if f"`{f}`" not in known]
         text += [f"**Slot `{name}`**\n", table(("signal", "from class", "what it is"), rows)]
         if slot.command is not float:
@@ -296,6 +296,12 @@ def signals() -> str:
             fields = ((f"`{f}`", mine.get(f, "")) for f in slot.command._fields)
             text += [f"Its command, `{slot.command.__name__}`:\n", table(("field", "what it is"), fields)]
     return "\n".join(text)
+
+
+def _noted(notes: dict, cls: Any) -> dict[str, str]:
+    """Notes on the fields of a class, or of those that it joins (:func:`lanes.extended`)."""
+    inner = {field: note for part in getattr(cls, "joined", ()) for field, note in _noted(notes, part).items()}
+    return {**inner, **notes.get(cls.__name__, {})}
 
 
 def followers() -> str:

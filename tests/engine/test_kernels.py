@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from numba.core import errors
 from numba.core.runtime import _nrt_python, rtsys
 
 from kerfgym.envs.engine import compiler, kernels
@@ -320,6 +321,46 @@ def test_the_stamp_changes_with_every_source_of_engine_and_plant(tmp_path, monke
     (tmp_path / "plant" / "more.py").touch()
     stamps.add(kernels._stamp())
     assert len(stamps) == len(sources) + 2 > 25
+
+
+# --------------------------------------------------------------------------------------------------- parts changed
+
+
+class _Inner(NamedTuple):
+    a: float = 5.0
+    on: bool = False
+
+
+class _Mixed(NamedTuple):
+    x: float = 1.0
+    on: bool = True
+    inner: _Inner = _Inner()
+
+
+class _Alike(NamedTuple):
+    x: float = 3.0
+    y: float = 4.0
+
+
+def _changed(x, y):
+    mixed = _Mixed(x, y > 0.0, _Inner(y, True))
+    mixed = mixed._replace(on=x > 5.0, inner=mixed.inner._replace(a=7))
+    alike = _Alike(x, y)._replace(y=x)
+    return mixed.x, mixed.on, mixed.inner.a, mixed.inner.on, alike.x, alike.y
+
+
+def test_a_part_with_some_fields_replaced_is_the_same_compiled_as_in_python():
+    for x, y in ((6.0, -1.0), (2.0, 3.0)):
+        assert for_python(_changed)(x, y) == _changed(x, y) == (x, x > 5.0, 7.0, True, x, x)
+
+
+def _misspelt(x):
+    return _Alike(x, x)._replace(z=x)
+
+
+def test_only_fields_that_there_are_can_be_replaced():
+    with pytest.raises(errors.TypingError, match="_replace takes fields of _Alike by name"):
+        for_python(_misspelt)(1.0)
 
 
 # ---------------------------------------------------------------------------------------------------- laws of users

@@ -248,3 +248,21 @@ def test_the_order_and_number_of_arguments_of_mix_matter():
     assert mix(0) != mix(0, 0)
     assert mix(-1) != mix(1)
     assert mix(3, 4) == mix(np.array(3), 4)
+
+
+class More(NamedTuple):
+    """What is known beside."""
+
+    far: bool = True
+    z: float = 9.0
+
+
+def test_an_extended_part_has_the_fields_of_both_and_its_own_defaults():
+    whole = lanes.extended("Whole", Outer, More, x=4.0)
+    assert whole._fields == Outer._fields + More._fields
+    assert tuple(whole()) == (4.0, *tuple(Outer())[1:], *More())
+    assert lanes.fields(whole) == lanes.fields(Outer) + lanes.fields(More)
+    assert lanes.row(whole, "inner.flag") == 2 * W
+    block = np.zeros(lanes.rows(whole) * W)
+    store(block, 3, whole(y=-1.0, far=False))
+    assert load(whole, block, 3) == whole(y=-1.0, far=False)

@@ -64,7 +64,7 @@ def texts(monkeypatch):
 
     def keep(self, page, text, x, y, colour, align=0.0, **more):
         end = write(self, page, text, x, y, colour, align, **more)
-        kept.append((text, (end - self.width(text), y - 0.45 * self._size, end, y + 0.45 * self._size)))
+        kept.append((text, (end - self.width(text), y - 0.45 * self._above, end, y + 0.45 * self._above)))
         return end
 
     monkeypatch.setattr(rendering._Letters, "write", keep)
