@@ -36,7 +36,7 @@ from kerfgym.experiments.report.remake import remake
 from kerfgym.experiments.results import archive
 from kerfgym.experiments.store import kinds as stored_records
 from kerfgym.experiments.store import pool, tabular
-from kerfgym.experiments.tune import storage
+from kerfgym.experiments.tune import storage, study_file
 
 ROOT = Path(kerfgym.__file__).parent
 PAGE = ROOT / "docs" / "security.md"
@@ -831,6 +831,41 @@ def test_curves_outside_are_not_read(here, tmp_path_factory):
 
 
 # ------------------------------------------------------------------------------------------------------------ studies
+
+
+@line("A study file whose controller is Python is refused, also where it is only compared with.")
+@pytest.mark.parametrize("words", ['controller = "evil.py:Mine"', 'controller = "pid"\nrelative = "evil.py:Mine"'])
+def test_a_study_file_runs_no_python(here, words, capsys):
+    (here / "s.toml").write_text(f'suite = "following"\nmetric = "rms_true"\n[search.x]\n{words}\n', encoding="utf-8")
+    told = said(capsys, "tune", "--study", "s.toml")
+    assert "s.toml: search.x" in told
+    assert "--allow-code" in told
+
+
+@line(
+    "The names of its searches become files' names and lead nowhere else; only the package's own studies write presets."
+)
+@pytest.mark.parametrize(("name", "more"), [("../x", ""), ("/tmp/x", ""), ("pid", "presets = true\n")])
+def test_a_study_file_writes_in_its_run_alone(here, name, more):
+    text = f'{more}suite = "following"\nmetric = "rms_true"\n[search."{name}"]\ncontroller = "pid"\n'
+    (here / "s.toml").write_text(text, encoding="utf-8")
+    assert "s.toml: presets" if more else "search" in refused(study_file.read, "s.toml")
+
+
+@line("A key of a study file that is unknown or of the wrong kind is an error with its place.")
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [("sweet = 1", "'sweet'"), ("trials = 'many'", "trials"), ("ranges = 3", "ranges"),
+     ("[search.pid]\nset = 3", "set"),
+     ("[search.pid]\n[[search.pid.stage]]\nsampler = 3", "sampler"), ("like = 'folowers'", "followers"),
+     ("seeds = 1" + 30 * "0", "64 bits"), ("ms = [nan]", "ms = nan"), ("limits = { jitter = nan }", "jitter = nan")],
+)  # fmt: skip
+def test_a_changed_study_file_is_an_error(here, text, told):
+    rest = "" if "[search" in text else "[search.pid]\n"
+    (here / "s.toml").write_text(f"{text}\n{rest}", encoding="utf-8")
+    found = refused(study_file.read, "s.toml")
+    assert "s.toml" in found
+    assert told in found
 
 
 @pytest.fixture

@@ -96,10 +96,20 @@ class Limits:
     Attributes:
         ms: largest sensitivity peak; infinite: any.
         limits: of metrics, over the core; ``overshoot`` is the largest of any descent instead.
+
+    Raises:
+        InvalidInput: a limit that no loop can keep, or that is no number.
     """
 
     ms: float = math.inf
     limits: tuple[Limit, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.ms >= 1.0:  # nan neither
+            raise InvalidInput(f"ms = {self.ms:g} is out of range; allowed: 1 and up, since no loop has less")
+        for limit in self.limits:
+            if not math.isfinite(limit.most):
+                raise InvalidInput(f"the limit {limit.name} = {limit.most:g} is no number that can be kept")
 
     @property
     def metrics(self) -> tuple[str, ...]:

@@ -89,10 +89,11 @@ def tables(folder: Path) -> None:
 
 
 def settings(folder: Path) -> None:
-    """Scenarios, suites, materials, tuned controllers, presets of trainings."""
+    """Scenarios, suites, materials, tuned controllers, presets of trainings, studies."""
     from ....agents.settings import PRESETS
+    from ...tune import study_file
 
-    places = {name: folder / name for name in ("scenario", "suite", "material", "tuned", "preset")}
+    places = {name: folder / name for name in ("scenario", "suite", "material", "tuned", "preset", "study")}
     for place in places.values():
         place.mkdir()
     for name in ("wavy", "shift", "step-flutter", "rough", "tip-up", "cut-bulge", "contour-gear", "corners"):
@@ -107,6 +108,10 @@ def settings(folder: Path) -> None:
     )
     for file in sorted(PRESETS.glob("*-ppo.toml")):
         shutil.copy(file, places["preset"])
+    for name in study_file.shipped():
+        text = (study_file.SHIPPED / f"{name}.toml").read_text(encoding="utf-8")
+        # Only the package's own studies write its presets.
+        (places["study"] / f"{name}.toml").write_text(text.replace("presets = true", ""), encoding="utf-8")
 
 
 def policies(folder: Path) -> None:

@@ -98,6 +98,13 @@ def _preset(file: Path) -> None:
         pass
 
 
+def _study(file: Path) -> None:
+    from ...tune import study_file
+
+    for task in study_file.read(str(file)).searches.values():
+        _ = task.base, task.space
+
+
 def _csv(file: Path) -> None:
     from ....envs.safety.files import TABLE, checked
 
@@ -174,6 +181,7 @@ TARGETS: dict[str, Target] = {
     "material": Target("settings/material/*.toml", material.of_file, _beside),
     "tuned": Target("settings/tuned/*.toml", lambda file: stacks.team(str(file)), _beside),
     "preset": Target("settings/preset/*.toml", _preset, _beside),
+    "study": Target("settings/study/*.toml", _study, _beside),
     "policy": Target("policies/*/policy.json", _artefact, _policy),
     "weights": Target("policies/*/weights.safetensors", _artefact, _policy),
     "record": Target("runs/run/run.json", _run, _within),
