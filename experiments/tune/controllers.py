@@ -46,8 +46,6 @@ def check(task: Task, workers: int = 1) -> None:
     twice = [m for m in task.metrics if task.metrics.count(m) > 1]
     if twice:
         raise InvalidInput(f"metric '{twice[0]}' is given twice")
-    if not task.limits.ms > 1.0:
-        raise InvalidInput(f"--ms {task.limits.ms:g} is out of range; above 1, inf for no cap")
     if task.stages:
         staged.check(task.stages, task.trials, task.directions, workers, task.space)
     else:

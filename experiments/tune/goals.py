@@ -105,8 +105,8 @@ class Limits:
     limits: tuple[Limit, ...] = ()
 
     def __post_init__(self) -> None:
-        if not self.ms >= 1.0:  # nan neither
-            raise InvalidInput(f"ms = {self.ms:g} is out of range; allowed: 1 and up, since no loop has less")
+        if not self.ms > 1.0:  # nan neither
+            raise InvalidInput(f"ms = {self.ms:g} is out of range; above 1, inf for no cap")
         for limit in self.limits:
             if not math.isfinite(limit.most):
                 raise InvalidInput(f"the limit {limit.name} = {limit.most:g} is no number that can be kept")
