@@ -16,7 +16,7 @@ import kerfgym
 from kerfgym.envs import scenarios
 from kerfgym.envs.control import stack
 from kerfgym.envs.engine.quantity import InvalidInput
-from kerfgym.envs.figures import job_metrics, metrics
+from kerfgym.envs.figures import job_metrics, metrics, registered
 from kerfgym.experiments import cli
 from kerfgym.experiments.manual import docs
 from kerfgym.experiments.tune import study_file
@@ -68,7 +68,7 @@ def test_an_edit_of_the_code_makes_its_page_stale(monkeypatch):
     page = (docs.FOLDER / "add-a-metric.md").read_text(encoding="utf-8")
     assert docs.filled(page) == page
     found = metrics.METRICS["rms_true"]
-    monkeypatch.setitem(metrics.METRICS, "rms_true", metrics.Metric("rms_true", "inch", "lower", "", found.function))
+    monkeypatch.setitem(metrics.METRICS, "rms_true", registered.Metric("rms_true", "inch", "lower", "", found.function))
     assert docs.filled(page) != page
 
 

@@ -213,4 +213,4 @@ def test_a_circle_excludes_a_drawing_and_a_job():
     with pytest.raises(Exception, match="path and circle exclude each other"):
         load("laps-wavy").varied(path="part.dxf")
     with pytest.raises(Exception, match="job and circle exclude each other"):
-        load("laps-wavy").varied(job={"part": "circle"})
+        load("contour-square").varied(circle={"radius": 20.0})

@@ -110,7 +110,7 @@ def test_the_record_tells_seeds_versions_parameters_and_cost(tmp_path, own):
 
 def test_a_row_is_the_roll_out_of_its_seed(tmp_path):
     results = go(tmp_path / "run", ["pid"])
-    record = roll(SHORT[1], benchmarking.stacks.get("pid"), [1002])
+    record = roll(SHORT[1], stack.get("pid"), [1002])
     row = results.runs[(results.runs["scenario"] == "impulses") & (results.runs["seed"] == 1002)].iloc[0]
     for name in METRICS:
         assert row[name] == pytest.approx(METRICS[name].function(record)[0], rel=1e-12), name

@@ -11,7 +11,7 @@ import pytest
 from scipy import optimize
 
 from kerfgym.baselines import PRESETS
-from kerfgym.envs.control.stack import get
+from kerfgym.envs.control.stack import get, team
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.experiments.cli import main
 from kerfgym.experiments.statistics import budgets
@@ -190,7 +190,7 @@ def test_joint_metrics_are_the_geometric_mean_of_all_or_the_worst_of_them():
 
 
 def test_figures_relative_to_a_controller_are_ratios_of_means_and_its_own_are_one():
-    plain, other = get("huang2024-dynamic"), get("recipe")
+    plain, other = team("huang2024-dynamic"), team("recipe")
     wanted, seeds = ("dross", "time", "collision"), range(2)
     of_plain, of_other = (evaluate.Evaluator(c, "cutting", seeds).part(0, c, wanted) for c in (plain, other))
     relative = evaluate.Evaluator(other, "cutting", seeds, relative=plain)
@@ -211,7 +211,7 @@ def test_a_tied_parameter_has_the_value_of_the_other_and_no_axis_of_its_own():
 
 
 def test_a_fresh_search_begins_with_what_the_law_declares_and_the_rest_of_the_controller():
-    base = study_file.read("process").searches["huang2024-adjusting"].base
+    (base,) = study_file.read("process").searches["huang2024-adjusting"].base.stacks
     assert base.part("law") == type(base.part("law"))()
     assert base.part("plan") == get("huang2024-adjusting").part("plan")
     assert base.part("law") != get("huang2024-adjusting").part("law")
