@@ -858,7 +858,9 @@ def test_a_study_file_writes_in_its_run_alone(here, name, more):
     [("sweet = 1", "'sweet'"), ("trials = 'many'", "trials"), ("ranges = 3", "ranges"),
      ("[search.pid]\nset = 3", "set"),
      ("[search.pid]\n[[search.pid.stage]]\nsampler = 3", "sampler"), ("like = 'folowers'", "followers"),
-     ("seeds = 1" + 30 * "0", "64 bits"), ("ms = [nan]", "ms = nan"), ("limits = { jitter = nan }", "jitter = nan")],
+     ("seeds = 1" + 30 * "0", "64 bits"), ("ms = [nan]", "ms = nan"), ("limits = { jitter = nan }", "jitter = nan"),
+     ("[search.wu]\nsuite = 'contour'\nwhat = ['law.kp']\nset = { 'law.kp' = { gain_margin = 0.0 } }", "of 0 is no"),
+     ("[search]\npid = 3", "search.pid"), ("stage = 3", "stage"), ("[[stage]]\nspread = 'x'", "spread")],
 )  # fmt: skip
 def test_a_changed_study_file_is_an_error(here, text, told):
     rest = "" if "[search" in text else "[search.pid]\n"

@@ -11,8 +11,8 @@ CELLS = 300_000_000
 """Numbers of a table; a compressed one may be small in its file and larger than memory."""
 
 _TEXTS = (
-    "controller", "information", "scenario", "machine", "signal", "reason", "stage", "unit", "informed", "tied",
-    "reasons", "note", "budget", "parameter", "scenarios", "warnings",
+    "controller", "information", "scenario", "machine", "signal", "reason", "stage", "unit", "error", "informed",
+    "tied", "reasons", "note", "budget", "parameter", "scenarios", "warnings",
 )  # fmt: skip
 """Columns of words."""
 

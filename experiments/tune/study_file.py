@@ -125,8 +125,8 @@ def _loaded(word: str) -> tuple[Path, dict[str, Any]]:
     if path.suffix != ".toml":
         raise InvalidInput(f"unknown study '{word}'; {did_you_mean(word, shipped())}, or a path to a TOML file")
     data = files.toml(path)
-    _check(_Study, data, str(path))
     files.fitting(_Study, data, path)
+    _check(_Study, data, str(path))
     for name, body in data.get("search", {}).items():
         _check(_Search, body, f"{path}: search.{name}")
     if "like" not in data:
@@ -160,7 +160,12 @@ def _number(key: str, given: Any, searched: set[str]) -> float:
     rule, of = next(iter(given.items()), ("", 0.0))
     if len(given) != 1 or rule not in RULES:
         raise InvalidInput(f"set: {key} = {given}: no such rule; {did_you_mean(rule, RULES)}")
-    found = RULES[rule](of)
+    try:
+        found = RULES[rule](of)
+    except ArithmeticError:
+        found = math.nan
+    if not math.isfinite(found):
+        raise InvalidInput(f"set: {key} = {given}: {rule} of {of:g} is no number")
     return found if key in searched else float(f"{found:.5g}")
 
 

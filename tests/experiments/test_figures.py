@@ -17,7 +17,7 @@ from kerfgym.experiments.blame.game import Blame
 from kerfgym.experiments.manual import __main__ as command
 from kerfgym.experiments.manual import docs, tables
 from kerfgym.experiments.measure.grids import Grid
-from kerfgym.experiments.store import imports, stamp
+from kerfgym.experiments.store import imports, stamp, tabular
 from kerfgym.experiments.studies import agreement, marks, recorded, registry, stages, suites
 
 SOURCE = '''"""Of a module."""
@@ -293,10 +293,13 @@ def test_suites_agree_if_order_and_ratios_of_the_first_five_do():
     assert (without["order"], without["ratios"], without["rows"]["b"]["there"]) == ("no", "no", None)
 
 
-def test_the_tables_of_blame_are_made_of_what_blame_gives(monkeypatch):
+def test_the_tables_of_blame_are_made_of_what_blame_gives(monkeypatch, tmp_path):
     blamed = Blame("wavy", "pid", "gap", (1, 2, 3), ("sensor",), np.array([[4.0, 5.0, 6.0], [1.0, 2.0, 1.0]]),
                    {"oracle": np.array([1.0, 1.5, 1.2])})  # fmt: skip
     frames = blame_tables.shares([blamed]), blame_tables.headroom([blamed])
+    for i, frame in enumerate(frames):  # a report reads them back, words and all
+        frame.to_parquet(tmp_path / f"{i}.parquet")
+        assert tabular.read_parquet(tmp_path / f"{i}.parquet").equals(frame)
     numbers = {"shares": stages.nested(frames[0], "stage"), "headroom": stages.nested(frames[1], "informed")}
     body = {"command": "c", "kerfgym": "0", "numbers": recorded.plain(numbers)}
     monkeypatch.setattr(recorded, "read", lambda name: body)
