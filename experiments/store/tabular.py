@@ -11,10 +11,14 @@ CELLS = 300_000_000
 """Numbers of a table; a compressed one may be small in its file and larger than memory."""
 
 _TEXTS = (
-    "controller", "information", "scenario", "machine", "signal", "reason", "stage", "unit", "error", "informed",
-    "tied", "reasons", "note", "budget", "parameter", "scenarios", "warnings",
+    "controller", "information", "scenario", "machine", "signal", "reason", "stage", "unit", "informed", "tied",
+    "reasons", "note", "budget", "parameter", "scenarios", "warnings",
 )  # fmt: skip
 """Columns of words."""
+
+_TEXTS_BESIDE = {"error": {"stage", "informed"}}
+"""Columns of words in tables that have one of these columns, too: which error blame is about. In others, such as
+traces, they are numbers."""
 
 _PICTURES, _PNG = ("picture",), b"\x89PNG\r\n\x1a\n"
 """Columns of PNG files, and how each begins."""
@@ -64,7 +68,7 @@ def _plain(frame: pd.DataFrame, file: Path) -> pd.DataFrame:
         if not isinstance(column, str):
             raise InvalidInput(f"'{file}' has a column {column!r}; names are text")
         values = frame[column]
-        if column in _TEXTS or column.startswith("iso_"):
+        if column in _TEXTS or column.startswith("iso_") or _TEXTS_BESIDE.get(column, set()) & set(frame.columns):
             if not values.map(lambda value: isinstance(value, str) or pd.isna(value)).all():
                 raise InvalidInput(f"'{file}', column {column}: holds {values.dtype}, not text")
             if not values.map(lambda value: not isinstance(value, str) or files.is_text(value)).all():
