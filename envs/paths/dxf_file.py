@@ -61,7 +61,9 @@ def document_of(file: Path) -> tuple[Any, list[str]]:
         raise InvalidInput(f"{file}: more than {MOST_ENTITIES} entities; allowed: no more")
     logging.getLogger("ezdxf").setLevel(logging.CRITICAL)  # what it says there is said here
     try:
-        return ezdxf.readfile(file), []
+        document = ezdxf.readfile(file)
+        document.modelspace()  # a damaged file may have none
+        return document, []
     except Exception as error:  # damaged files raise whatever the damage leads to
         first = _plain(error)
     data = file.read_bytes()
@@ -83,9 +85,10 @@ def document_of(file: Path) -> tuple[Any, list[str]]:
     for loss, repair in repairs:
         try:
             document, auditor = repair()
+            drawn = len(document.modelspace())
         except Exception:
             continue
-        if len(document.modelspace()):
+        if drawn:
             lost = f", {len(auditor.errors)} of its mistakes remain" if auditor.errors else ""
             return document, [f"the file is damaged and was repaired{loss}{lost}: {first}", *unread]
     raise InvalidInput(f"{file}: cannot be read as DXF: {first}")

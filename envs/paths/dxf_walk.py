@@ -212,5 +212,5 @@ class Walk:
 
 def _block(insert: Any) -> Any:
     """The block that stands there; None if the file has none, or one so damaged that the reader has dropped it."""
-    block = insert.block()
+    block = insert.block() if isinstance(insert.dxf.get("name"), str) else None
     return block if block is not None and block.block.is_alive else None
