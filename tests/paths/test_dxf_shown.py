@@ -302,13 +302,25 @@ def without(text, first, last):
         lambda t: t.replace("  2\nTABLES\n", "  2\nTABLES\nno code\n", 1),
         lambda t: t.replace(" 70\n1\n", " 70\nxx\n", 3),
         lambda t: t[: t.index("  0\nENDSEC", t.index("ENTITIES"))],
+        lambda t: t.replace("\nModel\n", "\nNodel\n"),
     ],
-    ids=["no AcDbPolyline", "no tables", "a stray line", "a flag that is none", "no end"],
+    ids=["no AcDbPolyline", "no tables", "a stray line", "a flag that is none", "no end", "no model space"],
 )
 def test_a_damaged_drawing_is_repaired(sheet, edit):
     drawing = sheet(lambda space: box(space, 0, 0, 10), edit=edit)
     assert drawing.cut_length == pytest.approx(40)
     assert drawing.closed == [True]
+
+
+def test_an_insert_without_a_name_shows_nothing(sheet):
+    def draw(space):
+        space.doc.blocks.new("hole").add_circle((0, 0), 3)
+        space.add_blockref("hole", (10, 10))
+        space.add_line((0, 0), (30, 0))
+
+    drawing = sheet(draw, edit=lambda t: t.replace("AcDbBlockReference\n  2\nhole\n", "AcDbBlockReference\n"))
+    assert drawing.cut_length == pytest.approx(30)
+    assert any("INSERT" in line for line in drawing.warnings + drawing.notes)
 
 
 def test_a_repair_is_told(sheet):
