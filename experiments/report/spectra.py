@@ -67,8 +67,8 @@ def figure(suites: list[Suite], look: dict[str, Look], labels: dict[str, str]) -
         "spectra", "Error spectra",
         f"Density of the true gap error in the traced runs (Welch, segments of {SEGMENT * PERIOD:.3g} s, Hann), where "
         "it is scored and before any alarm. The area under the square of a line is its mean-square error. The "
-        "head follows what is slower than the peak of |S|. What is faster it can't follow; a good loop does not make it "
-        "worse.",
+        "head follows what is slower than the peak of |S|. It cannot follow what is faster; a good loop does not make "
+        "that worse.",
         views, "scenario", height=440,
     )  # fmt: skip
 
