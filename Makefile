@@ -3,7 +3,9 @@ PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/.ready
 
-.PHONY: benchmark test lint train figures clean
+.PHONY: install benchmark test lint train figures clean
+
+install: $(READY)  ## everything into .venv
 
 benchmark: $(READY)  ## all that is shipped, compared: tables here, report in runs/standard/report.html
 	$(BIN)/kerfgym benchmark --shipped --name standard --overwrite

@@ -4,6 +4,7 @@ import atexit
 import contextlib
 import errno
 import os
+import re
 import select
 import sys
 from pathlib import Path
@@ -31,7 +32,24 @@ SAFE_PATH = "PYTHONSAFEPATH"
 """Tells Python not to look for modules in the folder in which it is started. Worker processes would, and run a json.py
 that lies there."""
 
-KINDS = ("environments", "scenarios", "controllers", "metrics")
+KINDS = {
+    "environments": "",
+    "scenarios": " [suite, its version; core: they make the suite's score]",
+    "controllers": " [drives: z the head, xy the axes, process the cut; knows: sensor, preview or privileged]",
+    "metrics": " [unit, 1: none; jobs: of parts that the whole machine cuts]",
+}
+"""What can be listed, and what stands in brackets behind each."""
+
+
+def unset(metavar: str, *aliases: str) -> Any:
+    """How an option without a value of its own is told: its text says what holds then."""
+    return arg(metavar=metavar, aliases=aliases or None, help_behavior_hint="")
+
+
+Whole = Annotated[int | None, unset("INT")]
+Real = Annotated[float | None, unset("FLOAT")]
+Text = Annotated[str | None, unset("STR")]
+Millimetres = Annotated[float | None, unset("MM")]
 
 
 def _agree(allowed: bool) -> None:
@@ -51,9 +69,8 @@ def list_(kind: Annotated[Positional[str], arg(metavar="KIND")] = "all") -> None
     """
     if kind not in (*KINDS, "all"):
         raise InvalidInput(f"unknown kind '{kind}'; {did_you_mean(kind, (*KINDS, 'all'))}")
-    wanted = KINDS if kind == "all" else (kind,)
-    for each in wanted:
-        print(f"{each}:")
+    for each in KINDS if kind == "all" else (kind,):
+        print(f"{each}:{KINDS[each]}")
         for name, line in _entries(each):
             print(f"  {name:28s} {line}")
 
@@ -68,12 +85,14 @@ def _entries(kind: str) -> list[tuple[str, str]]:
     if kind == "scenarios":
         from ..envs import scenarios
 
-        return [
-            (name, f"{s.summary} [{group} {rules['version']}{', core' if name in rules['core'] else ''}]")
-            for group in scenarios.suites()
-            for rules in (scenarios.rules(group),)
-            for name, s in scenarios.suite(group).items()
-        ]
+        lines: dict[str, str] = {}
+        for group in scenarios.suites():
+            rules = scenarios.rules(group)
+            for name, s in scenarios.suite(group).items():
+                core = ", core" if name in rules["core"] else ""
+                whole = f"{group}/{name}" if name in lines else name  # as -s takes it
+                lines[whole] = f"{s.summary} [{group} {rules['version']}{core}]"
+        return list(lines.items())
     if kind == "controllers":
         from ..envs.control import stack
 
@@ -91,20 +110,20 @@ def benchmark(
     scenario: Annotated[UseAppendAction[list[str]], arg(aliases=["-s"], metavar="NAME|FILE")] = [],  # noqa: B006
     suite: Annotated[UseAppendAction[list[str]], arg(metavar="NAME")] = [],  # noqa: B006
     shipped: bool = False,
-    path: Annotated[Path | None, arg(metavar="FILE")] = None,
+    path: Annotated[Path | None, unset("FILE")] = None,
     drawing: OmitArgPrefixes[Options] = Options(),  # noqa: B008
-    lead_in: Annotated[float | None, arg(metavar="MM")] = None,
-    kerf: Annotated[float | None, arg(metavar="MM")] = None,
-    joints: Annotated[int | None, arg(metavar="N")] = None,
-    joint_spacing: Annotated[float | None, arg(metavar="MM")] = None,
-    joint_width: Annotated[float | None, arg(metavar="MM")] = None,
+    lead_in: Millimetres = None,
+    kerf: Millimetres = None,
+    joints: Whole = None,
+    joint_spacing: Millimetres = None,
+    joint_width: Millimetres = None,
     extrapolate: bool = False,
-    seeds: int | None = None,
+    seeds: Whole = None,
     split: str = "test",
-    name: str | None = None,
+    name: Text = None,
     jobs: int = 2,
     backend: str = "loky",
-    scheduler: Annotated[str | None, arg(metavar="ADDRESS")] = None,
+    scheduler: Annotated[str | None, unset("ADDRESS")] = None,
     ms: bool = True,
     cost: bool = True,
     blame: bool = True,
@@ -129,14 +148,14 @@ def benchmark(
             following the nozzle travels its contours, on a wavy, tilted sheet unless --scenario says otherwise.
         drawing: how the drawing is read.
         lead_in: of jobs, longest way from the scrap into a contour; 0: pierced on the contour. Default: the scenario's.
-        kerf: of jobs, compensated: the path lies half of it beside the drawing, in the scrap.
+        kerf: of jobs, the width of the cut: the path lies half of it beside the drawing, in the scrap.
         joints: of jobs, micro-joints that hold each part.
         joint_spacing: of jobs, mm from joint to joint.
         joint_width: of jobs, mm of sheet that a joint leaves. Default: 0.5.
-        extrapolate: process settings may leave those that were published; such figures are marked
-            and not ranked.
-        seeds: how many seeds of the split. Default: what each suite says, 200 for followers, 20 for jobs and drawings.
-        split: test, tune or reserve.
+        extrapolate: process settings may lie outside those that were published; such figures are marked and not ranked.
+        seeds: how many seeds; each draws machine, sheet and noise. Default: what each suite says, 200 for followers, 20
+            for jobs and drawings.
+        split: which seeds: test, tune, or reserve, which nothing else uses.
         name: of the run folder. Default: date and time.
         jobs: worker processes.
         backend: loky (processes of this machine) or dask (a cluster of as many processes, or that of --scheduler); the
@@ -150,7 +169,7 @@ def benchmark(
         allow_code: run Python code that a file names, such as the controller of a tuned.toml; --controller itself may
             name any.
         overwrite: replace an existing run folder.
-        resume: finish what another command began; what the same command began goes on without.
+        resume: go on with a run that another command began. The same command goes on without this option.
     """
     _agree(allow_code)
     from .store import pool
@@ -208,7 +227,7 @@ def _show(folder: Path, grids: dict[str, Any], markdown: bool) -> None:
 
 def report(
     run: Annotated[Positional[tuple[str, ...]], arg(metavar="RUN ...")] = (),
-    name: str | None = None,
+    name: Text = None,
     markdown: bool = False,
     overwrite: bool = False,
 ) -> None:
@@ -236,9 +255,9 @@ def blame(
     controller: Annotated[UseAppendAction[list[str]], arg(aliases=["-c"], metavar="NAME")] = [],  # noqa: B006
     scenario: Annotated[UseAppendAction[list[str]], arg(aliases=["-s"], metavar="NAME|FILE")] = [],  # noqa: B006
     stage: Annotated[UseAppendAction[list[str]], arg(metavar="STAGE")] = [],  # noqa: B006
-    seeds: int | None = None,
+    seeds: Whole = None,
     split: str = "test",
-    name: str | None = None,
+    name: Text = None,
     threads: int = 2,
     allow_code: bool = False,
     overwrite: bool = False,
@@ -250,14 +269,14 @@ def blame(
         controller: as for benchmark; may be given several times. Default: xi2023-tuned and observer, for jobs wu-tuned.
         scenario: name or TOML file; may be given several times. Default: the core of the suite following.
         stage: sensor, table, filter, servo, "dead time"; in jobs also matching, axes; several times. Default: all.
-        seeds: how many seeds of the split. Default: 24, for jobs 8.
-        split: test, tune or reserve.
+        seeds: how many seeds; each draws machine, sheet and noise. Default: 24, for jobs 8.
+        split: which seeds: test, tune, or reserve, which nothing else uses.
         name: of the run folder. Default: blame- and date and time.
         threads: worker threads.
         allow_code: run Python code that a file names, such as the controller of a tuned.toml; --controller itself may
             name any.
         overwrite: replace an existing run folder.
-        resume: finish what another command began; what the same command began goes on without.
+        resume: go on with a run that another command began. The same command goes on without this option.
     """
     _agree(allow_code)
     from ..envs import scenarios
@@ -283,18 +302,18 @@ def render(
     controller: Annotated[str, arg(aliases=["-c"])] = "pid",
     scenario: Annotated[str, arg(aliases=["-s"])] = "wavy",
     seed: int = 1000,
-    seconds: float | None = None,
-    slow: float | None = None,
-    path: Annotated[Path | None, arg(metavar="FILE")] = None,
+    seconds: Real = None,
+    slow: Real = None,
+    path: Annotated[Path | None, unset("FILE")] = None,
     drawing: OmitArgPrefixes[Options] = Options(),  # noqa: B008
     colour: str = "standoff",
     allow_code: bool = False,
-    plan: Annotated[str | None, arg(metavar="FILE|PART")] = None,
-    lead_in: Annotated[float | None, arg(metavar="MM")] = None,
-    kerf: Annotated[float | None, arg(metavar="MM")] = None,
-    joints: Annotated[int | None, arg(metavar="N")] = None,
-    joint_spacing: Annotated[float | None, arg(metavar="MM")] = None,
-    joint_width: Annotated[float | None, arg(metavar="MM")] = None,
+    plan: Annotated[str | None, unset("FILE|PART")] = None,
+    lead_in: Millimetres = None,
+    kerf: Millimetres = None,
+    joints: Whole = None,
+    joint_spacing: Millimetres = None,
+    joint_width: Millimetres = None,
 ) -> None:
     """Write one episode as MP4 or GIF, or its last moment as PNG; or, before anything is cut, the plan of a job.
 
@@ -313,7 +332,7 @@ def render(
         plan: drawing, programme or built-in part whose plan is drawn instead: contours, pierce points, lead-ins, order,
             rapids, joints, warnings; with --scenario as that would cut it.
         lead_in: of jobs, longest way from the scrap into a contour; 0: pierced on the contour. Default: the scenario's.
-        kerf: of jobs, compensated: the path lies half of it beside the drawing, in the scrap.
+        kerf: of jobs, the width of the cut: the path lies half of it beside the drawing, in the scrap.
         joints: of jobs, micro-joints that hold each part.
         joint_spacing: of jobs, mm from joint to joint.
         joint_width: of jobs, mm of sheet that a joint leaves. Default: 0.5.
@@ -338,7 +357,7 @@ def render(
 def reproduce(
     names: Annotated[Positional[tuple[str, ...]], arg(metavar="DOCUMENT[/STUDY]")] = (),
     seeds: int = 24,
-    name: str | None = None,
+    name: Text = None,
     jobs: int = 2,
     overwrite: bool = False,
     resume: bool = False,
@@ -352,7 +371,7 @@ def reproduce(
         name: of the run folder. Default: reproduce- and date and time.
         jobs: worker processes.
         overwrite: replace an existing run folder.
-        resume: finish what another command began; what the same command began goes on without.
+        resume: go on with a run that another command began. The same command goes on without this option.
     """
     from .reproduce import claims_page
     from .reproduce.carry_out import reproduce as run
@@ -371,28 +390,28 @@ def reproduce(
 
 
 def tune(
-    what: Annotated[Positional[tuple[str, ...]], arg(metavar="WHAT")] = (),
-    controller: Annotated[str | None, arg(aliases=["-c"], metavar="NAME")] = None,
-    study: Annotated[str | None, arg(metavar="NAME|FILE")] = None,
+    what: Annotated[Positional[tuple[str, ...]], unset("WHAT")] = (),
+    controller: Annotated[str | None, unset("NAME", "-c")] = None,
+    study: Annotated[str | None, unset("NAME|FILE")] = None,
     suite: str = "following",
-    trials: int | None = None,
-    budget: Annotated[str | None, arg(metavar="STEPS|NAME")] = None,
-    sampler: str | None = None,
+    trials: Whole = None,
+    budget: Annotated[str | None, unset("STEPS|NAME")] = None,
+    sampler: Text = None,
     metric: Annotated[UseAppendAction[list[str]], arg(aliases=["-m"], metavar="METRIC")] = [],  # noqa: B006
-    ms: float | None = None,
-    jitter: float | None = None,
-    overshoot: float | None = None,
+    ms: Real = None,
+    jitter: Real = None,
+    overshoot: Real = None,
     limit: Annotated[UseAppendAction[list[str]], arg(metavar="METRIC=MOST")] = [],  # noqa: B006
     seed: int = 0,
-    seeds: int | None = None,
+    seeds: Whole = None,
     workers: int = 1,
-    threads: int | None = None,
-    env: str | None = None,
-    steps: int | None = None,
+    threads: Whole = None,
+    env: Text = None,
+    steps: Whole = None,
     set_: Annotated[UseAppendAction[list[str]], arg(name="set", metavar="KEY=VALUE")] = [],  # noqa: B006
-    storage: Annotated[str | None, arg(metavar="URL")] = None,
+    storage: Annotated[str | None, unset("URL")] = None,
     extrapolate: bool = False,
-    name: str | None = None,
+    name: Text = None,
     allow_code: bool = False,
     overwrite: bool = False,
     resume: bool = False,
@@ -406,38 +425,40 @@ def tune(
     each, and the presets if the file says where.
 
     Args:
-        what: filter, law, guard, gate, table, plan, all, or parameters by name (law.kp filter.window=3..9); several may
-            be given. Default: law. Or one of ppo, sac, td3, tqc, recurrent-ppo; with --study some of its searches.
+        what: a group of parameters (gate, filter, table, law, guard; plan; read, those that the kind of the filter
+            reads; all), or parameters by name, with a range or without (law.kp filter.window=3..9); several may be
+            given. Default: law. Or an algorithm: ppo, sac, td3, tqc, recurrent-ppo. With --study some of its searches.
         controller: as for benchmark. Default: xi2023-improved; for jobs wu-tuned or huang2024-adjusting.
-        study: a study file, or the name of a shipped one; what it does not leave open is not given besides.
-        suite: on whose core it is scored; also its scenarios with a guard must go without collision.
+        study: a study file, or the name of a shipped one. It says how to search: of the options only --trials,
+            --workers, --threads, --name, --allow-code, --overwrite and --resume go with it.
+        suite: the suite whose core scenarios make the score. In its scenarios with a guard no candidate may collide.
         trials: candidates in all. Default: 300, of an algorithm's settings 40.
-        budget: simulated steps after which the search ends, or a controller: as many as that was tuned and trained
-            with, which makes a comparison with it one at equal steps. What --controller has had counts.
+        budget: simulated steps after which the search ends; or the name of a controller, for as many steps as that was
+            tuned and trained with, so that both can be compared. Steps that tuned --controller before count, too.
         sampler: tpe+cmaes (TPE explores, CMA-ES finishes), tpe, cmaes, gp, random or nsga2. Default: tpe+cmaes, for
             several metrics and for an algorithm's settings tpe.
         metric: what is made best; several give a Pareto front. Default: rms_true, for jobs the suite's own.
-        ms: largest sensitivity peak; inf for any. Default: 2, for jobs any.
-        jitter: largest command jitter, mm/s per ms.
-        overshoot: largest overshoot of a descent, mm.
-        limit: another metric's largest value (smallest, if higher is better), such as time=12.5.
+        ms: largest sensitivity peak Ms that is allowed; inf: any. Default: 2, for jobs any.
+        jitter: largest command jitter that is allowed, mm/s per ms. Default: any.
+        overshoot: largest overshoot of a descent that is allowed, mm. Default: any.
+        limit: largest value of a metric that is allowed (smallest, if higher is better), such as time=12.5.
         seed: of the sampler, and of trainings; the same command gives the same study.
         seeds: tune seeds per scenario. Default: 32, for jobs 8.
-        workers: processes; the order in which several finish is not the same twice. With --study searches at a time,
-            which change no figure.
-        threads: of each process. Default: the cores shared out, of a training 1.
+        workers: processes that share the search. Several finish in another order each time, so the result may differ.
+            With --study: searches at a time; how many changes no figure.
+        threads: of each process. Default: each process gets its share of the cores, a training 1.
         env: of trainings, id of the environment. Default: kerfgym/HeightFollowing-v0.
         steps: of each training. Default: a tenth of the preset's, at least an episode of each machine.
-        set_: of trainings, a value of the preset as for train, from which the search begins or which it leaves as it
-            is; may be given several times.
-        storage: database in which the study is kept, for many machines; postgresql://user@host/database. Default: a
-            journal in the run folder.
-        extrapolate: process settings may leave those that were published; the result says so.
+        set_: of trainings, a value of the preset, as for train. A setting that is searched begins there, another one
+            keeps it. May be given several times.
+        storage: database that keeps the study, so that many machines share it; postgresql://user@host/database.
+            Default: a journal in the run folder.
+        extrapolate: process settings may lie outside those that were published; the result says so.
         name: of the run folder and of the study. Default: tune- and date and time.
         allow_code: run Python code that a file names, such as the controller of a tuned.toml; --controller itself may
             name any.
         overwrite: replace an existing run folder.
-        resume: finish what another command began; what the same command began goes on without.
+        resume: go on with a run that another command began. The same command goes on without this option.
     """
     _agree(allow_code)
     from .store import runs
@@ -488,12 +509,12 @@ def tune(
 
 def train(
     algorithm: Annotated[Positional[str], arg(metavar="ALGORITHM")],
-    env: str | None = None,
-    steps: int | None = None,
+    env: Text = None,
+    steps: Whole = None,
     seed: int = 0,
-    preset: Annotated[Path | None, arg(metavar="FILE")] = None,
+    preset: Annotated[Path | None, unset("FILE")] = None,
     set_: Annotated[UseAppendAction[list[str]], arg(name="set", metavar="KEY=VALUE")] = [],  # noqa: B006
-    name: str | None = None,
+    name: Text = None,
     device: str = "cpu",
     threads: int = 1,
     ms: bool = True,
@@ -518,7 +539,7 @@ def train(
         ms: measure the height follower's sensitivity peak Ms by injection.
         allow_code: run Python code that the preset names as base controller; --set may name any.
         overwrite: replace an existing run folder.
-        resume: finish what another command began; what the same command began goes on without.
+        resume: go on with a run that another command began. The same command goes on without this option.
     """
     _agree(allow_code)
     from .train.folder import train as run
@@ -529,7 +550,7 @@ def train(
 
 def speed(
     rounds: int = 5,
-    name: str | None = None,
+    name: Text = None,
     train: bool = True,
     torch_threads: int = 1,
     overwrite: bool = False,
@@ -563,11 +584,18 @@ def speed(
     print(f"\n{folder}")
 
 
+ABOUT = """Testbed for laser-cutting machine control. Everything is simulated; nothing is validated on a machine.
+
+kerfgym list shows what there is, kerfgym COMMAND --help every option of a command."""
+
 COMMANDS: dict[str, Any] = {
     "list": list_, "benchmark": benchmark, "report": report, "blame": blame, "tune": tune, "train": train,
     "reproduce": reproduce, "render": render, "speed": speed,
 }  # fmt: skip
 """Every command by its name."""
+
+for _each in COMMANDS.values():  # the terminal decides where lines of help end, not this file
+    _each.__doc__ = re.sub(r"(?<=\S)\n {12}(?=\S)", " ", _each.__doc__ or "")
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -583,9 +611,7 @@ def main(arguments: list[str] | None = None) -> None:
     closing.callback(_alone, os.environ.get(SAFE_PATH))
     os.environ[SAFE_PATH] = "1"
     try:
-        tyro.extras.subcommand_cli_from_dict(
-            COMMANDS, prog="kerfgym", description="Testbed for laser-cutting machine control.", args=words
-        )
+        tyro.extras.subcommand_cli_from_dict(COMMANDS, prog="kerfgym", description=ABOUT, args=words)
         sys.stdout.flush()
     except InvalidInput as error:
         print(f"kerfgym: error: {typed.told(error)}", file=sys.stderr)

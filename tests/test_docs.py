@@ -2,6 +2,7 @@
 
 import importlib.util
 import inspect
+import pkgutil
 import re
 import shlex
 import shutil
@@ -179,6 +180,25 @@ def check(name, given):
         assert metric in {**metrics.METRICS, **job_metrics.METRICS}, (name, metric)
 
 
+def runs(module):
+    """Whether ``python -m`` runs it: it is there, and a package has a ``__main__``."""
+    found = importlib.util.find_spec(module)
+    return bool(found and (not found.submodule_search_locations or importlib.util.find_spec(f"{module}.__main__")))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_file_and_module_that_a_sentence_names_is_there(page):
+    made = r"(?ms)^```.*?^```$|^\*`.*?$|^Made by .*?$"  # blocks, and what stored runs say of the version that made them
+    spans = re.findall(r"`([^`\n]+)`", re.sub(made, "", page.read_text(encoding="utf-8")))
+    for span in spans:
+        if re.fullmatch(r"(envs|baselines|agents|experiments|tests|docs)/[\w./-]*", span):
+            assert (ROOT / span).exists() or span == "baselines/mine.py", span  # the recipe's own
+        elif re.fullmatch(r"kerfgym(\.\w+)+", span):
+            assert pkgutil.resolve_name(span), span
+        elif script := re.match(r"python -m (kerfgym[\w.]*)(?= |$)", span):
+            assert runs(script[1]), span
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_command_is_one(page, capsys):
     seen = 0
@@ -194,7 +214,7 @@ def test_every_command_is_one(page, capsys):
         elif words[0] == "make":
             assert re.search(rf"(?m)^{words[1]}:", (ROOT / "Makefile").read_text(encoding="utf-8")), words
         elif words[:2] == ["python", "-m"]:
-            assert importlib.util.find_spec(words[2]), words
+            assert runs(words[2]), words
         else:
             assert words[0] in ("tensorboard", "git", "cd"), words
     assert seen or page.name not in ("controllers.md", "add-a-controller.md")

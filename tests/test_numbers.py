@@ -35,7 +35,7 @@ RESULT = re.compile(
 CELL = re.compile(r"(?<![\w.])\d")
 """What looks like one in a table: any number that is not part of a name."""
 
-LEVEL = "the level of all intervals, a constant of inference.LEVEL"
+LEVEL = "the level of all intervals, a constant of intervals.LEVEL"
 ALLOWED: dict[str, dict[str, str]] = {
     "README.md": {
         "Python 3.11 or newer": "of pyproject.toml",

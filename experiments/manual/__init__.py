@@ -1,1 +1,5 @@
-"""Pages of the manual that are read off the sources: assumptions, and the documents and methods that the code names."""
+"""Studies measure what README and manual show; the pages are written from what they stored.
+
+Other tables are read off the sources: options, functions, assumptions, and the documents and methods that the code
+names.
+"""

@@ -77,16 +77,16 @@ def command(name: str) -> str:
         if words.startswith("-h"):
             continue
         what, default = told(_files(what))
-        names = words.replace("{None}|", "").split(", ")
-        if names[-1].startswith("--no-"):  # a switch: what changes something is shown
-            names = names[-1:] if default == "on" else names[:-1]
+        names = words.split(", ")
+        if names[-1].startswith("--no-") and default != "on":  # a switch that is off as it is
+            del names[-1]
         rows.append((", ".join(f"`{each}`" for each in names), what, default))
     return f"## `kerfgym {name}`\n\n{_files(about)}\n\n" + table(("argument", "what it is", "default"), rows)
 
 
 def _files(text: str) -> str:
     """``runs/<name>/`` as code: Markdown takes it for a tag."""
-    return re.sub(r"(?<!\S)(\S*<\w+>[\w./]*)", r"`\1`", text)
+    return re.sub(r"(?<!\S)(\S*<\w+>(?:[\w./]*[\w/])?)", r"`\1`", text)
 
 
 def scripts() -> str:

@@ -20,7 +20,7 @@ class Options:
     the rest as it is. Names may hold * and ?. This machine only cuts: what is engraved is counted and kept out.
     """
 
-    units: Annotated[str | None, arg(metavar="UNIT")] = None
+    units: Annotated[str | None, arg(metavar="UNIT", help_behavior_hint="")] = None
     """mm, cm, m, inches, feet, mils and others, instead of what the drawing says."""
 
     layers: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="RULE")] = ()
@@ -30,8 +30,8 @@ class Options:
     colours: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="RULE")] = ()
     """the same by colour, such as cut=red or engrave=5: of a DXF 1 to 255, a name or #rrggbb, of an SVG the stroke."""
 
-    join: float | None = None
-    """largest gap between two ends that are joined, mm. Default: 0.05."""
+    join: Annotated[float | None, arg(metavar="MM", help_behavior_hint="")] = None
+    """largest gap between two ends that are joined. Default: 0.05."""
 
     text: bool = False
     """cut letters as outlines."""

@@ -88,7 +88,7 @@ def figure(standing: Standing, look: dict[str, Look], labels: dict[str, str]) ->
     if LABEL in limits:
         beside += " The dotted line is what no causal controller with only the sensor can go below (docs/bounds.md)."
     if LINEAR in limits:
-        beside += " The line of dashes and dots is what no fixed linear controller that is tuned to the scenarios can."
+        beside += " No fixed linear controller can go below the line of dashes and dots."
     return Figure(
         f"scores-{suite.name}", _title(standing, labels),
         f"Points are over the seeds whose run did not fail, {suite.scored_in_words}, with 95 % intervals; shorter is "

@@ -37,7 +37,7 @@ def figure(suite: Suite, look: dict[str, Look], labels: dict[str, str]) -> Figur
         "Measured by injection on the machine that was run, for the worst of its corner plants: how much of a small "
         "motion of the sheet shows in the true gap. Below 1 the motion is followed, above 1 it is made larger. The "
         f"marked peak is Ms; above {LIMIT_MS:g} a loop has little margin for a machine that differs from its model. "
-        "One that follows nothing has 1. A controller that learns while it runs predicts a sine, so its Ms is that of "
+        "A head that stands still has 1. A controller that learns while it runs predicts a sine, so its Ms is that of "
         "noise.",
         views, "injected", height=440,
     )  # fmt: skip

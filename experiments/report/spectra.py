@@ -66,8 +66,9 @@ def figure(suites: list[Suite], look: dict[str, Look], labels: dict[str, str]) -
     return Figure(
         "spectra", "Error spectra",
         f"Density of the true gap error in the traced runs (Welch, segments of {SEGMENT * PERIOD:.3g} s, Hann), where "
-        "it is scored and before any alarm. The area under the square of a line is its mean-square error. What lies "
-        "below the peak of |S| is followed, what lies above is only not made worse.",
+        "it is scored and before any alarm. The area under the square of a line is its mean-square error. The "
+        "head follows what is slower than the peak of |S|. It cannot follow what is faster; a good loop does not make "
+        "that worse.",
         views, "scenario", height=440,
     )  # fmt: skip
 

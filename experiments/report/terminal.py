@@ -108,8 +108,8 @@ def budget_note(summary: Any) -> str:
 def _ranking(summary: Any, reference: str) -> list[str]:
     """What ranks, intervals and failures mean, and who is only shown."""
     lines = [
-        "rank: 1 + how many of the class are better, all such statements together at 95 %; = shared; who fails on "
-        "significantly more seeds stands below;",
+        "rank: 1 + how many of the class are surely better: all these comparisons hold together with 95 %; =: shared; "
+        "a controller that fails on significantly more seeds ranks lower;",
         f"(… …): 95 % intervals over seeds. wins: share of runs that are better than {reference}'s on the same seed; a "
         "failed run is never better;",
         "failed: runs that touched the sheet where they should not, hold a number that is not finite, have nothing to "
@@ -146,8 +146,9 @@ def _following(results: Results) -> list[Sheet]:
         "reported: the same of what the machine itself measures; P99: of |true error|; max: the largest of all;",
         f"jitter: RMS change of the command, mm/s per ms; collisions of all scenarios{exempt};",
         f"dross and Rz: extrapolated and not ranked, over the core. {material('thin-sheet').label.capitalize()}.",
-        "Ms: largest |S|, by a sine at a time and by noise, of which a controller that learns cannot learn the sine;",
-        "gain, delay: factor on the loop's gain and additional dead time up to which it settles;",
+        "Ms: peak of the sensitivity |S|, with one sine at a time and with noise; a controller that learns while it "
+        "runs learns a sine, but not noise;",
+        "gain, delay: factor on the loop's gain, and additional dead time, up to which the loop settles;",
         *_machines(results),
         f"decision: CPU time, median and 99th percentile, in a period of {1e6 * PERIOD:.0f} µs;",
         f"budget: trials and simulated steps of tuning. {budget_note(summary)}",
@@ -171,9 +172,9 @@ def _following(results: Results) -> list[Sheet]:
 
 def _limits(results: Results) -> list[str]:
     """What the bounds say."""
-    said = [f"{LABEL}: what no such controller can go below; 0: all can be learned, docs/bounds.md."]
+    said = [f"{LABEL}: no such controller can go below; 0: the whole disturbance can be learned, docs/bounds.md."]
     if results.linear:
-        said.append(f"{LINEAR}: what no fixed linear controller tuned to the scenario can go below.")
+        said.append(f"{LINEAR}: no fixed linear controller can go below, even tuned to the scenario.")
     return said
 
 

@@ -266,8 +266,10 @@ def spectrum(text, *stages):
     error = run["raw_height"][300:, 0]
     return 2 * abs(np.fft.rfft(error - error.mean())) / len(error)
 
-hum, quiet, without = spectrum("hum = 0.01"), spectrum(""), spectrum("hum = 0.01", "sensor")
-print(int(hum.argmax()), bool(hum[50] > 20 * quiet[50]), bool(without[50] < hum[50] / 20))
+at_60 = "hum = 0.01\\nhum_frequency = 60"
+hum, quiet, without = spectrum("hum = 0.01"), spectrum(""), spectrum(at_60, "sensor")
+other = spectrum(at_60)
+print(int(hum.argmax()), int(other.argmax()), bool(hum[50] > 20 * quiet[50]), bool(without[60] < other[60] / 20))
 """
 
 
@@ -283,9 +285,7 @@ def test_the_recipe_for_a_disturbance_works_word_by_word(tmp_path):
         assert source.count(after) == 1, after
         path.write_text(source.replace(after, new if instead else after + new), encoding="utf-8")
 
-    sensor, head, preparing = (
-        f"envs/{each}.py" for each in ("plant/sensor", "scenarios/hardware", "scenarios/preparing")
-    )
+    sensor, head = "envs/plant/sensor.py", "envs/scenarios/hardware.py"
     last = re.search(r"(?m)^    plasma: Annotated.*\n", (copy / sensor).read_text(encoding="utf-8"))[0]
     edit(sensor, last, blocks[0])
     edit(sensor, "part, uniform\n", "part, sine, uniform\n", "instead")
@@ -294,7 +294,6 @@ def test_the_recipe_for_a_disturbance_works_word_by_word(tmp_path):
     edit(sensor, old, blocks[1], "instead")
     last = re.search(r"(?m)^    plasma: Annotated.*\n", (copy / head).read_text(encoding="utf-8"))[0]
     edit(head, last, blocks[2])
-    edit(preparing, "        burst_end=1 - np.exp(-PERIOD / own.burst_length),\n", blocks[3])
     edit("envs/plant/ideal.py", '"bursts", "plasma"', ', "hum"')
     settings = os.environ | {"PYTHONPATH": str(tmp_path), "KERFGYM_CACHE_DIR": str(tmp_path / "cache")}
     # Whatever tells Python where the checkout is must not find it before the copy.
@@ -302,4 +301,4 @@ def test_the_recipe_for_a_disturbance_works_word_by_word(tmp_path):
     done = subprocess.run(
         [sys.executable, "-c", alone + HUM], capture_output=True, text=True, cwd=tmp_path, env=settings, timeout=280
     )
-    assert done.stdout.split() == ["50", "True", "True"], done.stderr
+    assert done.stdout.split() == ["50", "60", "True", "True"], done.stderr
