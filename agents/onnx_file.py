@@ -17,6 +17,42 @@ from .policy import Policy
 OPSET = 17
 """Of the operators; run-times since 2022 have it."""
 
+LSTM = """
+    joined_{i} = Concat <axis = 1> ({x}, hidden_{i})
+    gates_{i} = Gemm <transB = 1> (joined_{i}, weight_{i}, bias_{i})
+    gate_{i}_0, gate_{i}_1, gate_{i}_2, gate_{i}_3 = Split <axis = 1> (gates_{i})
+    enter_{i} = Sigmoid (gate_{i}_0)
+    forget_{i} = Sigmoid (gate_{i}_1)
+    candidate_{i} = Tanh (gate_{i}_2)
+    out_{i} = Sigmoid (gate_{i}_3)
+    kept_{i} = Mul (forget_{i}, cell_{i})
+    new_{i} = Mul (enter_{i}, candidate_{i})
+    next_cell_{i} = Add (kept_{i}, new_{i})
+    level_{i} = Tanh (next_cell_{i})
+    next_hidden_{i} = Mul (out_{i}, level_{i})
+"""
+"""A layer with memory (:func:`network.run`), in ONNX' own words; ``x`` is what it takes."""
+
+NORMALISED = """
+    wide = Cast <to = 11> (observation)
+    off = Sub (wide, mean)
+    scaled = Div (off, scale)
+    limited = Clip (scaled, least, most)
+    normalised = Cast <to = 1> (limited)
+"""
+"""In double precision."""
+
+UNSEEN = """
+    frames = Reshape (observation, each)
+    sizes = Abs (frames)
+    size = ReduceMax <axes = [2], keepdims = 1> (sizes)
+    there = Greater (size, nothing)
+    scaled_frames = Reshape (normalised, each)
+    seen_frames = Where (there, scaled_frames, nothing)
+    seen = Reshape (seen_frames, all)
+"""
+"""Frames before the episode were never normalised: they stay 0."""
+
 
 def write(policy: Policy, path: Path) -> Path | None:
     """Writes the graph; None if the package onnx is not installed."""
@@ -24,11 +60,9 @@ def write(policy: Policy, path: Path) -> Path | None:
         import onnx
     except ModuleNotFoundError:
         return None
-    graph = _Graph(policy.network)
-    model = onnx.helper.make_model(
-        onnx.helper.make_graph(graph.nodes, "policy", graph.inputs, graph.outputs, graph.constants),
-        opset_imports=[onnx.helper.make_opsetid("", OPSET)], producer_name="kerfgym", ir_version=8,
-    )  # fmt: skip
+    text, numbers = described(policy.network)
+    model = onnx.parser.parse_model(text)
+    model.graph.initializer.extend(onnx.numpy_helper.from_array(each, name) for name, each in numbers.items())
     document = policy.document
     about = {"environment": document.environment, "control": document.control, "weights_sha256": document.weights}
     onnx.helper.set_model_props(model, about)
@@ -39,87 +73,31 @@ def write(policy: Policy, path: Path) -> Path | None:
     return path
 
 
-class _Graph:
-    """The nodes of a network, in the order of the signal."""
-
-    def __init__(self, network: Network) -> None:
-        import onnx
-
-        self._onnx = onnx
-        self.nodes: list[Any] = []
-        self.inputs: list[Any] = []
-        self.outputs: list[Any] = []
-        self.constants: list[Any] = []
-        self._count = 0
-        x = self._normalised(network, self._input("observation", network.size * network.frames))
-        for i, layer in enumerate(network.layers):
-            if layer.kind == "lstm":
-                hidden, cell = self._input(f"hidden_{i}", layer.outputs), self._input(f"cell_{i}", layer.outputs)
-                joined = self._node("Concat", x, hidden, axis=1)
-                gates = self._linear(layer.weight, layer.bias, joined)
-                enter, forget, candidate, out = (self._slice(gates, k, layer.outputs) for k in range(4))
-                kept = self._node("Mul", self._node("Sigmoid", forget), cell)
-                new = self._node("Mul", self._node("Sigmoid", enter), self._node("Tanh", candidate))
-                cell = self._node("Add", kept, new)
-                x = self._node("Mul", self._node("Sigmoid", out), self._node("Tanh", cell))
-                self._output(f"next_hidden_{i}", x, layer.outputs)
-                self._output(f"next_cell_{i}", cell, layer.outputs)
-            else:
-                x = self._linear(layer.weight, layer.bias, x)
-                if layer.activation != "none":
-                    x = self._node({"tanh": "Tanh", "relu": "Relu"}[layer.activation], x)
-        one = [self._constant(np.float32(v)) for v in (-1.0, 1.0)]
-        x = self._node("Tanh", x) if network.output == "tanh" else self._node("Clip", x, *one)
-        self._output("action", x, network.actions)
-
-    def _normalised(self, network: Network, x: str) -> str:
-        n = network.normaliser
-        if n is None:
-            return x
+def described(network: Network) -> tuple[str, dict[str, np.ndarray]]:
+    """The graph in ONNX' own words, in the order of the signal, and its numbers by name."""
+    n, x, text = network.normaliser, "observation", ""
+    inputs, outputs = {x: network.size * network.frames}, {"action": network.actions}
+    numbers: dict[str, Any] = {"lowest": np.float32(-1.0), "highest": np.float32(1.0)}
+    if n is not None:
         repeat = 1 if network.normalises_frames else network.frames
-        mean, scale = self._constant(np.tile(n.mean, repeat)), self._constant(np.tile(n.scale, repeat))
-        wide = self._node("Cast", x, to=self._onnx.TensorProto.DOUBLE)
-        scaled = self._node("Div", self._node("Sub", wide, mean), scale)
-        limits = [self._constant(np.float64(v)) for v in (-n.clip, n.clip)]
-        y = self._node("Cast", self._node("Clip", scaled, *limits), to=self._onnx.TensorProto.FLOAT)
-        if network.frames == 1 or network.normalises_frames:
-            return y
-        # Frames before the episode were never normalised: they stay 0.
-        shape = self._constant(np.array([0, network.frames, network.size], np.int64))
-        back = self._constant(np.array([0, network.frames * network.size], np.int64))
-        size = self._node("ReduceMax", self._node("Abs", self._node("Reshape", x, shape)), axes=[2], keepdims=1)
-        there = self._node("Greater", size, self._constant(np.float32(0.0)))
-        none = self._constant(np.float32(0.0))
-        return self._node("Reshape", self._node("Where", there, self._node("Reshape", y, shape), none), back)
-
-    def _linear(self, weight: np.ndarray, bias: np.ndarray, x: str) -> str:
-        return self._node("Gemm", x, self._constant(weight), self._constant(bias), transB=1)
-
-    def _slice(self, x: str, k: int, size: int) -> str:
-        ends = [self._constant(np.array([v], np.int64)) for v in (k * size, (k + 1) * size, 1)]
-        return self._node("Slice", x, *ends)
-
-    def _name(self) -> str:
-        self._count += 1
-        return f"x{self._count}"
-
-    def _node(self, kind: str, *inputs: str, **attributes: Any) -> str:
-        name = self._name()
-        self.nodes.append(self._onnx.helper.make_node(kind, list(inputs), [name], **attributes))
-        return name
-
-    def _constant(self, array: Any) -> str:
-        name = self._name()
-        self.constants.append(self._onnx.numpy_helper.from_array(np.array(array, order="C"), name))
-        return name
-
-    def _tensor(self, name: str, width: int) -> Any:
-        return self._onnx.helper.make_tensor_value_info(name, self._onnx.TensorProto.FLOAT, ["n", width])
-
-    def _input(self, name: str, width: int) -> str:
-        self.inputs.append(self._tensor(name, width))
-        return name
-
-    def _output(self, name: str, x: str, width: int) -> None:
-        self.nodes.append(self._onnx.helper.make_node("Identity", [x], [name]))
-        self.outputs.append(self._tensor(name, width))
+        numbers |= {"mean": np.tile(n.mean, repeat), "scale": np.tile(n.scale, repeat)}
+        numbers |= {"least": np.float64(-n.clip), "most": np.float64(n.clip)}
+        text, x = NORMALISED, "normalised"
+        if repeat > 1:
+            numbers |= {"each": np.array([0, repeat, network.size]), "all": np.array([0, repeat * network.size])}
+            numbers["nothing"] = np.float32(0.0)
+            text, x = text + UNSEEN, "seen"
+    for i, layer in enumerate(network.layers):
+        numbers |= {f"weight_{i}": layer.weight, f"bias_{i}": layer.bias}
+        if layer.kind == "lstm":
+            inputs |= {f"hidden_{i}": layer.outputs, f"cell_{i}": layer.outputs}
+            outputs |= {f"next_hidden_{i}": layer.outputs, f"next_cell_{i}": layer.outputs}
+            text, x = text + LSTM.format(i=i, x=x), f"next_hidden_{i}"
+        else:
+            kind = {"none": "Identity", "tanh": "Tanh", "relu": "Relu"}[layer.activation]
+            text += f"y_{i} = Gemm <transB = 1> ({x}, weight_{i}, bias_{i}) x_{i} = {kind} (y_{i})\n"
+            x = f"x_{i}"
+    text += f"action = {f'Tanh ({x})' if network.output == 'tanh' else f'Clip ({x}, lowest, highest)'}"
+    given, made = (", ".join(f"float[n, {many}] {name}" for name, many in of.items()) for of in (inputs, outputs))
+    head = f'<ir_version: 8, opset_import: ["": {OPSET}], producer_name: "kerfgym">'
+    return f"{head} policy ({given}) => ({made}) {{ {text} }}", {k: np.array(v, order="C") for k, v in numbers.items()}

@@ -8,7 +8,7 @@ import re
 import select
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NoReturn
 
 import tyro
 from tyro.conf import OmitArgPrefixes, Positional, UseAppendAction, arg
@@ -385,8 +385,7 @@ def reproduce(
     print(f"\n{folder / 'reproduce.html'}")
     failed = [part["study"] for part in parts if part["error"]]
     if failed:
-        print(f"kerfgym: error: failed: {', '.join(failed)}; see {folder / 'parts'}", file=sys.stderr)
-        raise SystemExit(1)
+        _refuse(f"failed: {', '.join(failed)}; see {folder / 'parts'}", 1)
 
 
 def tune(
@@ -463,11 +462,10 @@ def tune(
     _agree(allow_code)
     from .store import runs
     from .store.progress import progress
-    from .tune import command
-    from .tune import tune as run
+    from .tune import command, controllers
 
     folder = runs.named(name, "tune-", resume)
-    for_controllers = {
+    for_controllers: dict[str, Any] = {
         "controller": controller, "suite": None if suite == "following" else suite, "metric": metric or None,
         "ms": ms, "jitter": jitter, "overshoot": overshoot, "limit": limit or None, "seeds": seeds,
         "budget": budget, "extrapolate": extrapolate or None,
@@ -487,24 +485,18 @@ def tune(
         if len(found) < len(planned.searches):
             raise SystemExit(1)
         return
+    run: Any = controllers.tune
     if command.trains(what, env, steps, set_):
         from .tune import learners
 
-        given = [option for option, value in for_controllers.items() if value is not None]
-        asked = learners.task(what, env, steps, set_, trials, sampler, seed, storage, name, threads, given)
-        with progress("trials") as told:
-            learned = learners.tune(asked, folder, workers, overwrite, resume, told)
-        learners.show(learned)
-        print(f"\n{learned.file}")
-        return
-    task = command.task(
-        what, controller, suite, trials, sampler, metric, ms, jitter, overshoot, limit, seed, seeds, storage, name,
-        budget, extrapolate,
-    )  # fmt: skip
+        run, given = learners.tune, [option for option, value in for_controllers.items() if value is not None]
+        task: Any = learners.task(what, env, steps, set_, trials, sampler, seed, storage, name, threads, given)
+    else:
+        task = command.task(what, trials, sampler, seed, storage, name, **for_controllers)
     with progress("trials") as told:
         result = run(task, folder, workers, threads, overwrite, resume, told)
-    command.show(result)
-    print(f"\n{folder / 'tuned.toml'}")
+    result.show()
+    print(f"\n{result.file}")
 
 
 def train(
@@ -614,30 +606,21 @@ def main(arguments: list[str] | None = None) -> None:
         tyro.extras.subcommand_cli_from_dict(COMMANDS, prog="kerfgym", description=ABOUT, args=words)
         sys.stdout.flush()
     except InvalidInput as error:
-        print(f"kerfgym: error: {typed.told(error)}", file=sys.stderr)
-        raise SystemExit(2) from None
+        _refuse(typed.told(error))
     except MemoryError:
-        print("kerfgym: error: not enough memory for this; what is finished is kept", file=sys.stderr)
-        raise SystemExit(2) from None
+        _refuse("not enough memory for this; what is finished is kept")
     except ModuleNotFoundError as error:
         if (error.name or "").split(".")[0] not in TRAINING:
             raise
-        print(
-            f"kerfgym: error: this needs the package '{error.name}', which is not installed: pip install "
-            "'kerfgym[train]'", file=sys.stderr,
-        )  # fmt: skip
-        raise SystemExit(2) from None
+        _refuse(f"this needs the package '{error.name}', which is not installed: pip install 'kerfgym[train]'")
     except OSError as error:
         if isinstance(error, BrokenPipeError) and _unread():
             raise SystemExit(PIPE_CLOSED) from None
         if error.errno not in DISK:
             raise
         where = f"'{error.filename}'" if error.filename else "a file of the run"
-        print(
-            f"kerfgym: error: cannot write {where}: {os.strerror(error.errno)}; what is finished is kept, and the same "
-            "command goes on", file=sys.stderr,
-        )  # fmt: skip
-        raise SystemExit(2) from None
+        said = os.strerror(error.errno)
+        _refuse(f"cannot write {where}: {said}; what is finished is kept, and the same command goes on")
     except KeyboardInterrupt:
         print("\nkerfgym: interrupted; the same command goes on", file=sys.stderr)
         raise SystemExit(130) from None
@@ -646,6 +629,12 @@ def main(arguments: list[str] | None = None) -> None:
         typed.AFTERWARDS.reset(after)
         if arguments is not None:
             closing.close()
+
+
+def _refuse(why: str, code: int = 2) -> NoReturn:
+    """Ends the command with an error."""
+    print(f"kerfgym: error: {why}", file=sys.stderr)
+    raise SystemExit(code) from None
 
 
 def _alone(before: str | None) -> None:

@@ -21,8 +21,7 @@ from ..measure.grids import Grid, resolved
 from ..render import plans
 from ..report import summary
 from ..results import archive
-from ..results.followers import Results
-from ..results.jobs import AnyResults, JobResults
+from ..results.conclusions import Results, in_order
 from ..results.tasks import Case, cases, compute
 from ..store import pool, runs
 from ..store.ledger import Ledger
@@ -42,7 +41,7 @@ def run(
     core: tuple[str, ...] = (),
     suite: str = "following",
     **options: Any,
-) -> AnyResults:
+) -> Results:
     """Runs one grid, see :func:`run_grids`; returns its results."""
     grid = Grid(suite, tuple(controllers), tuple(chosen), seeds, core)
     return run_grids([grid], folder, **options)[suite]
@@ -63,7 +62,7 @@ def run_grids(
     overwrite: bool = False,
     resume: bool = False,
     quiet: bool = False,
-) -> dict[str, AnyResults]:
+) -> dict[str, Results]:
     """Runs the grids, writes the folder, returns the results by suite.
 
     Args:
@@ -131,10 +130,10 @@ def run_grids(
             _time_decisions(found, known, bars)
         for grid in grids:
             results = found[grid.suite]
-            if with_blame and isinstance(results, Results):
+            if with_blame and not results.jobs:
                 with bars.counted("blame") as told:
                     results.blame, results.headroom = in_report(results, grid.scenarios, parts, workers, told)
-            if with_detuned and isinstance(results, Results) and grid.suite == detuned.SUITE:
+            if with_detuned and not results.jobs and grid.suite == detuned.SUITE:
                 with bars.counted("one parameter 20 % off") as told:
                     results.detuned = detuned.in_report(results, workers, told)
         texts = {grid.suite: {s.name: s.to_toml() for s in grid.scenarios} for grid in grids}
@@ -161,12 +160,9 @@ def _gathered(keys: list[str], parts: Path) -> dict[str, pd.DataFrame]:
     return {name: pd.concat(frames, ignore_index=True) for name, frames in tables.items()}
 
 
-def _results(grid: Grid, known: dict[str, Team], joined: dict[str, pd.DataFrame], record: dict[str, Any]) -> AnyResults:
+def _results(grid: Grid, known: dict[str, Team], joined: dict[str, pd.DataFrame], record: dict[str, Any]) -> Results:
     names = [s.name for s in grid.scenarios]
-    frame = joined["runs"].sort_values("seed", kind="stable")
-    for column, order in (("scenario", names), ("controller", grid.controllers)):
-        frame = frame.sort_values(column, key=lambda c, order=order: c.map(order.index), kind="stable")
-    frame = frame.reset_index(drop=True)
+    frame = in_order(joined["runs"], grid.controllers, names)
     ledger = joined["ledger"].groupby("controller", sort=False).sum()
     meta = record | {
         "seeds": f"{min(grid.seeds)}-{max(grid.seeds)}", "seed_count": len(grid.seeds), "scenarios": names,
@@ -188,10 +184,11 @@ def _results(grid: Grid, known: dict[str, Team], joined: dict[str, pd.DataFrame]
     traces = joined.get("traces", pd.DataFrame())
     if grid.with_jobs:
         rules, materials = scenarios.rules(grid.suite), [workshop.material_of(s) for s in grid.scenarios]
-        return JobResults(
-            frame, traces, meta, rules.get("score", "contour_rms"), rules.get("reference", "wu-tuned"), core,
-            tuple(dict.fromkeys(m.label for m in materials)),
-            tuple(dict.fromkeys((m.name, m.thickness) for m in materials)), summaries, plans.table(grid.scenarios),
+        return Results(
+            frame, traces, pd.DataFrame(), meta, core, (), summaries, metric=rules.get("score", "contour_rms"),
+            reference=rules.get("reference", "wu-tuned"), jobs=True, plans=plans.table(grid.scenarios),
+            labels=tuple(dict.fromkeys(m.label for m in materials)),
+            materials=tuple(dict.fromkeys((m.name, m.thickness) for m in materials)),
         )  # fmt: skip
     empty = pd.DataFrame({"controller": [], "frequency": [], "magnitude": []})
     return Results(
@@ -205,7 +202,7 @@ def _digest(program: list[str]) -> str:
     return hashlib.sha256("\n".join(program).encode()).hexdigest()[:16]
 
 
-def _time_decisions(found: dict[str, AnyResults], known: dict[str, dict[str, Team]], bars: Bars) -> None:
+def _time_decisions(found: dict[str, Results], known: dict[str, dict[str, Team]], bars: Bars) -> None:
     """Times the followers' decisions one after another, when the cores are idle."""
     wanted = {name: team.z for each in known.values() for name, team in each.items() if len(team.stacks) == 1}
     timed = {
@@ -213,7 +210,7 @@ def _time_decisions(found: dict[str, AnyResults], known: dict[str, dict[str, Tea
         for name, stack in bars.each("timing decisions", wanted.items(), len(wanted))
     }
     for suite, results in found.items():
-        if isinstance(results, Results):
+        if not results.jobs:
             results.meta["decisions"] = {name: timed[name] for name in known[suite]}
 
 

@@ -12,7 +12,7 @@ from ... import baselines
 from ...envs.control import stack as stacks
 from ...envs.control.stack import Team
 from ...envs.engine.quantity import InvalidInput
-from ..results.followers import REFERENCE, Results
+from ..results.conclusions import REFERENCE, Results
 from ..statistics.ranks import foremost
 from ..store.progress import Told
 from ..tune import goals

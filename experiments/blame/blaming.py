@@ -13,7 +13,7 @@ from ...envs.engine.quantity import InvalidInput
 from ...envs.scenarios import Scenario
 from ..measure.grids import Grid
 from ..results.archive import PARTS
-from ..results.followers import REFERENCE, Results
+from ..results.conclusions import REFERENCE, Results
 from ..results.tasks import Case
 from ..statistics.ranks import foremost
 from ..store import runs

@@ -33,10 +33,10 @@ from ...envs.figures import evidence, job_metrics, metrics
 from ...envs.plant import controller, sensor
 from ..bounds import stored
 from ..reproduce.verdicts import VERDICTS
-from ..results.followers import REFERENCE
+from ..results.conclusions import REFERENCE
 from ..statistics import budgets
 from ..store.markdown import as_code, row, table
-from ..store.runs import atomic
+from ..store.runs import write_text
 from ..store.stamp import ROOT
 from ..studies import marks
 from ..tune import study_file
@@ -473,8 +473,7 @@ def stale() -> dict[Path, str]:
 def main() -> None:
     """Writes what has changed."""
     for path, text in stale().items():
-        with atomic(path) as part:
-            part.write_text(text, encoding="utf-8")
+        write_text(path, text)
         print(path)
 
 

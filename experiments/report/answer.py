@@ -29,15 +29,15 @@ def headline(standing: Standing, labels: dict[str, str]) -> str:
     if best is None:
         return "No controller that may be ranked has a score, so there is nothing to compare."
     name, score = labels[best], estimate(standing, best)
-    does = "follows" if suite.following else f"has the smallest {suite.metrics[standing.metric].spoken}"
+    does = f"has the smallest {suite.metrics[standing.metric].spoken}" if suite.jobs else "follows"
     if len(standing.ranked) == 1 and suite.reference not in standing.order:
-        return f"{name} {does} with an error of {score}." if suite.following else f"{name}: {score}."
+        return f"{name}: {score}." if suite.jobs else f"{name} {does} with an error of {score}."
     if standing.tied:
         both = listed([name, *(labels[n] for n in standing.tied)])
         do = does.replace("follows", "follow closest").replace("has", "have", 1)
         lead = f"{both} {do} and cannot be told apart: {name} has {score}"
     else:
-        lead = f"{name} {does}{' closest' if suite.following else ''}: {score}"
+        lead = f"{name} {does}{'' if suite.jobs else ' closest'}: {score}"
     ratio = float(standing.frame.at[best, "ratio"])
     if best == suite.reference or not math.isfinite(ratio):
         return f"{lead}."
@@ -58,10 +58,10 @@ def estimate(standing: Standing, name: str) -> str:
 def remarks(suite: Suite, standing: Standing, labels: dict[str, str], limit_ms: float) -> list[str]:
     """Sentences that belong to the headline: what it rests on, what speaks against it, what is missing."""
     out, best, summary = [], standing.best, suite.summary
-    what = "the true gap" if suite.following else "the runs"
+    what = "the runs" if suite.jobs else "the true gap"
     out.append(f"Figures are of {what}, {HOW[declared(standing.metric).pooled]} over {len(suite.seeds)} "
                f"seed{'s' * (len(suite.seeds) != 1)}, {suite.scored_in_words}, without those that failed.")  # fmt: skip
-    if best is not None and suite.following is not None:
+    if best is not None and not suite.jobs:
         row = summary.loc[best]
         if row["runs"] > 0 and not row["collisions"]:
             out.append(f"{labels[best]} touched the sheet in none of the {int(row['runs'])} runs in which it "
@@ -99,7 +99,7 @@ def caveats(suite: Suite, standing: Standing, labels: dict[str, str], limit_ms: 
     if touched:
         many = int(row["runs"])
         out.append(f"it touched the sheet in {touched} of {many} runs{' of all scenarios' if several else ''}")
-    if suite.following is not None:
+    if not suite.jobs:
         over = {signal: peak for signal, peak in peaks_of(row).items() if peak > limit_ms}
         if over:
             out.append(f"its sensitivity peak Ms is {in_words(over)}, over the limit of {limit_ms:g}")

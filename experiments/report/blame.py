@@ -15,7 +15,7 @@ from .suite import Suite
 
 def figure(suite: Suite, look: dict[str, Look], labels: dict[str, str]) -> Figure | None:
     """Shares of the mean-square error stage by stage, a view for each scenario; None if it was not asked for."""
-    shares = suite.following.blame if suite.following else pd.DataFrame()
+    shares = suite.results.blame
     if not len(shares):
         return None
     views = {str(scenario): _view(here, look, labels) for scenario, here in shares.groupby("scenario", sort=False)}
@@ -83,7 +83,7 @@ def _title(shares: pd.DataFrame, labels: dict[str, str]) -> str:
 
 def headroom(suite: Suite, labels: dict[str, str]) -> list[dict[str, Any]]:
     """Rows of the table of references: their RMS and the factor to it; empty if it was not asked for."""
-    table = suite.following.headroom if suite.following else pd.DataFrame()
+    table = suite.results.headroom
     rows: list[dict[str, Any]] = []
     for (scenario, name), here in table.groupby(["scenario", "controller"], sort=False) if len(table) else []:
         known = {}

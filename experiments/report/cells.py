@@ -132,8 +132,7 @@ def of_stability(suite: Suite, column: str, form: Callable[[float], str]) -> Cel
 
 def decisions(suite: Suite) -> Cells:
     """What a decision costs."""
-    assert suite.following
-    costs = suite.following.decisions().astype(float)
+    costs = suite.results.decisions().astype(float)
     took = {name: float(costs.at[name, "median_us"]) for name in suite.ranked}
     return {
         name: Cell("< 0.01" if us < 0.01 else number(us), us, share_of_period(float(costs.at[name, "ratio"])))

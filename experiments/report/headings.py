@@ -14,8 +14,7 @@ from ...envs.figures.registered import Metric
 from ..measure.margins import DELAYS, GAINS
 from ..measure.margins import in_words as margin
 from ..measure.stability import LIMIT_MS
-from ..results.followers import Results
-from ..results.jobs import JobResults
+from ..results.conclusions import Results
 from ..statistics.budgets import in_words as of_budget
 from . import cells
 from .cells import Cells
@@ -63,7 +62,7 @@ class Column:
     page: OnPage | None = None
 
 
-def of(results: Results | JobResults) -> list[Column]:
+def of(results: Results) -> list[Column]:
     """The columns of a grid, in the order in which they are printed."""
     suite, metrics = Suite("", results), []
     for metric in results.shown:
@@ -85,7 +84,7 @@ def of(results: Results | JobResults) -> list[Column]:
     return [*_ranked(suite), *metrics, collisions, *ends]
 
 
-def explained(results: Results | JobResults) -> list[str]:
+def explained(results: Results) -> list[str]:
     """A line on each metric that is not brief: what it is, which way is better, how it is pooled."""
     return [f"{m.title}: {said(m)}." for m in results.shown if m.shown and not m.shown.brief]
 
@@ -129,8 +128,8 @@ def evidence(row: Any) -> str:
 def _ranked(suite: Suite) -> list[Column]:
     """Who is ranked where, by what, and against whom."""
     scored, reference = suite.metrics[suite.metric], suite.reference
-    page = functools.partial(OnPage, "score" if suite.following else "ranked by")
-    title, shows = ("score, µm", "score") if suite.following else (scored.title, scored.name)
+    page = functools.partial(OnPage, "ranked by" if suite.jobs else "score")
+    title, shows = (scored.title, scored.name) if suite.jobs else ("score, µm", "score")
     how = f"{HOW[scored.pooled]} over seeds, {suite.scored_in_words}"
 
     def against(figure: str) -> Callable[[Suite, dict[str, Standing]], Cells]:
@@ -147,7 +146,7 @@ def _ranked(suite: Suite) -> list[Column]:
             "have nothing to score or are not finished; no other figure but rank and wins is of them",
             lambda suite, _: cells.counted(suite, "failed"),
         )),
-        Column(shows="scale" if suite.following else "", page=page(
+        Column(shows="" if suite.jobs else "scale", page=page(
             "scale", "0 to 1", f"0 is {reference}, 1 is {suite.informed}, logarithmic between them", against("scale"),
         )),
         Column(title, shows, lambda row: figure(row, "score"), page(
@@ -189,7 +188,7 @@ def _of_metric(suite: Suite, metric: Metric) -> Column:
 
 def ranked_by(suite: Suite) -> str:
     """What a suite ranks by, for a heading."""
-    return "score" if suite.following else suite.metrics[suite.metric].label
+    return suite.metrics[suite.metric].label if suite.jobs else "score"
 
 
 def stable(suite: Suite) -> list[Column]:

@@ -49,8 +49,7 @@ def _errors(suite: Suite, metric: str, labels: dict[str, str]) -> go.Figure:
     }  # fmt: skip
     look = {"colorscale": DIVERGING, "zmin": -FURTHEST, "zmax": FURTHEST, "colorbar": bar}
     colours = np.clip(np.nan_to_num(doublings, nan=np.nan), -FURTHEST, FURTHEST)
-    bounded = suite.following if metric == "rms_true" else None
-    bounds = {LABEL: bounded.bounds, LINEAR: bounded.linear} if bounded else {}
+    bounds = {LABEL: suite.results.bounds, LINEAR: suite.results.linear} if metric == "rms_true" else {}
     return _map(suite, table, colours, text, labels, look, suite.metrics[metric].unit, bounds)
 
 

@@ -10,7 +10,7 @@ from ...envs.pictures.kerf_picture import DIVERGING, EVEN, QUANTITIES, limits_of
 from ...envs.plant import cut, streamed
 from ...envs.scenarios import material
 from .pack import Channel, pack
-from .scope import shown_first, telling
+from .scope import groups_of, telling
 from .spectra import error_of
 from .suite import Suite
 
@@ -25,19 +25,7 @@ RESOLUTION = {"standoff": 0.05, "contour": 0.05, "dross": 1e-4, "roughness": 0.0
 
 def widget(suites: list[Suite], labels: dict[str, str]) -> dict[str, Any] | None:
     """What ``kerfs.js`` shows: one seed of each scenario that goes along a drawing; None if none does."""
-    groups = []
-    for suite in suites:
-        entries = []
-        for scenario in suite.traced:
-            run = _run(suite, *next(iter(suite.traces[scenario].items())))
-            if run:
-                entries.append({
-                    "name": scenario, "summary": suite.results.summaries.get(scenario, ""), "seeds": [run],
-                })  # fmt: skip
-        if entries:
-            groups.append({
-                "suite": suite.title, "scenarios": entries, "chosen": shown_first(suite), "order": suite.ranked,
-            })  # fmt: skip
+    groups = groups_of(suites, _run)
     if not groups:
         return None
     quantities = {

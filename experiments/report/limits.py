@@ -13,8 +13,8 @@ def sentences(suites: list[Suite], learned: list[str]) -> list[tuple[str, str]]:
         suites: of the run.
         learned: labels of controllers that were trained.
     """
-    followers, jobs = any(s.following for s in suites), [s for s in suites if s.jobs]
-    labels = list(dict.fromkeys(label for s in jobs for label in s.jobs.labels))  # type: ignore[union-attr]
+    followers, jobs = [s for s in suites if not s.jobs], [s for s in suites if s.jobs]
+    labels = list(dict.fromkeys(label for s in jobs for label in s.results.labels))
     if followers:
         labels = list(dict.fromkeys([material("thin-sheet").label, *labels]))
     seeds = min(len(s.seeds) for s in suites)
@@ -77,7 +77,7 @@ def footprints(suites: list[Suite]) -> str:
 
 def feeds(suites: list[Suite]) -> str:
     """Whether the feed changed in the followers' scenarios that were run."""
-    known = [s.results.meta["corners"] for s in suites if s.following and "corners" in s.results.meta]
+    known = [s.results.meta["corners"] for s in suites if not s.jobs and "corners" in s.results.meta]
     slow = list(dict.fromkeys(name for names in known for name in names))
     if not known:
         return "This run did not record in which scenarios the feed changes."

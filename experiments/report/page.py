@@ -6,7 +6,6 @@ order. ``report.html`` is the frame, ``report.css`` its looks, the scripts sort 
 
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -16,10 +15,9 @@ from plotly.offline import get_plotlyjs
 
 from ...envs.scenarios import SPLITS
 from ..measure.stability import LIMIT_MS
-from ..plots.palette import looks
-from ..results.followers import Results
-from ..results.jobs import JobResults
-from ..store.runs import atomic
+from ..plots.palette import Look, looks
+from ..results.conclusions import Results
+from ..store.runs import write_text
 from . import (  # fmt: skip
     answer,
     blame,
@@ -50,25 +48,7 @@ HERE = Path(__file__).parent
 SCRIPTS = ("tables.js", "figures.js", "pack.js", "chooser.js", "scope.js", "kerfs.js")
 
 
-@dataclass(frozen=True)
-class Chapter:
-    """What is told of one suite."""
-
-    suite: Suite
-    headline: str
-    remarks: list[str]
-    caveats: list[str]
-    cards: list[dict[str, Any]]
-    groups: list[table.Group]
-    unranked: dict[str, list[str]]
-    methods: list[dict[str, str]]
-    ranked_by: str
-    machines: list[dict[str, Any]]
-    unmeasured: list[str]
-    figures: list[Figure] = field(default_factory=list)
-
-
-def write_report(folder: Path, grids: dict[str, Results | JobResults], meta: dict[str, Any]) -> Path:
+def write_report(folder: Path, grids: dict[str, Results], meta: dict[str, Any]) -> Path:
     """Writes ``report.html`` into ``folder``; returns its path.
 
     Args:
@@ -79,13 +59,11 @@ def write_report(folder: Path, grids: dict[str, Results | JobResults], meta: dic
     """
     folder = Path(folder)
     path = folder / "report.html"
-    text = page(folder, grids, meta)
-    with atomic(path) as part:
-        part.write_text(text, encoding="utf-8")
+    write_text(path, page(folder, grids, meta))
     return path
 
 
-def page(folder: Path, grids: dict[str, Results | JobResults], meta: dict[str, Any]) -> str:
+def page(folder: Path, grids: dict[str, Results], meta: dict[str, Any]) -> str:
     """The page's text; arguments as of :func:`write_report`."""
     suites = [Suite(name, results) for name, results in grids.items()]
     controllers = list(dict.fromkeys(name for suite in suites for name in suite.results.controllers))
@@ -104,8 +82,8 @@ def page(folder: Path, grids: dict[str, Results | JobResults], meta: dict[str, A
         lstrip_blocks=True,
     )  # fmt: skip
     return loader.get_template("report.html").render(
-        chapters=chapters, matrix=answer.matrix({c.suite.name: c.cards for c in chapters}), labels=labels, look=look,
-        several=len(suites) > 1, what=what_ran(suites), plans=plan.shown(suites),
+        chapters=chapters, matrix=answer.matrix({c["suite"].name: c["cards"] for c in chapters}), labels=labels,
+        look=look, several=len(suites) > 1, what=what_ran(suites), plans=plan.shown(suites),
         warnings=[*map(str, meta.get("notes") or ()), *warnings(suites)],
         command=" ".join(map(str, command)) if isinstance(command, list | tuple) else str(command),
         spectra=_there([spectra.figure(suites, look, labels)]),
@@ -140,19 +118,24 @@ def _learned(meta: dict[str, Any], name: str) -> bool:
     return "policy" in str((meta.get("tuning") or {}).get(name, {}).keys()) if meta else False
 
 
-def _chapter(suite: Suite, standings: dict[str, Standing], look: dict, labels: dict[str, str]) -> Chapter:
+def _chapter(
+    suite: Suite, standings: dict[str, Standing], look: dict[str, Look], labels: dict[str, str]
+) -> dict[str, Any]:
+    """What is told of one suite."""
     own = standings[suite.metric]
     figures = [
         scores.figure(own, look, labels), heat.figure(suite, labels), performance.figure(suite, look, labels),
         fronts.figure(suite, standings, look, labels),
     ]  # fmt: skip
-    return Chapter(
-        suite, answer.headline(own, labels), answer.remarks(suite, own, labels, LIMIT_MS),
-        answer.caveats(suite, own, labels, LIMIT_MS),
-        answer.cards(suite, standings, look, labels), table.groups(suite, standings),
-        {name: list(why) for name, why in own.frame["reasons"].items() if why}, table.methods(suite),
-        headings.ranked_by(suite), table.by_machine(suite), table.unmeasured(suite), _there(figures),
-    )  # fmt: skip
+    return {
+        "suite": suite, "headline": answer.headline(own, labels), "figures": _there(figures),
+        "remarks": answer.remarks(suite, own, labels, LIMIT_MS),
+        "caveats": answer.caveats(suite, own, labels, LIMIT_MS),
+        "cards": answer.cards(suite, standings, look, labels), "groups": table.groups(suite, standings),
+        "unranked": {name: list(why) for name, why in own.frame["reasons"].items() if why},
+        "methods": table.methods(suite), "ranked_by": headings.ranked_by(suite), "machines": table.by_machine(suite),
+        "unmeasured": table.unmeasured(suite),
+    }  # fmt: skip
 
 
 def materials(suites: list[Suite]) -> list[tuple[str, float | None]]:
@@ -160,7 +143,7 @@ def materials(suites: list[Suite]) -> list[tuple[str, float | None]]:
     found: dict[tuple[str, float | None], None] = {}
     for suite in suites:
         if suite.jobs:
-            found |= dict.fromkeys((name, float(thickness)) for name, thickness in suite.jobs.materials)
+            found |= dict.fromkeys((name, float(thickness)) for name, thickness in suite.results.materials)
         elif suite.name != out_of_distribution.NAME:
             found[("thin-sheet", None)] = None
     return list(found)

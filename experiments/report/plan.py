@@ -11,9 +11,7 @@ def shown(suites: list[Suite]) -> list[dict[str, Any]]:
     """The pictures with what is said beside them, each once."""
     out: dict[bytes, dict[str, Any]] = {}
     for suite in suites:
-        if suite.jobs is None:
-            continue
-        for row in suite.jobs.plans.itertuples():
+        for row in suite.results.plans.itertuples():
             one = out.setdefault(row.picture, {
                 "picture": base64.b64encode(row.picture).decode(), "cuts": count(int(row.cuts), "cut"),
                 "warnings": row.warnings.splitlines(), "names": [],

@@ -1,6 +1,7 @@
 """Oscilloscope: what the machine did, for a scenario and seed of the reader's choice, controllers over each other."""
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -60,24 +61,15 @@ SIGNALS = {
 
 def widget(suites: list[Suite], labels: dict[str, str]) -> dict[str, Any] | None:
     """What ``scope.js`` shows; None if nothing was traced."""
-    groups, spent = [], 0
-    waiting = []
-    for suite in suites:
-        entries = []
-        for scenario in suite.traced:
-            seeds = list(suite.traces[scenario].items())
-            entry: dict[str, Any] = {
-                "name": scenario,
-                "summary": suite.results.summaries.get(scenario, ""),
-                "seeds": [_run(suite, *seeds[0])],
-            }
-            entries.append(entry)
-            spent += _size(entry["seeds"][0])
-            waiting += [(rank, suite, entry, one) for rank, one in enumerate(seeds[1:])]
-        if entries:
-            groups.append({
-                "suite": suite.title, "scenarios": entries, "chosen": shown_first(suite), "order": suite.ranked,
-            })  # fmt: skip
+    groups = groups_of(suites, _run)
+    entries = [entry for group in groups for entry in group["scenarios"]]
+    spent = sum(_size(entry["seeds"][0]) for entry in entries)
+    traced = [(suite, list(suite.traces[scenario].items())[1:]) for suite in suites for scenario in suite.traced]
+    waiting = [
+        (rank, suite, entry, one)
+        for (suite, more), entry in zip(traced, entries, strict=True)
+        for rank, one in enumerate(more)
+    ]
     for _, suite, entry, one in sorted(waiting, key=lambda w: w[0]):  # second seeds of all before the third of any
         run = _run(suite, *one)
         spent += _size(run)
@@ -88,6 +80,22 @@ def widget(suites: list[Suite], labels: dict[str, str]) -> dict[str, Any] | None
         return None
     signals_of = {k: s._asdict() for k, s in SIGNALS.items()}
     return {"groups": groups, "labels": labels, "signals": signals_of, "first": telling(suites, groups)}
+
+
+def groups_of(suites: list[Suite], run: Callable[[Suite, int, dict[str, pd.DataFrame]], Any]) -> list[dict[str, Any]]:
+    """What was traced, suite by suite: the first seed of each scenario of which ``run`` makes something."""
+    groups = []
+    for suite in suites:
+        entries = [
+            {"name": scenario, "summary": suite.results.summaries.get(scenario, ""), "seeds": [made]}
+            for scenario in suite.traced
+            if (made := run(suite, *next(iter(suite.traces[scenario].items()))))
+        ]
+        if entries:
+            groups.append({
+                "suite": suite.title, "scenarios": entries, "chosen": shown_first(suite), "order": suite.ranked,
+            })  # fmt: skip
+    return groups
 
 
 def _size(run: dict[str, Any]) -> int:

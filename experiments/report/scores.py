@@ -22,15 +22,15 @@ def figure(standing: Standing, look: dict[str, Look], labels: dict[str, str]) ->
     metric = suite.metrics[suite.metric]
     at, headings, bottom = _rows(suite)
     ends = frame.loc[standing.order, ["score", "score_low", "score_high"]].to_numpy(float)
-    reported = suite.summary["reported"] if suite.following else None
+    reported = None if suite.jobs else suite.summary["reported"]
     if reported is not None:
         ends = np.concatenate([ends.ravel(), reported.loc[standing.order].to_numpy(float)])
     ends = ends[np.isfinite(ends) & (ends > 0)]
     limits = {
         label: value
-        for label, value in ((LABEL, suite.following.bound), (LINEAR, suite.following.linear_bound))
+        for label, value in ((LABEL, suite.results.bound), (LINEAR, suite.results.linear_bound))
         if value > 0
-    } if suite.following else {}  # fmt: skip
+    }
     ends = np.append(ends, list(limits.values()))
     low, high = float(ends.min()) / 1.25, min(float(ends.max()) * 1.25, 8 * float(frame["score"][standing.order].max()))
     plot = go.Figure()

@@ -15,10 +15,9 @@ SIGNALS = {"sine": "one sine at a time", "noise": "noise, all frequencies at onc
 
 def figure(suite: Suite, look: dict[str, Look], labels: dict[str, str]) -> Figure | None:
     """Magnitude against frequency, a view for each signal and machine; None if it was not measured."""
-    results = suite.following
-    if results is None or not len(results.sensitivity):
+    curves = suite.results.curves
+    if not len(curves):
         return None
-    curves = results.curves
     several = curves["machine"].nunique() > 1
     views: dict[str, go.Figure] = {}
     over: set[str] = set()

@@ -7,8 +7,7 @@ import pandas as pd
 
 from ...envs.figures.registered import Metric
 from ...envs.plant.controller import INFORMATION
-from ..results.followers import INFORMED, Results
-from ..results.jobs import JobResults
+from ..results.conclusions import INFORMED, Results
 from ..statistics.ranks import order
 
 TITLES = {
@@ -29,17 +28,12 @@ class Suite:
     """A grid's results by the name of their suite."""
 
     name: str
-    results: Results | JobResults
+    results: Results
 
     @property
-    def jobs(self) -> JobResults | None:
-        """The results, if they are of jobs."""
-        return self.results if isinstance(self.results, JobResults) else None
-
-    @property
-    def following(self) -> Results | None:
-        """The results, if they are of height followers."""
-        return self.results if isinstance(self.results, Results) else None
+    def jobs(self) -> bool:
+        """Whether it is one of jobs, else of height followers."""
+        return self.results.jobs
 
     @property
     def title(self) -> str:
@@ -68,18 +62,18 @@ class Suite:
 
     @cached_property
     def summary(self) -> pd.DataFrame:
-        """See :meth:`Results.summary` and :meth:`JobResults.summary`."""
+        """See :meth:`Results.summary`."""
         return self.results.summary()
 
     @property
     def exempt(self) -> tuple[str, ...]:
         """Scenarios that are built to defeat followers."""
-        return self.results.exempt if isinstance(self.results, Results) else ()
+        return self.results.exempt
 
     @cached_property
     def stability(self) -> pd.DataFrame:
         """Ms and margins by controller and machine; empty of jobs."""
-        return self.results.stability if isinstance(self.results, Results) else pd.DataFrame()
+        return self.results.stability
 
     @cached_property
     def scenarios(self) -> list[str]:
@@ -138,7 +132,7 @@ class Suite:
         return list(self.traces)
 
     def pooled(self, metric: str) -> pd.DataFrame:
-        """A metric over the seeds, see :meth:`followers.Comparison.pooled`; scenarios in the page's order."""
+        """A metric over the seeds, see :meth:`Results.pooled`; scenarios in the page's order."""
         return self.results.pooled(metric)[self.scenarios]
 
     @cached_property

@@ -3,21 +3,19 @@
 from pathlib import Path
 from typing import Any
 
-from ..results.followers import Results
-from ..results.jobs import JobResults
+from ..results.conclusions import Results
 from ..store import runs
 from .terminal import sheets
 
 NAME = "summary.md"
 
 
-def write(folder: Path, grids: dict[str, Results | JobResults], meta: dict[str, Any]) -> None:
+def write(folder: Path, grids: dict[str, Results], meta: dict[str, Any]) -> None:
     """Writes it into the run folder."""
-    with runs.atomic(folder / NAME) as part:
-        part.write_text(markdown(grids, meta), encoding="utf-8")
+    runs.write_text(folder / NAME, markdown(grids, meta))
 
 
-def markdown(grids: dict[str, Results | JobResults], meta: dict[str, Any]) -> str:
+def markdown(grids: dict[str, Results], meta: dict[str, Any]) -> str:
     """Command, version, what a reader must know, and the table of every grid."""
     git, machine = meta.get("git") or {}, meta.get("machine") or {}
     version = f"kerfgym {meta.get('kerfgym')}" + (f", commit {git['commit'][:12]}" if git.get("commit") else "")

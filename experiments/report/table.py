@@ -70,19 +70,13 @@ def methods(suite: Suite) -> list[dict[str, str]]:
 
 def unmeasured(suite: Suite) -> list[str]:
     """Why some have no Ms or no margins, in sentences."""
-    measured = suite.stability
-    if not len(measured):
-        return []
-    found = measured[measured["reason"] != ""].groupby(["machine", "reason"], sort=False)["controller"]
+    found = suite.results.unmeasured
     return [f"{', '.join(names)} on the machine {machine}: {why}" for (machine, why), names in found]
 
 
 def by_machine(suite: Suite) -> list[dict[str, Any]]:
     """Rows of Ms and margins machine by machine, where there are several."""
-    measured = suite.stability
-    if not len(measured) or measured["machine"].nunique() < 2:
-        return []
-    scenarios = suite.following.machines if suite.following else {}
+    scenarios = suite.results.machines
     return [
         {
             "machine": str(row["machine"]), "scenarios": listed(scenarios.get(row["machine"], [])),
@@ -91,5 +85,5 @@ def by_machine(suite: Suite) -> list[dict[str, Any]]:
             "delay": headings.delay(row["delay_margin"]), "reason": str(row["reason"]),
             "high": bool(row["ms"] > LIMIT_MS), "high_noise": bool(row["ms_noise"] > LIMIT_MS),
         }
-        for _, row in measured.iterrows()
+        for _, row in suite.results.apart.iterrows()
     ]  # fmt: skip

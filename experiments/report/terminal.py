@@ -13,12 +13,12 @@ from ...envs.plant.controller import INFORMATION, PERIOD
 from ...envs.plant.machine import SUBSTEPS
 from ...envs.scenarios.material import material
 from ..bounds.stored import LABEL, LINEAR
-from ..results.followers import REFERENCE, Results
-from ..results.jobs import JobResults
+from ..results.conclusions import REFERENCE, Results
 from ..statistics.budgets import MARKS
 from ..statistics.comparison import by_scenario, methods, relative
 from ..statistics.pooling import declared
 from ..statistics.ranks import order
+from ..store.markdown import table
 from . import headings
 from .headings import figure as _figure
 from .headings import number as _number
@@ -84,19 +84,14 @@ class Sheet:
 
     def markdown(self) -> str:
         """The same in Markdown."""
-
-        def line(cells: list[str]) -> str:
-            return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
-
-        ruler = line(["---" if i in self.words else "---:" for i in range(len(self.titles))])
-        rows = [line(row) for section in self.sections for row in section]
-        notes = "\n".join(self.notes)
-        return "\n".join([f"### {self.title}", "", line(self.titles), ruler, *rows, "", notes]).rstrip() + "\n"
+        right = [i for i in range(len(self.titles)) if i not in self.words]
+        rows = table(self.titles, (row for section in self.sections for row in section), right)
+        return "\n".join([f"### {self.title}", "", rows, *self.notes]).rstrip() + "\n"
 
 
-def sheets(results: Results | JobResults) -> list[Sheet]:
+def sheets(results: Results) -> list[Sheet]:
     """The tables of a grid: one row a controller, best score first, and what explains it."""
-    return (_jobs(results) if isinstance(results, JobResults) else _following(results)) + _methods(results)
+    return (_jobs(results) if results.jobs else _following(results)) + _methods(results)
 
 
 def budget_note(summary: Any) -> str:
@@ -120,7 +115,7 @@ def _ranking(summary: Any, reference: str) -> list[str]:
     return lines + [f"{name}: {row['note']}." for name, row in summary.iterrows() if row["note"]]
 
 
-def _sheet(results: Results | JobResults, title: str, summary: Any) -> Sheet:
+def _sheet(results: Results, title: str, summary: Any) -> Sheet:
     """A row a controller under every column that is printed, classes apart, in the order of :func:`ranks.order`."""
     shown, names = [column for column in headings.of(results) if column.title], order(summary)
     groups = [[name for name in names if summary.at[name, "information"] == each] for each in INFORMATION]
@@ -187,17 +182,16 @@ def _machines(results: Results) -> list[str]:
     which = (
         f"of the machine that was run ({labels[0]})" if len(labels) == 1 else f"of any of the {len(labels)} machines"
     )
-    reasons = measured[measured["reason"] != ""].groupby(["machine", "reason"], sort=False)["controller"]
     return [
         f"Ms, gain, delay: on the worst corner plant {which};",
-        *(f"not measured: {', '.join(names)} on {at}: {why}." for (at, why), names in reasons),
+        *(f"not measured: {', '.join(names)} on {at}: {why}." for (at, why), names in results.unmeasured),
     ]
 
 
 def _by_machine(results: Results) -> list[Sheet]:
     """Ms and margins machine by machine, where there are several."""
-    measured = results.stability
-    if not len(measured) or measured["machine"].nunique() < 2:
+    measured = results.apart
+    if not len(measured):
         return []
     shown = headings.stable(Suite("", results))
     sections = [
@@ -209,7 +203,7 @@ def _by_machine(results: Results) -> list[Sheet]:
     return [Sheet("Ms and margins by machine", titles, sections, notes)]
 
 
-def _jobs(results: JobResults) -> list[Sheet]:
+def _jobs(results: Results) -> list[Sheet]:
     summary = results.summary()
     sheet = _sheet(results, "jobs", summary)
     sheet.notes = [
@@ -226,7 +220,7 @@ def _jobs(results: JobResults) -> list[Sheet]:
     return [sheet, _trades(results)] if several and known else [sheet]
 
 
-def _outside(results: JobResults) -> list[str]:
+def _outside(results: Results) -> list[str]:
     """Where and by how much settings lie outside of what the cut's figures were calibrated on."""
     if "extrapolated" not in results.runs:  # runs of earlier versions do not know
         return []
@@ -252,7 +246,7 @@ WEIGHED = {
 """Figures of a job that are traded for each other; of each, less is better."""
 
 
-def _trades(results: JobResults) -> Sheet:
+def _trades(results: Results) -> Sheet:
     """What each controller gains and gives against the reference."""
     table, summary = relative(results, WEIGHED), results.summary()
     apart = {m: by_scenario(replace(results, metric=m)) for m in WEIGHED}
@@ -286,12 +280,12 @@ def _trades(results: JobResults) -> Sheet:
     return sheet
 
 
-def _methods(results: Results | JobResults) -> list[Sheet]:
+def _methods(results: Results) -> list[Sheet]:
     """Of methods that were trained or tuned several times, all their members together."""
     found = methods(results)
     if not len(found):
         return []
-    what = declared(results.metric).label if isinstance(results, JobResults) else "score"
+    what = declared(results.metric).label if results.jobs else "score"
     titles = ["method", "members", what, f"× {results.reference}", "best", "worst"]
     rows = [
         [
@@ -304,7 +298,7 @@ def _methods(results: Results | JobResults) -> list[Sheet]:
     return [Sheet("methods that were trained or tuned several times", titles, [rows], [note])]
 
 
-def _seeds(results: Results | JobResults) -> str:
+def _seeds(results: Results) -> str:
     count = results.runs["seed"].nunique()
     return f"{count} seeds per scenario" if count > 1 else "one seed per scenario, so nothing says how sure this is"
 

@@ -35,8 +35,8 @@ def presets(suites: list[Suite]) -> dict[str, pd.DataFrame]:
     """The same of shipped presets, which the benchmark asked for (:mod:`detuned`); the reference last."""
     out: dict[str, pd.DataFrame] = {}
     for suite in suites:
-        if suite.following is not None and len(suite.following.detuned):
-            found = {str(name): rows for name, rows in suite.following.detuned.groupby("controller", sort=False)}
+        if len(detuned := suite.results.detuned):
+            found = {str(name): rows for name, rows in detuned.groupby("controller", sort=False)}
             out |= {name: found[name] for name in sorted(found, key=lambda name: name == suite.reference)}
     return out
 

@@ -22,8 +22,7 @@ from ...envs.engine.quantity import InvalidInput, did_you_mean
 from ...envs.safety import files
 from ...envs.tasks import workshop
 from ..store import kinds, runs, tabular
-from .followers import Results
-from .jobs import AnyResults, JobResults
+from .conclusions import Results
 
 FORMAT = 2
 """Of the run folder; 1 had one grid and its record among the run's."""
@@ -41,8 +40,6 @@ KEPT = {"following": ("exempt", "summaries"), "jobs": ("metric", "reference", "l
 
 _RESTS = ("kind", "folder", *(key for keys in KEPT.values() for key in keys))
 
-KINDS: dict[str, Any] = {"following": Results, "jobs": JobResults}
-
 
 @dataclass(frozen=True)
 class Archive:
@@ -56,7 +53,7 @@ class Archive:
     """
 
     folder: Path
-    grids: dict[str, AnyResults]
+    grids: dict[str, Results]
     meta: dict[str, Any]
     texts: dict[str, dict[str, str]] = field(default_factory=dict)
 
@@ -67,7 +64,7 @@ def place(folder: Path, name: str, several: bool) -> Path:
 
 
 def save_tables(
-    folder: Path, grids: dict[str, AnyResults], meta: dict[str, Any], texts: dict[str, dict[str, str]]
+    folder: Path, grids: dict[str, Results], meta: dict[str, Any], texts: dict[str, dict[str, str]]
 ) -> dict[str, Any]:
     """Writes tables and scenarios of every grid; arguments as the attributes of :class:`Archive`.
 
@@ -79,25 +76,24 @@ def save_tables(
         at = place(folder, name, len(grids) > 1)
         runs.write_table(at, "runs", results.runs)
         runs.write_table(at, "summary", named(results))
-        kind = next(kind for kind, cls in KINDS.items() if type(results) is cls)
+        kind = "jobs" if results.jobs else "following"
         for table in TABLES[kind]:
             frame = getattr(results, table)
             if len(frame):
                 runs.write_table(at, table, frame, csv=table not in ("traces", "plans"))
         results.meta["tables"] = {file.stem: _hash(file) for file in sorted(at.glob("*.parquet"))}
         for scenario, text in texts.get(name, {}).items():
-            with runs.atomic(at / "scenarios" / f"{scenario}.toml") as part:
-                part.write_text(text, encoding="utf-8")
+            runs.write_text(at / "scenarios" / f"{scenario}.toml", text)
         own = {key: value for key, value in results.meta.items() if key not in meta or meta[key] != value}
         rest = {key: getattr(results, key) for key in KEPT[kind]}
         entries[name] = {"kind": kind, "folder": str(at.relative_to(folder)), **own, **rest}
     return {"format": FORMAT, **meta, "grids": entries}
 
 
-def named(results: AnyResults) -> pd.DataFrame:
+def named(results: Results) -> pd.DataFrame:
     """The summary as it is written. Followers have a ``score``; what jobs are ranked by has the name of its metric."""
     frame = results.summary().rename_axis("controller").reset_index()
-    if isinstance(results, JobResults):
+    if results.jobs:
         ends = {f"score{end}": f"{results.metric}{end}" for end in ("_low", "_high")}
         frame = frame.drop(columns="score").rename(columns=ends)
     return frame
@@ -190,7 +186,7 @@ def _from_format_1(folder: Path, record: dict[str, Any]) -> dict[str, Any]:
     return {**{key: value for key, value in record.items() if key not in own}, "grids": {suite: entry}}
 
 
-def _grid(folder: Path, name: str, entry: Any, meta: dict[str, Any], notes: list[str]) -> AnyResults:
+def _grid(folder: Path, name: str, entry: Any, meta: dict[str, Any], notes: list[str]) -> Results:
     """One grid.
 
     Raises:
@@ -213,8 +209,8 @@ def _grid(folder: Path, name: str, entry: Any, meta: dict[str, Any], notes: list
         own = {**meta, **{key: value for key, value in entry.items() if key not in _RESTS}}
         core = tuple(c for c in entry["core"] if c in entry["scenarios"])
         kept = {key: _tuple(entry[key]) for key in KEPT[kind]}
-        made: AnyResults = KINDS[kind](runs=rows, meta=own, core=core, **frames, **kept)
-        return made
+        tables = {"sensitivity": pd.DataFrame(), **frames}
+        return Results(runs=rows, meta=own, core=core, jobs=kind == "jobs", **tables, **kept)
     except (KeyError, TypeError, ValueError) as error:
         if isinstance(error, InvalidInput):
             raise

@@ -1,24 +1,20 @@
-"""Jobs under teams of controllers: one task of a benchmark, and what is concluded from many."""
+"""Jobs under teams of controllers: one task of a benchmark."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from ...envs.control.stack import Team
-from ...envs.figures import evidence, job_metrics
+from ...envs.figures import job_metrics
 from ...envs.figures.quality import iso_range, iso_taper
-from ...envs.figures.registered import Registry
 from ...envs.plant import gantry, machine
 from ...envs.plant.controller import PERIOD
 from ...envs.plant.fleet import Fleet
 from ...envs.scenarios import Scenario
 from ...envs.tasks import workshop
 from ..measure import rollout
-from ..statistics.budgets import budgets
-from .followers import Comparison, Results
 
 LONGEST = 3.0
 """Times the nominal time, after which a job that is not done has failed."""
@@ -90,52 +86,3 @@ def traced(scenario: Scenario, team: Team, seed: int) -> pd.DataFrame:
     frame["command"], frame["velocity"] = head["command"], head["velocity"]
     frame.insert(0, "time", (np.arange(len(frame)) + 1) * PERIOD)
     return frame
-
-
-@dataclass
-class JobResults(Comparison):
-    """Tables of a benchmark of jobs; ``runs`` has one row per run with every metric of :mod:`envs.figures.job_metrics`.
-
-    The score is the suite's ``metric`` over seeds and the core's scenarios, in the metric's unit (:mod:`pooling`).
-    """
-
-    runs: pd.DataFrame
-    traces: pd.DataFrame
-    meta: dict[str, Any]
-    metric: str
-    reference: str
-    core: tuple[str, ...] = ()
-    labels: tuple[str, ...] = ()
-    materials: tuple[tuple[str, float], ...] = ()  # with their thickness, mm
-    summaries: dict[str, str] = field(default_factory=dict)
-    plans: pd.DataFrame = field(default_factory=pd.DataFrame)  # how the parts are cut, see plans.table
-
-    @property
-    def registered(self) -> Registry:
-        """The metrics of its kind."""
-        return job_metrics.METRICS
-
-    def summary(self) -> pd.DataFrame:
-        """One row per controller: score (the suite's metric, so the same as the column of its name) and ratio of the
-        reference over it with intervals, every metric over the core, collision and failure counts, budget, standing
-        (:func:`ranks.standings`)."""
-        standing = self.standings
-        frame = pd.DataFrame({"score": standing["score"].replace(np.inf, np.nan), "ratio": standing["ratio"]})
-        frame["information"] = standing["information"]
-        frame = self.estimated(frame, self.registered.values())
-        frame = self.counts(frame)
-        core = self.runs[self.runs["scenario"].isin(self.scored) & ~self.failures].groupby("controller", sort=False)
-        known = "extrapolated" in self.runs  # runs of earlier versions do not know
-        frame["extrapolated"] = core["extrapolated"].mean() if known else np.nan
-        frame["beyond"] = [
-            evidence.pooled(core.get_group(name)) if known and name in core.groups else "" for name in frame.index
-        ]
-        for column in ("iso_roughness", "iso_taper"):
-            frame[column] = "–"
-            if column in self.runs:
-                found = core[column].agg(lambda values: "/".join(sorted(set(values.dropna()))) or "–")
-                frame[column] = found.reindex(frame.index, fill_value="–")
-        return self.placed(frame.join(budgets(self.meta.get("tuning") or {}, frame.index, self.reference)))
-
-
-AnyResults = Results | JobResults

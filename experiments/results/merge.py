@@ -12,10 +12,9 @@ import pandas as pd
 from ...envs.engine.quantity import InvalidInput
 from ..store.ledger import ranges
 from .archive import Archive
-from .followers import INFORMED, REFERENCE
-from .jobs import AnyResults
+from .conclusions import INFORMED, REFERENCE, Results, in_order
 
-Grids = dict[str, AnyResults]
+Grids = dict[str, Results]
 
 NAMED = ("ledger", "tuning", "parameters", "programs", "decisions")
 """What a record holds by controller."""
@@ -103,7 +102,7 @@ def _versions(archives: dict[str, Archive]) -> list[str]:
 
 def _joined(
     suite: str, having: dict[str, Archive], record: dict[str, Any], notes: list[str]
-) -> tuple[AnyResults, dict[str, str]]:
+) -> tuple[Results, dict[str, str]]:
     """One grid of several, and its scenarios.
 
     Raises:
@@ -111,7 +110,7 @@ def _joined(
     """
     grids = {name: a.grids[suite] for name, a in having.items()}
     first = next(iter(grids.values()))
-    if len({(type(g), g.metric) for g in grids.values()}) > 1:
+    if len({(g.jobs, g.metric) for g in grids.values()}) > 1:
         raise InvalidInput("the scores are of different metrics")
     texts = {name: a.texts.get(suite, {}) for name, a in having.items()}
     shared = _shared(suite, grids, texts, notes)
@@ -129,11 +128,7 @@ def _joined(
         notes.append(f"Suite {suite}: not every run has {', '.join(lacking)}; it is missing where it was not measured.")
     # By controller and scenario as they first come, seeds rising, as in a run.
     order = {name: list(tables["runs"][name].unique()) for name in ("controller", "scenario")}
-    tables["runs"] = tables["runs"].sort_values("seed", kind="stable")
-    for column in ("scenario", "controller"):
-        key = {value: i for i, value in enumerate(order[column])}
-        tables["runs"] = tables["runs"].sort_values(column, key=lambda c, key=key: c.map(key), kind="stable")
-    tables["runs"] = tables["runs"].reset_index(drop=True)
+    tables["runs"] = in_order(tables["runs"], order["controller"], order["scenario"])
     core = tuple(c for c in first.core if c in shared)
     seeds = sorted({seed for _, seed in pairs})
     meta = {
@@ -153,10 +148,9 @@ def _joined(
     if machines := {label: [s for s in names if s in shared] for label, names in found.items()}:
         meta["machines"] = {label: names for label, names in machines.items() if names}
     summaries = {s: text for s, text in first.summaries.items() if s in shared}
-    changes: dict[str, Any] = {**tables, "meta": meta, "core": core, "summaries": summaries}
-    if hasattr(first, "exempt"):
-        changes["exempt"] = tuple(s for s in first.exempt if s in shared)
-    return replace(first, **changes), {s: text for s, text in texts[next(iter(grids))].items() if s in shared}
+    exempt = tuple(s for s in first.exempt if s in shared)
+    joined = replace(first, **tables, meta=meta, core=core, summaries=summaries, exempt=exempt)
+    return joined, {s: text for s, text in texts[next(iter(grids))].items() if s in shared}
 
 
 def _shared(
@@ -219,7 +213,7 @@ def _renamed(suite: str, grids: Grids, pairs: set[tuple[str, int]], notes: list[
     return out
 
 
-def _settings(grid: AnyResults, who: str) -> dict[str, Any]:
+def _settings(grid: Results, who: str) -> dict[str, Any]:
     """A controller's parameters and what identifies its program."""
     known = {key: (grid.meta.get(key) or {}).get(who) for key in ("parameters", "programs")}
     return {**(known["parameters"] or {}), "its program": known["programs"]}

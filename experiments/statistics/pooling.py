@@ -14,13 +14,18 @@ Each metric says which it is (:class:`envs.figures.registered.Metric`). What is 
 how many failed stands beside it (:mod:`comparison`).
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
 
 from ...envs.figures import job_metrics, metrics
 from ...envs.figures.registered import Metric
+
+OF: dict[str, Callable[[np.ndarray], Any]] = {
+    "rms": lambda values: np.sqrt(np.mean(np.square(values))), "mean": np.mean, "largest": np.max, "smallest": np.min,
+}  # fmt: skip
+"""What a metric's pooling makes of its values."""
 
 
 def declared(name: str) -> Metric:
@@ -36,27 +41,13 @@ def power(name: str) -> float:
 def over_seeds(name: str, values: Any) -> float:
     """One number of a scenario's runs; NaN if one of them has none, or there is none."""
     array = np.asarray(values, float)
-    if not array.size:
-        return float("nan")
-    match declared(name).pooled:
-        case "rms":
-            return float(np.sqrt(np.mean(np.square(array))))
-        case "largest":
-            return float(array.max())
-        case "smallest":
-            return float(array.min())
-    return float(array.mean())
+    return float(OF[declared(name).pooled](array)) if array.size else float("nan")
 
 
 def over_scenarios(name: str, values: Iterable[float]) -> float:
     """One number of those of the scenarios; NaN if one of them has none, or there is none."""
-    array = np.asarray(list(values), float)
-    if not array.size:
-        return float("nan")
-    match declared(name).pooled:
-        case "largest":
-            return float(array.max())
-        case "smallest":
-            return float(array.min())
+    array, metric = np.asarray(list(values), float), declared(name)
+    if metric.pooled in ("largest", "smallest") or not array.size:
+        return over_seeds(name, array)
     with np.errstate(divide="ignore", invalid="ignore"):
-        return float(array.mean() if declared(name).zero else np.exp(np.log(array).mean()))
+        return float(array.mean() if metric.zero else np.exp(np.log(array).mean()))

@@ -30,7 +30,7 @@ def standings(results: Any, why: dict[str, list[str]] | None = None, typical: bo
     """Ranks, ties, figures with intervals, and what speaks against ranking; for the page and for the terminal.
 
     Args:
-        results: of a grid, :class:`followers.Results` or :class:`jobs.JobResults`.
+        results: of a grid, :class:`conclusions.Results`.
         why: what :func:`reasons` says of them, if that is known; it is the same for every metric.
         typical: as for :func:`comparison.figures`.
 

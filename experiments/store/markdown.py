@@ -10,10 +10,11 @@ def row(cells: Iterable[Any]) -> str:
     return "| " + " | ".join(str(cell).replace("|", "\\|") for cell in cells) + " |"
 
 
-def table(titles: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:
-    """A table with a line of titles."""
+def table(titles: Iterable[str], rows: Iterable[Iterable[Any]], right: Iterable[int] = ()) -> str:
+    """A table with a line of titles; the columns ``right`` are aligned there."""
     head = list(titles)
-    return "\n".join([row(head), row(["---"] * len(head)), *map(row, rows)]) + "\n"
+    ruler = ["---:" if i in right else "---" for i in range(len(head))]
+    return "\n".join([row(head), row(ruler), *map(row, rows)]) + "\n"
 
 
 def as_code(text: str) -> str:

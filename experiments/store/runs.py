@@ -78,10 +78,15 @@ def discard(path: Path) -> None:
     _remove(path)
 
 
+def write_text(path: Path, text: str) -> None:
+    """Writes a text atomically."""
+    with atomic(path) as part:
+        part.write_text(text, encoding="utf-8")
+
+
 def write_json(path: Path, data: Any) -> None:
     """Writes JSON atomically."""
-    with atomic(path) as part:
-        part.write_text(json.dumps(data, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    write_text(path, json.dumps(data, indent=2, ensure_ascii=False) + "\n")
 
 
 def write_table(folder: Path, name: str, frame: pd.DataFrame, csv: bool = True) -> None:

@@ -22,8 +22,7 @@ from ...envs.safety import files
 from ..benchmark import benchmarking
 from ..measure import grids
 from ..report.terminal import WEIGHED
-from ..results.followers import REFERENCE
-from ..results.jobs import JobResults
+from ..results.conclusions import REFERENCE
 from ..statistics import comparison
 from ..store import runs, script
 from ..store.stamp import LAWS, LOADED, PLANNED, with_imports
@@ -106,7 +105,7 @@ def seeds_of(name: str, count: int) -> pd.DataFrame:
         [grid], Path("runs") / f"shipped-{name}-seeds", with_cost=False, overwrite=True, workers=1
     )[suite]
     summary, surely = found.summary(), comparison.figures(found)
-    traded = comparison.relative(found, WEIGHED) if isinstance(found, JobResults) else None
+    traded = comparison.relative(found, WEIGHED) if found.jobs else None
     rows = []
     for policy, seed in policies.items():
         ledger = files.json_(folders[seed] / "run.json")["ledger"]

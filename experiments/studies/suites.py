@@ -10,7 +10,7 @@ from ..benchmark import benchmarking
 from ..measure.grids import Grid, plan
 from ..report.terminal import WEIGHED, sheets
 from ..results import archive
-from ..results.jobs import AnyResults, JobResults
+from ..results.conclusions import Results
 from ..statistics import comparison
 from ..store import runs
 from ..store.stamp import LAWS, LOADED, PLANNED, POLICIES, ROOT, changed, suite, trained, with_imports
@@ -28,7 +28,7 @@ MINUTES = {"following": 6.0, "ood": 5.0, "repeated": 2.0, "contour": 1.0, "cutti
 _ENVIRONMENTS = {"z": "height-", "xy": "contour-", "process": "cutting-"}
 
 
-def benchmarked(trial: Trial, grid: Grid, words: list[str], **options: Any) -> AnyResults:
+def benchmarked(trial: Trial, grid: Grid, words: list[str], **options: Any) -> Results:
     """Results of a benchmark. A run that is finished and was made from the same is read back; one that was interrupted
     goes on."""
     folder, of = trial.folder, _of_runs(trial) | {"asked": asked(grid, options)}
@@ -55,7 +55,7 @@ def _of_runs(trial: Trial) -> dict[str, str]:
     return with_imports([ROOT / each for each in RUN], trial.study.depends)
 
 
-def concluded(results: AnyResults) -> dict[str, Any]:
+def concluded(results: Results) -> dict[str, Any]:
     """What is stored of a benchmark: its tables in words as the command prints them, and every figure as a number.
 
     ``numbers`` has for each controller the columns of its summary, ``rms`` and ``collided`` by scenario, and of jobs
@@ -66,7 +66,7 @@ def concluded(results: AnyResults) -> dict[str, Any]:
     numbers: dict[str, dict[str, Any]] = {str(name): dict(row) for name, row in summary.iterrows()}
     for name, row in numbers.items():
         row["rms"], row["collided"] = dict(pooled.loc[name]), dict(hit.loc[name])
-    if isinstance(results, JobResults) and results.reference in results.controllers and len(numbers) > 1:
+    if results.jobs and results.reference in results.controllers and len(numbers) > 1:
         whole = comparison.relative(results, WEIGHED)
         apart = {metric: comparison.by_scenario(replace(results, metric=metric)) for metric in WEIGHED}
         for name, row in whole.iterrows():

@@ -54,8 +54,7 @@ def into(
     from ...agents.train import train as learn
 
     if not (folder / SETTINGS).is_file():  # those of an interrupted run stay: it goes on with these or not at all
-        with runs.atomic(folder / SETTINGS) as part:
-            part.write_text(tomli_w.dumps(settings.plain()), encoding="utf-8")
+        runs.write_text(folder / SETTINGS, tomli_w.dumps(settings.plain()))
     with progress(f"{settings.name} on {settings.env}") as told:
         trained = learn(settings, folder, seed, device, threads, True, told)
     last, record = trained.evaluations[-1], runs.record(command)

@@ -57,7 +57,7 @@ def _at(task: T, folder: Path, fresh: bool) -> T:
     url = storage.url_of(task.url, folder)
     if fresh and storage.is_file(url):
         Path(url).unlink(missing_ok=True)
-    return replace(task, url=url, name=task.name or folder.name)
+    return replace(task, url=url, name=task.name or folder.name, folder=str(folder))
 
 
 def carried_out(task: Search, workers: int, threads: int, told: Told) -> Any:

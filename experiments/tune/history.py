@@ -1,6 +1,7 @@
 """Pictures of a study: history, importances, slices, Pareto front, and what 20 % off costs."""
 
 import math
+import warnings
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -33,10 +34,12 @@ def write(
 def written(folder: Path, figures: Iterable[tuple[str, Figure]]) -> list[str]:
     """Writes pictures; gives their names."""
     made = []
-    for name, figure in figures:
-        with runs.atomic(folder / "plots" / f"{name}.png") as part:
-            part.write_bytes(png(figure))
-        made.append(name)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for name, figure in figures:
+            with runs.atomic(folder / "plots" / f"{name}.png") as part:
+                part.write_bytes(png(figure))
+            made.append(name)
     return made
 
 

@@ -250,5 +250,4 @@ def write(path: Path, task: Task, found: Found, provenance: dict[str, Any]) -> N
         "provenance": provenance,
     }  # fmt: skip
     head = f"# kerfgym benchmark -c {path.as_posix()}\n"
-    with runs.atomic(path) as part:
-        part.write_text(head + tomli_w.dumps(body), encoding="utf-8")
+    runs.write_text(path, head + tomli_w.dumps(body))

@@ -50,7 +50,7 @@ def carry_out(
         raise InvalidInput(f"--workers {workers} is out of range; at least 1")
     for name, task in study.searches.items():
         try:
-            controllers.check(task)
+            task.check()
         except InvalidInput as error:
             raise InvalidInput(f"study {study.name}: search.{name}: {error}") from None
     threads = threads or max(1, (os.cpu_count() or 1) // workers)
@@ -141,8 +141,7 @@ def write(path: Path, study: Study, name: str, tuned: dict[str, Any], before: di
     parameters = {key: value if isinstance(value, str) else float(value) for key, value in found.items()}
     body = {"parameters": parameters, "provenance": preset_record(task, tuned, before)}
     head = f"# Found by: kerfgym tune {name} --study {study.name}\n"
-    with runs.atomic(path) as part:
-        part.write_text(head + tomli_w.dumps(body), encoding="utf-8")
+    runs.write_text(path, head + tomli_w.dumps(body))
 
 
 def preset_record(task: Task, tuned: dict[str, Any], before: dict[str, Any]) -> dict[str, Any]:

@@ -7,16 +7,17 @@ from typing import Any
 import optuna
 from optuna.trial import FrozenTrial, Trial
 
+from ...envs import scenarios
 from ...envs.control import stack as stacks
 from ...envs.control.stack import Team
 from ...envs.engine.quantity import InvalidInput
 from ..store.ledger import Ledger
-from . import goals, sampling, storage
+from . import goals, sampling, staged, storage
 from .evaluate import Evaluator, with_jobs
 from .goals import Limits
 from .space import Space, space
 from .staged import CLOSE, Stage, Staged, rank
-from .work import Work, done, feasible, steps_of, told_number
+from .work import Search, Work, done, feasible, steps_of, told_number
 
 NEAR = 1.25
 """Times the cap on Ms beyond which a candidate is not looked at any further."""
@@ -27,21 +28,18 @@ et al. 2017)."""
 
 
 @dataclass(frozen=True)
-class Task:
-    """Everything that a study depends on, as the user gave it."""
+class Task(Search):
+    """Everything that a study of a controller depends on, as the user gave it."""
+
+    counted = ("trials", "seeds")
+    packages = ("optuna", "cmaes")
 
     controller: str
     what: tuple[str, ...]
     suite: str = "following"
     metrics: tuple[str, ...] = ("rms_true",)
     limits: Limits = field(default_factory=Limits)
-    sampler: str = "tpe+cmaes"
-    trials: int = 300
-    seed: int = 0
     seeds: int = 32
-    name: str = ""
-    url: str = ""
-    budget: int = 0  # simulated steps, after which no trial is begun; 0: any number
     extrapolate: bool = False  # process settings may leave what was published
     stages: tuple[Stage, ...] = ()  # in place of the sampler
     also: tuple[tuple[tuple[str, float], ...], ...] = ()  # further trials at the start of stages: what they change
@@ -136,25 +134,37 @@ class Task:
         other = controller(self.relative) if self.relative else None
         return Evaluator(self.base, self.suite, seeds, threads, self.extrapolate, other)
 
-    def open(self) -> Any:
-        """The study, made if there is none; with its sampler.
-
-        Raises:
-            InvalidInput: the storage cannot be used, or holds another study of this name.
-        """
-        explore = sampling.explored(self.expected, self.space) if self.sampler == "tpe+cmaes" else 1
-        study = storage.study_of(self.url, self.name, self.directions, self.words, {"explore": explore})
-        if self.sampler == "tpe+cmaes":
-            explore = study.user_attrs["explore"]
+    def samplers(self, explore: int) -> tuple[Any, Any]:
+        """Of stages, or what the user asked for."""
+        pruner = optuna.pruners.MedianPruner(n_startup_trials=PRUNE_TRIALS, n_warmup_steps=PRUNE_AFTER)
         if self.stages:
             also = tuple(map(dict, self.also))
-            study.sampler = Staged(self.stages, self.space, self.seed, self.trials, self.limits.ms, also)
-            return study
+            return Staged(self.stages, self.space, self.seed, self.trials, self.limits.ms, also), pruner
         positive = not goals.metric(self.metrics[0], self.jobs).zero
         cost = sampling.costs(1.0, positive, self.directions[0] == "maximize")
-        study.sampler = sampling.Seeded(self.sampler, self.space, self.seed, explore, cost)
-        study.pruner = optuna.pruners.MedianPruner(n_startup_trials=PRUNE_TRIALS, n_warmup_steps=PRUNE_AFTER)
-        return study
+        return sampling.Seeded(self.sampler, self.space, self.seed, explore, cost), pruner
+
+    def check(self, workers: int = 1) -> None:
+        """See :meth:`Search.check`."""
+        scenarios.suite(self.suite)  # an unknown one is an error here
+        super().check(workers)
+        if self.seeds > (most := len(scenarios.SPLITS["tune"])):
+            raise InvalidInput(f"--seeds {self.seeds} is out of range; split 'tune' has {most}")
+        if self.seed < 0:
+            raise InvalidInput(f"--seed {self.seed} is out of range; 0 and up")
+        for name in (*self.metrics, *(limit.name for limit in self.limits.limits)):
+            goals.metric(name, self.jobs)
+        twice = [m for m in self.metrics if self.metrics.count(m) > 1]
+        if twice:
+            raise InvalidInput(f"metric '{twice[0]}' is given twice")
+        if self.stages:
+            staged.check(self.stages, self.trials, self.directions, workers, self.space)
+        else:
+            sampling.check(self.sampler, len(self.metrics))
+        evaluator = self.evaluator()  # refuses what does not fit the suite
+        if self.budget and self.budget < (one := evaluator.steps):
+            raise InvalidInput(f"--budget of {self.budget:,} steps is out of range; one candidate takes {one:,}")
+        _ = self.space
 
     def work(self, threads: int, study: Any = None) -> "RollOuts":
         """One process' part of the study."""

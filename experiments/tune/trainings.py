@@ -2,7 +2,7 @@
 
 import math
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +15,9 @@ from ...agents.settings import Settings
 from ...agents.train import Diverged, Training, begun
 from ...envs.engine.quantity import InvalidInput
 from . import goals, sampling, storage
-from .hyper import Hyper
-from .work import Work, done, feasible
+from .hyper import REST, Hyper
+from .space import Space
+from .work import Search, Work, done, feasible
 
 SHARE = 10
 """Part of the preset's steps that a trial trains unless told otherwise."""
@@ -39,36 +40,34 @@ PRUNE_AFTER, PRUNE_TRIALS = 2, 5
 
 
 @dataclass(frozen=True)
-class TrainingTask:
-    """Everything that a study depends on, as the user gave it.
+class TrainingTask(Search):
+    """Everything that a study of a training's settings depends on, as the user gave it.
 
     Attributes:
         base: the settings from which the search begins, for as many steps as they are meant for.
         steps: of each trial.
-        sampler, trials, seed, name, url: as of any study; the seed is also that of every training.
         threads: of torch, whose sums depend on them.
-        folder: of the run, where the trials train.
+        sampler, trials: as of any study; its seed is also that of every training, which go on in its folder.
     """
 
     base: Settings
     steps: int
-    sampler: str = "tpe"
-    trials: int = 40
-    seed: int = 0
-    name: str = ""
-    url: str = ""
     threads: int = 1
-    folder: str = ""
+    sampler: str = field(default="tpe", kw_only=True)
+    trials: int = field(default=40, kw_only=True)
 
-    @property
-    def budget(self) -> int:
-        """Trials are all of one length, so their number says enough."""
-        return 0
+    counted = ("trials", "steps", "threads")
+    packages = ("optuna", "stable-baselines3", "torch")
 
     @property
     def hyper(self) -> Hyper:
         """What is searched."""
         return Hyper(self.base)
+
+    @property
+    def space(self) -> Space:
+        """Its axes."""
+        return self.hyper.space
 
     @property
     def every(self) -> int:
@@ -89,32 +88,27 @@ class TrainingTask:
     @property
     def words(self) -> list[str]:
         """What the trials depend on; of two studies that differ in a word, one cannot go on as the other."""
-        space = self.hyper.space
-        searched = {name.removeprefix("1 - ") for name in space.start}
+        start = self.space.start
+        searched = {name.removeprefix(REST) for name in start}
         fixed = [f"{key}={value!r}" for key, value in self.base.flat().items() if key not in (*searched, "steps")]
-        start = [f"{name} from {value!r}" for name, value in space.start.items()]
+        fixed += [f"{name} from {value!r}" for name, value in start.items()]
         return [
             f"algorithm {self.base.name}", f"environment {self.base.env}", f"steps {self.steps}",
             f"sampler {self.sampler}", f"seed {self.seed}", f"threads {self.threads}",
-            *(axis.words for axis in space.axes), f"{storage.FIXED}{storage.digest(fixed + start)}",
+            *(axis.words for axis in self.space.axes), f"{storage.FIXED}{storage.digest(fixed)}",
         ]  # fmt: skip
 
-    def open(self) -> Any:
-        """The study, made if there is none; with its sampler and pruner.
-
-        Raises:
-            InvalidInput: the storage cannot be used, or holds another study of this name.
-        """
-        space = self.hyper.space
-        explore = sampling.explored(self.trials, space) if self.sampler == "tpe+cmaes" else 1
-        study = storage.study_of(self.url, self.name, ["minimize"], self.words, {"explore": explore})
-        if self.sampler == "tpe+cmaes":
-            explore = study.user_attrs["explore"]
-        # Scores are RMS errors, or minus a return, which has any sign.
+    def samplers(self, explore: int) -> tuple[Any, Any]:
+        """What the user asked for; scores are RMS errors, or minus a return, which has any sign."""
         cost = sampling.costs(1.0, self.height, False)
-        study.sampler = sampling.Seeded(self.sampler, space, self.seed, explore, cost, STARTUP, turns=0)
-        study.pruner = optuna.pruners.MedianPruner(n_startup_trials=PRUNE_TRIALS, n_warmup_steps=PRUNE_AFTER)
-        return study
+        pruner = optuna.pruners.MedianPruner(n_startup_trials=PRUNE_TRIALS, n_warmup_steps=PRUNE_AFTER)
+        return sampling.Seeded(self.sampler, self.space, self.seed, explore, cost, STARTUP, turns=0), pruner
+
+    def check(self, workers: int = 1) -> None:
+        """See :meth:`Search.check`."""
+        super().check(workers)
+        sampling.check(self.sampler, 1)
+        begun(self.short(self.base), Path(), self.seed, threads=self.threads)  # writes nothing
 
     @property
     def height(self) -> bool:
@@ -141,7 +135,7 @@ class Trainings(Work):
     def one(self, trial: Trial) -> None:
         """One trial; a training whose numbers ran away, or that the algorithm refuses, is one that failed."""
         task, place = self.task, Path(self.task.folder) / "trials" / f"{trial.number:04d}"
-        chosen = task.short(task.settings(trial.number, task.hyper.space.suggest(trial)))
+        chosen = task.short(task.settings(trial.number, task.space.suggest(trial)))
         training: Training | None = None
         values: list[float] | None = None
         spent: dict[str, Any] = {}

@@ -7,12 +7,15 @@ import time
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Any, Protocol
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import optuna
 from optuna.trial import FrozenTrial, Trial, TrialState
 
-from . import goals
+from ...envs.engine.quantity import InvalidInput
+from . import goals, sampling, storage
+from .space import Space
 
 STALE = 60.0
 """s after which a running trial that nobody has signed counts as abandoned."""
@@ -20,33 +23,79 @@ STALE = 60.0
 WORKER = "worker"
 
 
-class Search(Protocol):
-    """What a study does, whatever its trials are; a frozen dataclass."""
+@dataclass(frozen=True, kw_only=True)
+class Search(ABC):
+    """What a study depends on and does, whatever its trials are.
+
+    Attributes:
+        sampler, trials, seed: of the study, as the user gave them.
+        budget: simulated steps in all, after which no trial is begun; 0: any number.
+        name: of the study.
+        url: of its storage.
+        folder: of the run, once there is one.
+        directions: of each value, ``minimize`` or ``maximize``.
+        counted: options that are at least 1.
+        packages: on which the result depends, besides those of every run.
+    """
+
+    sampler: str = "tpe+cmaes"
+    trials: int = 300
+    seed: int = 0
+    name: str = ""
+    url: str = ""
+    folder: str = ""
+    budget: int = 0
+    counted: ClassVar[tuple[str, ...]] = ("trials",)
+    packages: ClassVar[tuple[str, ...]]
 
     @property
-    def trials(self) -> int:
-        """Trials in all."""
+    def directions(self) -> list[str]:
+        """For each value."""
+        return ["minimize"]
 
     @property
-    def budget(self) -> int:
-        """Simulated steps in all, after which no trial is begun; 0: any number."""
+    def expected(self) -> int:
+        """Trials that there will be, if none is pruned."""
+        return self.trials
 
     @property
-    def name(self) -> str:
-        """Of the study."""
+    @abstractmethod
+    def space(self) -> Space:
+        """What is searched."""
 
     @property
-    def url(self) -> str:
-        """Of its storage."""
+    @abstractmethod
+    def words(self) -> list[str]:
+        """What the trials depend on; of two studies that differ in a word, one cannot go on as the other."""
 
-    def open(self) -> Any:
-        """The study, made if there is none."""
+    @abstractmethod
+    def samplers(self, explore: int) -> tuple[Any, Any]:
+        """Sampler and pruner; ``explore`` trials come before CMA-ES takes over."""
 
+    @abstractmethod
     def work(self, threads: int, study: Any = None) -> Any:
         """One process' part of it, a :class:`Work`."""
 
+    @abstractmethod
     def state(self, study: Any) -> tuple[int, int, str]:
         """How many trials are over, of how many, and the best value."""
+
+    def check(self, workers: int = 1) -> None:
+        """Raises :class:`InvalidInput` for anything that the study could not be made of, before anything is written."""
+        for option, value in (*((each, getattr(self, each)) for each in self.counted), ("workers", workers)):
+            if value < 1:
+                raise InvalidInput(f"--{option} {value} is out of range; at least 1")
+
+    def open(self) -> Any:
+        """The study, made if there is none; with its sampler and pruner.
+
+        Raises:
+            InvalidInput: the storage cannot be used, or holds another study of this name.
+        """
+        explore = sampling.explored(self.expected, self.space) if self.sampler == "tpe+cmaes" else 1
+        study = storage.study_of(self.url, self.name, self.directions, self.words, {"explore": explore})
+        study.sampler, study.pruner = self.samplers(study.user_attrs.get("explore", explore))
+        return study
 
 
 def done(study: Any) -> list[FrozenTrial]:

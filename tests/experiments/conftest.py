@@ -10,8 +10,7 @@ from kerfgym.envs.figures import job_metrics
 from kerfgym.envs.plant import supervisor
 from kerfgym.envs.plant.gantry import CUT, RAPID
 from kerfgym.experiments.report.page import write_report
-from kerfgym.experiments.results.followers import Results
-from kerfgym.experiments.results.jobs import JobResults
+from kerfgym.experiments.results.conclusions import Results
 
 CONTROLLERS = {
     "xi2023-tuned": ("sensor", 24.0, 1.9), "pid": ("sensor", 8.0, 1.95), "preview-5ms": ("preview", 2.0, 1.12),
@@ -121,9 +120,10 @@ def cutting(controllers=(("fast", 170.0), ("fine", 50.0)), scenarios=("cut-squar
             }))  # fmt: skip
     names = [name for name, _ in controllers]
     meta = {"command": "kerfgym benchmark", "seed_count": len(seeds), "tuning": {n: {"z": TUNED} for n in names}}
-    return JobResults(
-        pd.DataFrame(rows), pd.concat(traces, ignore_index=True), meta, "roughness", names[0], tuple(scenarios),
-        ("c45-10: calibrated; not validated",), (("c45-10", 10.0),), {name: f"a cut, {name}" for name in scenarios},
+    return Results(
+        pd.DataFrame(rows), pd.concat(traces, ignore_index=True), pd.DataFrame(), meta, tuple(scenarios),
+        summaries={name: f"a cut, {name}" for name in scenarios}, metric="roughness", reference=names[0], jobs=True,
+        labels=("c45-10: calibrated; not validated",), materials=(("c45-10", 10.0),),
     )  # fmt: skip
 
 

@@ -17,7 +17,7 @@ from kerfgym.experiments.benchmark import benchmarking
 from kerfgym.experiments.benchmark.benchmarking import compute, run
 from kerfgym.experiments.measure.grids import split_seeds
 from kerfgym.experiments.measure.rollout import roll
-from kerfgym.experiments.results.followers import Results
+from kerfgym.experiments.results.conclusions import Results
 from kerfgym.experiments.results.tasks import Case, cases
 from kerfgym.experiments.statistics import budgets
 

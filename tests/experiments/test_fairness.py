@@ -9,7 +9,7 @@ from scipy import stats
 
 from kerfgym.envs.control import stack
 from kerfgym.experiments.report.terminal import sheets
-from kerfgym.experiments.results.followers import Results
+from kerfgym.experiments.results.conclusions import Results
 from kerfgym.experiments.statistics.comparison import by_scenario, figures, methods
 from kerfgym.experiments.statistics.ranks import order, overlaps, seeds_of
 

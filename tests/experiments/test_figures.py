@@ -124,7 +124,7 @@ def test_what_a_module_imports_counts_however_it_is_written(tmp_path):
     ("name", "files"),
     [
         ("following", {
-            "measure.plants", "measure.margins", "measure.stability", "benchmark.benchmarking", "results.followers",
+            "measure.plants", "measure.margins", "measure.stability", "benchmark.benchmarking", "results.conclusions",
             "statistics.pooling", "statistics.comparison", "statistics.ranks",
         }),
         ("ood", {"statistics.pooling", "statistics.comparison", "results.tasks", "measure.rollout"}),

@@ -13,8 +13,7 @@ from kerfgym.envs.scenarios import load as load_scenario
 from kerfgym.experiments.report.remake import remake
 from kerfgym.experiments.results import archive
 from kerfgym.experiments.results.archive import load
-from kerfgym.experiments.results.followers import Results
-from kerfgym.experiments.results.jobs import JobResults
+from kerfgym.experiments.results.conclusions import Results
 from kerfgym.experiments.results.merge import labels, merge
 from kerfgym.experiments.store import runs
 
@@ -387,7 +386,7 @@ def test_the_first_format_is_still_read(tmp_path, suite, name):
     assert results.controllers == ["pid"]
     assert results.meta["seeds"] == "0-1"
     if suite == "cutting":
-        assert isinstance(results, JobResults)
+        assert results.jobs
         assert (results.metric, results.core) == ("roughness", ("cut-square",))
     else:
         assert results.exempt == ("tip-up",)

@@ -6,7 +6,7 @@ import pytest
 
 from kerfgym.envs.figures import evidence, job_metrics
 from kerfgym.experiments.report import terminal
-from kerfgym.experiments.results.jobs import JobResults
+from kerfgym.experiments.results.conclusions import Results
 from kerfgym.experiments.statistics import ranks
 from kerfgym.experiments.statistics.comparison import relative
 
@@ -29,8 +29,9 @@ def results(reference="plain"):
                     "controller": name, "information": "sensor", "scenario": scenario, "seed": seed, "failed": False,
                     "iso_roughness": "1", "iso_taper": "1", **{m: base[m] * own[m] for m in base},
                 })  # fmt: skip
-    return JobResults(
-        pd.DataFrame(rows), pd.DataFrame(), {}, "roughness", reference, ("one", "other"), ("assumed",)
+    return Results(
+        pd.DataFrame(rows), pd.DataFrame(), pd.DataFrame(), {}, ("one", "other"), metric="roughness",
+        reference=reference, jobs=True, labels=("assumed",),
     )  # fmt: skip
 
 

@@ -252,7 +252,9 @@ def test_trainings_whose_numbers_run_away_count_as_failed(tmp_path):
 def test_off_policy_learners_are_searched_too(tmp_path):
     tiny = {**{k: v for k, v in TINY.items() if "algorithm" not in k}, "algorithm.learning_starts": 32,
             "algorithm.batch_size": 16, "algorithm.gradient_steps": 1, "algorithm.buffer_size": 500}  # fmt: skip
-    result = learners.tune(TrainingTask(settings.preset("td3", HEIGHT, tiny), 128, "random", 2), tmp_path / "td3")
+    result = learners.tune(
+        TrainingTask(settings.preset("td3", HEIGHT, tiny), 128, sampler="random", trials=2), tmp_path / "td3"
+    )
     assert {"algorithm.tau", "algorithm.noise", "algorithm.train_freq"} <= set(result.best.params)
     assert result.file.name == "td3.toml"
 

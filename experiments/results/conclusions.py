@@ -2,9 +2,10 @@
 
 Every figure of a controller is a metric of its runs that did not fail, pooled over seeds and scenarios as
 :mod:`pooling` says; how many runs failed stands beside it, and tells in the rank (:mod:`comparison`). The *score* of
-followers is that of the RMS of the true gap error over the suite's core, µm; the ratio is that of the reference over
-it. On the *scale*, 0 is ``xi2023-tuned`` and 1 is ``preview-5ms``, in the logarithm; who is better than the latter,
-which has other information and is no bound, has more than 1. Rankings never mix information classes.
+followers is that of the RMS of the true gap error over the suite's core, µm, of jobs that of their suite's metric; the
+ratio is that of the reference over it. On the followers' *scale*, 0 is ``xi2023-tuned`` and 1 is ``preview-5ms``, in
+the logarithm; who is better than the latter, which has other information and is no bound, has more than 1. Rankings
+never mix information classes.
 
 **Ms and margins** are the worst over the corner plants of every machine that the run's scenarios draw (:mod:`plants`).
 """
@@ -17,7 +18,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ...envs.figures import metrics
+from ...envs.figures import evidence, job_metrics, metrics
 from ...envs.figures.registered import Metric, Registry
 from ..measure.plants import STANDARD
 from ..statistics import comparison, pooling
@@ -30,16 +31,56 @@ STABILITY = ("ms", "ms_noise", "ms_noise_low", "ms_noise_high", "gain_margin", "
 """Columns of :attr:`Results.stability`."""
 
 
-class Comparison:
-    """What the results of followers and of jobs have in common: tables of runs, a metric, a core, a reference."""
+FIRST = ("rms_reported", "p99_true", "max_true", "jitter", "dross", "roughness")
+"""Metrics of followers that stand in front of the others in tables."""
+
+
+@dataclass
+class Results:
+    """A benchmark's tables, of height followers or of jobs.
+
+    Attributes:
+        runs: one row per run: ``controller, information, scenario, seed, failed`` and every metric of its kind.
+        traces: one row per period of the shown seed of each scenario: ``controller, scenario, seed, time`` (s) and the
+            recorder's channels, with ``x, y`` (mm) where the path is a drawing.
+        sensitivity: ``controller, machine, signal`` (``sine`` or ``noise``, :mod:`stability`), ``frequency`` (Hz) and
+            ``magnitude``, the worst |S| over the machine's corner plants; ``peak_low, peak_high``, the interval of the
+            largest, of noise.
+        meta: the run's record (``run.json``).
+        core: names of the scenarios that make the score.
+        exempt: names of the followers' scenarios in which collisions are expected.
+        summaries: of the scenarios, a line each.
+        margins: ``controller, machine, gain`` (factor) and ``delay_ms``, worst over the machine's corner plants
+            (:mod:`margins`), and ``reason``, why there is no figure.
+        blame: shares of stages in the error of some controllers, see :func:`blame.tables.shares`.
+        headroom: those beside references with other information, see :func:`blame.tables.headroom`.
+        detuned: how much worse presets get with one parameter 20 % off, see :func:`detuned.in_report`.
+        metric: what is scored, over seeds and the core's scenarios, in its unit (:mod:`pooling`).
+        reference: against whom ratios are taken.
+        jobs: whether teams did jobs; ``sensitivity``, ``margins`` and what follows it are of followers, what is below
+            of jobs.
+        labels: what the figures of each cut material stand on.
+        materials: with their thickness, mm.
+        plans: how the parts are cut, see :func:`plans.table`.
+    """
 
     runs: pd.DataFrame
+    traces: pd.DataFrame
+    sensitivity: pd.DataFrame
     meta: dict[str, Any]
-    core: tuple[str, ...]
-    metric: str
-    reference: str
-    first: tuple[str, ...] = ()
-    """Metrics that stand in front of the others in tables."""
+    core: tuple[str, ...] = ()
+    exempt: tuple[str, ...] = ()
+    summaries: dict[str, str] = field(default_factory=dict)
+    margins: pd.DataFrame = field(default_factory=pd.DataFrame)
+    blame: pd.DataFrame = field(default_factory=pd.DataFrame)
+    headroom: pd.DataFrame = field(default_factory=pd.DataFrame)
+    detuned: pd.DataFrame = field(default_factory=pd.DataFrame)
+    metric: str = "rms_true"
+    reference: str = REFERENCE
+    jobs: bool = False
+    labels: tuple[str, ...] = ()
+    materials: tuple[tuple[str, float], ...] = ()
+    plans: pd.DataFrame = field(default_factory=pd.DataFrame)
 
     @property
     def controllers(self) -> list[str]:
@@ -60,20 +101,21 @@ class Comparison:
     @property
     def registered(self) -> Registry:
         """The metrics of its kind."""
-        return metrics.METRICS
+        return job_metrics.METRICS if self.jobs else metrics.METRICS
 
     @property
     def shown(self) -> list[Metric]:
         """The metrics that tables show, in order, without those that its runs do not have unless they are brief."""
         found = [m for m in self.registered.values() if m.shown and (m.shown.brief or m.name in self.runs)]
-        return sorted(found, key=lambda m: self.first.index(m.name) if m.name in self.first else len(self.first))
+        first = () if self.jobs else FIRST
+        return sorted(found, key=lambda m: first.index(m.name) if m.name in first else len(first))
 
     @property
     def failures(self) -> pd.Series:
         """Whether each run failed, see :func:`comparison.failures`."""
         return comparison.failures(self)
 
-    def pooled(self, metric: str) -> pd.DataFrame:
+    def pooled(self, metric: str = "rms_true") -> pd.DataFrame:
         """A metric over the seeds (:mod:`pooling`), controllers × scenarios; NaN where no run is without failure."""
         sound = self.runs if pooling.declared(metric).always else self.runs[~self.failures]
         groups = sound.groupby(["controller", "scenario"], sort=False)[metric]
@@ -100,7 +142,7 @@ class Comparison:
     def counts(self, frame: pd.DataFrame) -> pd.DataFrame:
         """A summary with the ``runs`` in which nobody should touch the sheet, and of them those that touched it
         (``collisions``) or failed (``failed``)."""
-        ordinary = self.runs[~self.runs["scenario"].isin(getattr(self, "exempt", ()))]
+        ordinary = self.runs[~self.runs["scenario"].isin(self.exempt)]
         controllers = ordinary["controller"]
         counted = {
             "collisions": ordinary["collision"].groupby(controllers, sort=False).sum(),
@@ -118,48 +160,6 @@ class Comparison:
         """A summary with ranks, intervals and reasons beside its figures, lists in words."""
         more = self.standings.drop(columns=[c for c in frame if c in self.standings]).reindex(frame.index)
         return frame.join(more.assign(tied=more["tied"].str.join(", "), reasons=more["reasons"].str.join("; ")))
-
-
-@dataclass
-class Results(Comparison):
-    """A benchmark's tables.
-
-    Attributes:
-        runs: one row per run: ``controller, information, scenario, seed, failed`` and every metric.
-        traces: one row per period of the shown seed of each scenario: ``controller, scenario, seed, time`` (s) and the
-            recorder's channels, with ``x, y`` (mm) where the path is a drawing.
-        sensitivity: ``controller, machine, signal`` (``sine`` or ``noise``, :mod:`stability`), ``frequency`` (Hz) and
-            ``magnitude``, the worst |S| over the machine's corner plants; ``peak_low, peak_high``, the interval of the
-            largest, of noise.
-        meta: the run's record (``run.json``).
-        core: names of the scenarios that make the score.
-        exempt: names of the scenarios in which collisions are expected.
-        margins: ``controller, machine, gain`` (factor) and ``delay_ms``, worst over the machine's corner plants
-            (:mod:`margins`), and ``reason``, why there is no figure.
-        blame: shares of stages in the error of some controllers, see :func:`blame.tables.shares`.
-        headroom: those beside references with other information, see :func:`blame.tables.headroom`.
-        detuned: how much worse presets get with one parameter 20 % off, see :func:`detuned.in_report`.
-    """
-
-    runs: pd.DataFrame
-    traces: pd.DataFrame
-    sensitivity: pd.DataFrame
-    meta: dict[str, Any]
-    core: tuple[str, ...] = ()
-    exempt: tuple[str, ...] = ()
-    summaries: dict[str, str] = field(default_factory=dict)
-    margins: pd.DataFrame = field(default_factory=pd.DataFrame)
-    blame: pd.DataFrame = field(default_factory=pd.DataFrame)
-    headroom: pd.DataFrame = field(default_factory=pd.DataFrame)
-    detuned: pd.DataFrame = field(default_factory=pd.DataFrame)
-    metric: str = "rms_true"
-    reference: str = REFERENCE
-
-    first = ("rms_reported", "p99_true", "max_true", "jitter", "dross", "roughness")
-
-    def pooled(self, metric: str = "rms_true") -> pd.DataFrame:
-        """A metric over the seeds, see :meth:`Comparison.pooled`; that of the score unless another is named."""
-        return super().pooled(metric)
 
     @property
     def bounds(self) -> dict[str, float]:
@@ -217,20 +217,52 @@ class Results(Comparison):
         reason = frame["reason"].astype(object)
         return frame.assign(reason=reason.where(reason.notna(), "")).reset_index()
 
+    @property
+    def apart(self) -> pd.DataFrame:
+        """:attr:`stability` where there are several machines; empty for one."""
+        found = self.stability
+        return found if len(found) and found["machine"].nunique() > 1 else pd.DataFrame()
+
+    @property
+    def unmeasured(self) -> Iterable[tuple[Any, Iterable[str]]]:
+        """Machine and reason for which some have no Ms or no margins, and their names."""
+        found = self.stability.reindex(columns=["machine", "reason", "controller"])
+        return found[found["reason"] != ""].groupby(["machine", "reason"], sort=False)["controller"]
+
     def summary(self) -> pd.DataFrame:
-        """One row per controller: score (µm) and ratio with intervals, scale, stability, budget, collision and failure
-        counts, other metrics over the core, standing (:func:`ranks.standings`)."""
+        """One row per controller: score and ratio with intervals, budget, collision and failure counts, other metrics
+        over the core, standing (:func:`ranks.standings`); of followers scale and stability, of jobs what the figures of
+        the cut stand on. The score of jobs is the suite's metric, so the same as the column of its name."""
         standing = self.standings
         frame = pd.DataFrame({"score": standing["score"].replace(np.inf, np.nan), "ratio": standing["ratio"]})
+        spent = budgets(self.meta.get("tuning") or {}, frame.index, self.reference)
+        if self.jobs:
+            frame["information"] = standing["information"]
+            frame = self.counts(self.estimated(frame, self.registered.values()))
+            return self.placed(self._calibrated(frame).join(spent))
         frame["scale"] = np.log(frame["ratio"]) / np.log(frame["ratio"].get(INFORMED, np.nan))
         frame = self.estimated(frame, self.shown)
-        frame = frame.join(_worst(self.stability).reindex(frame.index))
-        frame = frame.join(budgets(self.meta.get("tuning") or {}, frame.index, REFERENCE))
+        frame = frame.join(_worst(self.stability).reindex(frame.index)).join(spent)
         frame["information"] = standing["information"]
         frame = self.counts(frame)
         everywhere = self.runs.groupby("controller", sort=False)["collision"].sum()
         frame["exempt_collisions"] = (everywhere - frame["collisions"]).astype(int)
         return self.placed(frame)
+
+    def _calibrated(self, frame: pd.DataFrame) -> pd.DataFrame:
+        """A summary with what the figures of the cut stand on, and its ranges after ISO 9013."""
+        core = self.runs[self.runs["scenario"].isin(self.scored) & ~self.failures].groupby("controller", sort=False)
+        known = "extrapolated" in self.runs  # runs of earlier versions do not know
+        frame["extrapolated"] = core["extrapolated"].mean() if known else np.nan
+        frame["beyond"] = [
+            evidence.pooled(core.get_group(name)) if known and name in core.groups else "" for name in frame.index
+        ]
+        for column in ("iso_roughness", "iso_taper"):
+            frame[column] = "–"
+            if column in self.runs:
+                found = core[column].agg(lambda values: "/".join(sorted(set(values.dropna()))) or "–")
+                frame[column] = found.reindex(frame.index, fill_value="–")
+        return frame
 
     def decisions(self) -> pd.DataFrame:
         """Cost of a decision, one row per controller: ``median_us``, ``p99_us`` and ``ratio`` of the latter to the
@@ -243,6 +275,14 @@ class Results(Comparison):
     def machines(self) -> dict[str, list[str]]:
         """The machines of the run by their label, and the scenarios that have each; empty if that was not recorded."""
         return self.meta.get("machines") or {}
+
+
+def in_order(runs: pd.DataFrame, controllers: Iterable[str], scenarios: Iterable[str]) -> pd.DataFrame:
+    """Rows of runs by controller and scenario in the order of these, seeds rising."""
+    order = {"controller": list(controllers), "scenario": list(scenarios)}
+    return runs.sort_values(
+        [*order, "seed"], key=lambda c: c.map(order[c.name].index) if c.name in order else c, ignore_index=True
+    )
 
 
 def _of_machines(table: pd.DataFrame) -> pd.DataFrame:
