@@ -1,6 +1,8 @@
 """The frame of a reproduction: what rows and intervals say, how a run resumes, and how a failure shows."""
 
 import json
+import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +13,18 @@ from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.experiments.cli import main
 from kerfgym.experiments.reproduce import claims, claims_page
 from kerfgym.experiments.reproduce.carry_out import reproduce
-from kerfgym.experiments.reproduce.claims import Estimate, Evidence, Findings, Row, Trial, estimate, judged, weighed
+from kerfgym.experiments.reproduce.claims import (
+    DOCUMENTS,
+    Estimate,
+    Evidence,
+    Findings,
+    Row,
+    Rows,
+    Trial,
+    estimate,
+    judged,
+    weighed,
+)
 from kerfgym.experiments.reproduce.pictures import Drawing
 from kerfgym.experiments.reproduce.verdicts import (
     CALIBRATED,
@@ -153,6 +166,35 @@ def test_an_unknown_name_is_refused_with_the_nearest(capsys, tmp_path, monkeypat
         main(["reproduce", "wu/stability", "--seeds", "3"])
     assert "at least 6" in capsys.readouterr().err
     assert not (tmp_path / "runs").exists()
+
+
+# ------------------------------------------------------------------------------------------------ tables of claims
+
+
+def test_a_row_has_its_texts_from_the_documents_table_and_its_figures_from_the_run():
+    rows = Rows("wu")
+    rows("sampled-axis", ("2 nm", 7), error=2e-6, guess=1.0)
+    rows("servo", 4.0, holds=True)
+    rows("fig-5", ("an ellipse", "b", "cw"), holds=False, case="both")
+    first, second, third = rows
+    assert first.simulation == "a step of 1 mm: apart by 2 nm over 7 samples"
+    assert (first.verdict, first.evidence.measure) == (FAILS, "largest difference, mm")
+    assert (second.where, second.paper, second.verdict, str(second.simulation)) == ("§3", "4 ms", INPUT, "4 ms")
+    assert (third.claim, third.verdict) == ("case (b): cw", FAILS)
+    assert third.note == "the axis with the larger lag sets the diagonal"
+    with pytest.raises(ValueError, match="shorter"):
+        rows("sampled-axis", ("2 nm",), error=2e-6, guess=1.0)
+    with pytest.raises(ValueError, match="longer"):
+        rows("servo", (4.0, 5.0), holds=True)
+
+
+@pytest.mark.parametrize("document", DOCUMENTS)
+def test_every_entry_of_a_documents_table_is_a_row_of_its_studies(document):
+    folder = Path(claims.__file__).parent
+    code = "".join(file.read_text(encoding="utf-8") for file in folder.glob(f"{document}*.py"))
+    entries = tomllib.loads((folder / f"{document}.toml").read_text(encoding="utf-8"))
+    assert entries
+    assert [key for key in entries if f'"{key}"' not in code] == []
 
 
 # --------------------------------------------------------------------------------------------------------------- runs
