@@ -1,8 +1,8 @@
 """What a document claims, what a run says of it, and the studies that find out.
 
-A *study* is one experiment about one document: a function from :class:`Trial` to :class:`Findings`, rows and figures.
-It is registered under ``document/key`` by :func:`study`, its key being the function's name. The numbers in a row come
-out of that run; its verdict follows from them.
+A *study* is one experiment about one document: a function that adds :class:`Rows` in a :class:`Trial` and gives its
+drawings. It is registered under ``document/key`` by :func:`study`, its key being the function's name. The numbers in a
+row come out of that run; its verdict follows from them.
 """
 
 import importlib
@@ -165,51 +165,6 @@ class Row:
         return ""
 
 
-@dataclass(frozen=True)
-class Findings:
-    """What a study found."""
-
-    rows: list[Row]
-    drawings: list[Drawing] = field(default_factory=list)
-
-
-@dataclass(frozen=True)
-class Trial:
-    """How a study is run: ``seeds`` independent runs where something is random, ``threads`` worker threads."""
-
-    seeds: int = 24
-    threads: int = 1
-
-
-@dataclass(frozen=True)
-class Study:
-    """A registered study."""
-
-    document: str
-    key: str
-    title: str
-    run: Callable[[Trial], Findings]
-
-    @property
-    def name(self) -> str:
-        """``document/key``, as the command takes it."""
-        return f"{self.document}/{self.key}"
-
-
-_studies: dict[str, Study] = {}
-
-
-def study(document: str, title: str) -> Callable[[Callable[[Trial], Findings]], Callable[[Trial], Findings]]:
-    """Registers a function as a study of ``document``; its name, with hyphens, is the study's key."""
-
-    def register(function: Callable[[Trial], Findings]) -> Callable[[Trial], Findings]:
-        found = Study(document, function.__name__.replace("_", "-"), title, function)
-        _studies[found.name] = found
-        return function
-
-    return register
-
-
 def judged(holds: Any, verdict: str, otherwise: str = FAILS) -> str:
     """The verdict if what the row claims came out, else ``otherwise``.
 
@@ -285,6 +240,59 @@ class Rows(list[Row]):
         else:
             evidence = Evidence(text["measure"], error, entry["tolerance"], text["trivial"], guess)
             self.append(weighed(*row, evidence, text["note"], true, otherwise, text["instead"]))
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What a study found."""
+
+    rows: list[Row]
+    drawings: list[Drawing] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """How a study is run: ``seeds`` independent runs where something is random, ``threads`` worker threads."""
+
+    seeds: int = 24
+    threads: int = 1
+
+
+@dataclass(frozen=True)
+class Study:
+    """A registered study."""
+
+    document: str
+    key: str
+    title: str
+    run: Callable[[Trial], Findings]
+
+    @property
+    def name(self) -> str:
+        """``document/key``, as the command takes it."""
+        return f"{self.document}/{self.key}"
+
+
+_studies: dict[str, Study] = {}
+
+
+Measure = Callable[[Trial, Rows], Sequence[Drawing] | None]
+"""What a study does: it adds its rows and gives its drawings, if it has any."""
+
+
+def study(document: str, title: str) -> Callable[[Measure], Callable[[Trial], Findings]]:
+    """Registers a function as a study of ``document``; its name, with hyphens, is the study's key."""
+
+    def register(measure: Measure) -> Callable[[Trial], Findings]:
+        def run(trial: Trial) -> Findings:
+            rows = Rows(document)
+            return Findings(rows, list(measure(trial, rows) or ()))
+
+        found = Study(document, measure.__name__.replace("_", "-"), title, run)
+        _studies[found.name] = found
+        return run
+
+    return register
 
 
 def studies(names: Sequence[str] = ()) -> list[Study]:

@@ -18,8 +18,8 @@ from ...envs.plant import sensor, supervisor, z_axis
 from ..measure import rollout
 from ..plots.palette import COLOURS, GRID, QUIET
 from . import fixed_gains
-from .claims import Estimate, Findings, Rows, Trial, estimate, study
-from .pictures import drawn
+from .claims import Estimate, Rows, Trial, estimate, study
+from .pictures import Drawing, drawn
 from .verdicts import FAILS, TREND
 
 CONTROLLER = "cn102528288a"
@@ -36,7 +36,7 @@ pictured = functools.partial(drawn, grid={"color": GRID})
 
 
 @study(CONTROLLER, "Counting the oscillator")
-def counting(trial: Trial) -> Findings:
+def counting(trial: Trial, rows: Rows) -> list[Drawing]:
     """What a 300 MHz clock resolves, one total count against a mean of per-period frequencies."""
     p, rng = sensor.EQ3, np.random.default_rng(0)
     heights = (0.1, 0.5, 1.0, 2.0, 5.0, 10.0)
@@ -74,13 +74,12 @@ def counting(trial: Trial) -> Findings:
         axes.set(xlabel="height (mm)", ylabel="σ of one reading (µm)")
         axes.legend(frameon=False)
 
-    rows = Rows("cn102528288a")
     rows("band", ends, holds=1.0 <= ends[0] <= ends[1] <= 10.0)
     rows("adjacent-edges", values, holds=values > 100.0)
     rows("counting-noise", (scatter["total"][2], law_), holds=abs(scatter["total"][2] / law_ - 1.0) < 0.1)
     holds = scatter["mean"][2] / scatter["total"][2] < 1.5
     rows("mean-of-periods", (scatter["mean"][2] / scatter["total"][2], bias * 1e6), holds)
-    return Findings(rows, [counting()])
+    return [counting()]
 
 
 def _slope(p: sensor.Params, h: float) -> float:
@@ -100,7 +99,7 @@ def _panel(seed: int, **start: float) -> Panel:
 
 
 @study(CONTROLLER, "Six commands and error handling")
-def commands(trial: Trial) -> Findings:
+def commands(trial: Trial, rows: Rows) -> None:
     """Each command's end state, from a motion, over seeds of the machine; what is asked wrongly; what breaks."""
     ends: dict[str, list[float]] = {"stop": [], "follow": [], "single-side protection": [], "idle positioning": []}
     homes, jumps, contacts = [], [], 0
@@ -134,7 +133,6 @@ def commands(trial: Trial) -> Findings:
             p = _panel(seed, gap=60.0)
             p.break_(fault)
             alarms[name].append(p.home().alarm == name)
-    rows = Rows("cn102528288a")
     rows("stop", ends["stop"], holds=np.max(ends["stop"]) < 100.0)
     rows("follow", ends["follow"], holds=np.abs(ends["follow"]).max() < 20.0)
     rows("protect", ends["single-side protection"], holds=np.min(ends["single-side protection"]) >= 1.99)
@@ -144,7 +142,6 @@ def commands(trial: Trial) -> Findings:
     for name, seen in alarms.items():
         rows("error-handling", (sum(seen), len(seen), name), holds=all(seen), case=name)
     rows("contacts", (contacts, trial.seeds), holds=contacts == 0)
-    return Findings(rows)
 
 
 def _jump(p: Panel) -> float:
@@ -155,7 +152,7 @@ def _jump(p: Panel) -> float:
 
 
 @study(CONTROLLER, "Positioning along an S-curve")
-def positioning(trial: Trial) -> Findings:
+def positioning(trial: Trial, rows: Rows) -> list[Drawing]:
     """The displacement–time plan and what the axis makes of it; homing's repeatability."""
     p, distance = supervisor.Params(), 50.0
     duration = float(supervisor.course(p, distance, 0.0)[1])
@@ -196,7 +193,6 @@ def positioning(trial: Trial) -> Findings:
         bottom.set(xlabel="time (s)", ylabel="speed (mm/s)")
 
     a = p.plan * p.acceleration
-    rows = Rows("cn102528288a")
     holds = speed.max() < 1.001 * p.fastest and acceleration.max() < 1.001 * a and np.abs(jerk).max() < 1.01 * p.jerk
     rows("s-curve", (speed.max(), acceleration.max(), np.abs(jerk).max(), p, a), holds)
     rows("overshoot-of-a-move", over, holds=np.max(over) < 5.0)
@@ -204,7 +200,7 @@ def positioning(trial: Trial) -> Findings:
     rows("time-of-a-move", (seconds, duration), holds=np.min(seconds) >= duration)
     rows("homing-speed", downs, holds=np.abs(np.asarray(downs) - 2.0).max() < 0.1)
     rows("homing-scatter", 1e3 * float(np.ptp(homes_)), holds=np.ptp(homes_) < 0.02)
-    return Findings(rows, [s_curve()])
+    return [s_curve()]
 
 
 def _down(p: Panel) -> float:
@@ -219,7 +215,7 @@ SLOPE = 0.006
 
 
 @study(CONTROLLER, "Single-side protection")
-def protection(trial: Trial) -> Findings:
+def protection(trial: Trial, rows: Rows) -> list[Drawing]:
     """A traverse over a sheet with holes: under protection the head neither dives nor lifts, following it would."""
     holes = scenarios.load("holes").varied(sheet={"tilt": SLOPE}, duration=1.0)
     lifts, lows, dives, stills, falls = [], [], [], [], []
@@ -257,19 +253,18 @@ def protection(trial: Trial) -> Findings:
         axes.set(xlabel="way along x (mm)", ylabel="gap to the sheet's plane (mm)")
         axes.legend(frameon=False)
 
-    rows = Rows("cn102528288a")
     guess = 1e3 * float(np.abs(np.median(falls)))
     rows("closes-following", np.abs(lifts) * 1e3, error=1e3 * float(np.abs(lifts).max()), guess=guess)
     rows("protection-height", lows, error=1.2 - float(np.min(lows)), guess=1.2 - float(np.median(stills)))
     rows("dive", dives, holds=np.median(dives) < np.median(lows))
-    return Findings(rows, [protection()])
+    return [protection()]
 
 
 # ------------------------------------------------------------------------------------------------------ follow flow
 
 
 @study(CONTROLLER, "Scheduled gains")
-def schedules(trial: Trial) -> Findings:
+def schedules(trial: Trial, rows: Rows) -> list[Drawing]:
     """The position gain and the integral gains over the error, as the law computes them."""
     errors = np.linspace(0.0, 4.0, 401)
     gain = np.array([law.position_gain(e) for e in errors])
@@ -284,7 +279,6 @@ def schedules(trial: Trial) -> Findings:
         axes.set(xlabel="following error (mm)", ylabel="share (%)")
         axes.legend(frameon=False)
 
-    rows = Rows("cn102528288a")
     for where, printed, error, value in (
         ("error > 3 mm", "75 %", 3.5, law.position_gain(3.5)), ("error < 1 mm", "35 %", 0.5, law.position_gain(0.5)),
     ):  # fmt: skip
@@ -293,7 +287,7 @@ def schedules(trial: Trial) -> Findings:
     for where, wanted, error in (("error ≥ 1 mm", 0.0, 1.2), ("1–0.5 mm", 0.5, 0.7), ("error < 0.5 mm", 1.0, 0.3)):
         value = float(law.integral_share(error))
         rows("integral-gains", (value, where), holds=value == wanted, paper=words[wanted])
-    return Findings(rows, [schedules()])
+    return [schedules()]
 
 
 OPEN = {"guard.capture": 2.0, "guard.plan": 1.0, "guard.acceleration": 5e4, "guard.fastest": 500.0, "guard.delay": 0.0}
@@ -331,7 +325,7 @@ def arrival(trial: Trial, **gains: float) -> Arrival:
 
 
 @study(CONTROLLER, "Scheduled gains against fixed ones")
-def scheduled_against_fixed(trial: Trial) -> Findings:
+def scheduled_against_fixed(trial: Trial, rows: Rows) -> list[Drawing]:
     """Whether gains that follow the error are faster and overshoot less than gains that stay."""
     near, far = law.NEAR, law.FAR
     kinds: dict[str, dict[str, float]] = {
@@ -353,7 +347,6 @@ def scheduled_against_fixed(trial: Trial) -> Findings:
         return f"{a} beside {b}"
 
     quick, slow = (estimate(1e3 * x[at].time, "ms") for x in (ours, small))
-    rows = Rows("cn102528288a")
     rows(
         "scheduled-time",
         (
@@ -374,7 +367,7 @@ def scheduled_against_fixed(trial: Trial) -> Findings:
         (beside(over(ours[at]), over(wound[at])), wound[at].collided.sum(), trial.seeds),
         holds=over(ours[at]).value < 0.98 * over(wound[at]).value,
     )
-    rows += _integral_and_pid(trial)
+    _integral_and_pid(trial, rows)
 
     @pictured("CN102528288A, follow flow", 2, sharex=True, words={"ABOVE": f"{ABOVE:g}", "ARRIVED": f"{ARRIVED:g}"})
     def scheduled(left: Axes, right: Axes) -> None:
@@ -391,10 +384,10 @@ def scheduled_against_fixed(trial: Trial) -> Findings:
         right.set(xlabel="largest position gain (1/s)", ylabel="overshoot (µm)")
         right.legend(frameon=False, fontsize=8)
 
-    return Findings(rows, [scheduled()])
+    return [scheduled()]
 
 
-def _integral_and_pid(trial: Trial) -> Rows:
+def _integral_and_pid(trial: Trial, rows: Rows) -> None:
     """What the integral gains do to the error on a slope, and the tuned law beside a tuned PID."""
     seeds = np.arange(trial.seeds)
     slope = scenarios.load("flat").varied(
@@ -410,19 +403,16 @@ def _integral_and_pid(trial: Trial) -> Rows:
     wavy = scenarios.load("wavy")
     own, pid = (metrics.rms_true(rollout.roll(wavy, stack.get(name), seeds)) for name in (f"{CONTROLLER}-tuned", "pid"))
     ratio = estimate(own / pid, digits=3)
-    rows = Rows("cn102528288a")
     holds = np.median(means[1]) < 0.98 * np.median(means[0])
     rows("steady-error", (estimate(means[0], "µm"), estimate(means[1], "µm")), holds)
     rows("beside-pid", ratio, holds=ratio.value < 0.98)
-    return rows
 
 
 @study(CONTROLLER, "Accuracy, and following at 200 mm/s")
-def accuracy(trial: Trial) -> Findings:
+def accuracy(trial: Trial, rows: Rows) -> list[Drawing]:
     """Static and dynamic error of the law, in three readings of the printed speed."""
     seeds = np.arange(trial.seeds)
     names = (CONTROLLER, f"{CONTROLLER}-gap", f"{CONTROLLER}-tuned")
-    rows = Rows("cn102528288a")
     flat = scenarios.load("flat").varied(head={"impulses": 0.0}, start_above=0.05)
     still = rollout.roll(flat, stack.get("idle"), seeds)
     standing = 1e3 * np.abs(np.where(still.scored, still["height"] - still.set_height, 0.0)).max(axis=0)
@@ -477,14 +467,14 @@ def accuracy(trial: Trial) -> Findings:
         axes.set(xlabel="amplitude of the sheet's wave of 300 mm (µm)", ylabel="largest true error (µm)")
         axes.legend(frameon=False)
 
-    return Findings(rows, [following()])
+    return [following()]
 
 
 # ------------------------------------------------------------------------------------------------ advanced processes
 
 
 @study(CONTROLLER, "Advanced processes")
-def processes(trial: Trial) -> Findings:
+def processes(trial: Trial, rows: Rows) -> list[Drawing]:
     """Staged piercing, frog-leap, focus compensation and edge finding, as command sequences."""
     pierces: list[float] = []
     leaps: list[float] = []
@@ -523,7 +513,6 @@ def processes(trial: Trial) -> Findings:
         focus.append(1e3 * float(np.abs(log["gap"][way] + 0.002 * log["distance"][way] - 1.0).max()))
         touched += p.collided
     saved = np.asarray(ways) - np.asarray(leaps)
-    rows = Rows("cn102528288a")
     rows("staged-pierce", pierces, holds=np.isfinite(pierces).all())
     rows("frog-leap", (saved, np.median(leaps), np.median(ways)), holds=np.min(saved) > 0.0)
     rows(
@@ -546,7 +535,7 @@ def processes(trial: Trial) -> Findings:
         right.set(xlabel="time (s)", title="to the next contour, 60 mm")
         right.legend(frameon=False)
 
-    return Findings(rows, [processes()])
+    return [processes()]
 
 
 def _protected(p: Panel, distance: float, height: float) -> float:

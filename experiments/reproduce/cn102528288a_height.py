@@ -5,9 +5,9 @@ from matplotlib.axes import Axes
 
 from ...envs.scenarios import material as materials
 from ..plots.palette import COLOURS, QUIET
-from .claims import Findings, Rows, Trial, estimate, study
+from .claims import Rows, Trial, estimate, study
 from .huang2024 import jobs_of
-from .pictures import drawn
+from .pictures import Drawing, drawn
 
 STACK = "huang2024-static-fast"
 """A cut without dither in C45 of 10 mm, Huang2024's fastest."""
@@ -22,14 +22,13 @@ FIGURES = (("roughness", "roughness Rz", "µm"), ("dross", "dross", "mm"))
 
 
 @study("cn102528288a", "Focus and cutting height")
-def focus_and_height(trial: Trial) -> Findings:
+def focus_and_height(trial: Trial, rows: Rows) -> list[Drawing]:
     """Whole jobs over the depth of the focus and over the error of the standoff."""
     steel = materials.material("c45-10")
     third = steel.params.thickness / 3.0
     focus = [jobs_of(f"{STACK}:law.focus={f:g}", "cut-square", trial.seeds) for f in OFFSETS]
     height = [jobs_of(f"{STACK}:law.standoff={e:g}", "cut-square", trial.seeds) for e in ERRORS]
     depths = steel.params.focus - OFFSETS
-    rows = Rows("cn102528288a")
     for name, text, _ in FIGURES:
         cut = np.array([np.median(m["through"]) > 0.98 for m in focus])
         values = np.where(cut, [np.median(m[name]) for m in focus], np.inf)
@@ -67,4 +66,4 @@ def focus_and_height(trial: Trial) -> Findings:
         left.axvline(third, color=QUIET, ls="--", lw=0.8)
         left.legend(frameon=False, fontsize=8)
 
-    return Findings(rows, [focus_and_height()])
+    return [focus_and_height()]

@@ -20,8 +20,8 @@ from ...envs.scenarios import material as materials
 from ..plots.palette import COLOURS, GRID, QUIET
 from ..results import jobs
 from . import fit_cut
-from .claims import Findings, Rows, Trial, estimate, study
-from .pictures import drawn
+from .claims import Rows, Trial, estimate, study
+from .pictures import Drawing, drawn
 
 METHODS = {
     "static, surface quality": "huang2024-static-quality",
@@ -40,7 +40,7 @@ GRAVITY = 9806.65
 
 
 @study("huang2024", "Power, speed and angles: eqs. 1, 2, 9–11")
-def equations(trial: Trial) -> Findings:
+def equations(trial: Trial, rows: Rows) -> None:
     """The equations of §2 against integrals, derivatives and dimensions."""
     steel = materials.material("c45-10")
     w0, p0 = steel.params.w0, steel.power
@@ -51,7 +51,6 @@ def equations(trial: Trial) -> Findings:
     r = np.linspace(0.0, 8.0 * w0, 200_001)
     uniform = float(np.trapezoid(np.where(r <= w0, i0, 0.0) * 2 * np.pi * r, r)) / delta
     gaussian = float(np.trapezoid(i0 * np.exp(-2.0 * (r / w0) ** 2) * 2 * np.pi * r, r)) / delta
-    rows = Rows("huang2024")
     error = 100 * (uniform / p0 - 1)
     rows("spot-power", (uniform, p0, i0 * 1e-3, delta, 1e3 * w0), error=error, guess=100 * (4 / np.pi - 1))
     rows("gaussian-peak", (gaussian, p0), holds=abs(gaussian / p0 - 1) < 0.05)
@@ -65,11 +64,11 @@ def equations(trial: Trial) -> Findings:
     peak = float(np.abs(np.gradient(x, t)).max())
     holds = abs(peak / (amplitude * frequency) - 1) < 0.05
     rows("spot-speed", (peak, amplitude * frequency, 4 * amplitude * frequency), holds)
-    rows += [*_eq_9(), *_eqs_10_11()]
-    return Findings(rows)
+    _eq_9(rows)
+    _eqs_10_11(rows)
 
 
-def _eq_9() -> Rows:
+def _eq_9(rows: Rows) -> None:
     beta = np.linspace(0.0, np.pi / 2, 91)
     depth, width = 0.8, 1.0
     _, theta = spot.angles(depth, width, beta)
@@ -85,20 +84,16 @@ def _eq_9() -> Rows:
     loose = beta[inner] * (1 + depth / width)
     side = np.sqrt(depth**2 + width**2 - 2 * depth * width * np.cos(np.pi - loose))
     small = float(np.abs(width / np.sin(beta[inner]) - side / np.sin(np.pi - loose)).max())
-    rows = Rows("huang2024")
     rows("eq-9", closed, error=closed if refused else np.inf, guess=small)
-    return rows
 
 
-def _eqs_10_11() -> Rows:
+def _eqs_10_11(rows: Rows) -> None:
     """Dimensions (mm, s, W) of the two sides."""
     length, speed, intensity = np.array([1.0, 0, 0]), np.array([1.0, -1, 0]), np.array([-2.0, 0, 1])
-    rows = Rows("huang2024")
     for where, power_of, text in (("eq. 10", 3, "sin θ"), ("eq. 11", 2, "cos θ")):
         left = length - 0.5 * (power_of * intensity + speed)
         unit = " · ".join(f"{u}^{e:g}" for u, e in zip(("mm", "s", "W"), left, strict=True) if e)
         rows("eqs-10-11", (unit.replace("-", "−"), text, power_of), np.allclose(left, 0.0), where=where, case=where)
-    return rows
 
 
 # ------------------------------------------------------------------------------------------------- B-spline (§2.2)
@@ -126,7 +121,7 @@ MATRIX = np.array([[1, 4, 1, 0], [-3, 0, 3, 0], [3, -6, 3, 0], [-1, 3, -3, 1]])
 
 
 @study("huang2024", "Cubic B-spline: eqs. 3–8")
-def b_spline(trial: Trial) -> Findings:
+def b_spline(trial: Trial, rows: Rows) -> list[Drawing]:
     """The printed and the corrected basis, matrix form, ends, tangents, and local control."""
     t = np.linspace(0.0, 1.0, 101)
     ours, printed = bspline.basis(t), printed_basis(t)
@@ -154,7 +149,6 @@ def b_spline(trial: Trial) -> Findings:
     bent = np.abs(CubicSpline(knots, moved)(fine) - CubicSpline(knots, many)(fine)).max(axis=1) > 1e-12
     every = len(np.unique(np.flatnonzero(bent)[np.flatnonzero(bent) % 50 != 0] // 50)) / (len(many) - 1)
     polygon = np.stack([np.interp(np.linspace(1.0, len(many) - 2.0, len(sampled)), knots, m) for m in many.T], axis=1)
-    rows = Rows("huang2024")
     rows("printed-basis", (misses, " and N".join(str(i) for i in wrong)), holds=misses < 1e-9)
     rows("corrected-basis", whole, holds=whole < 1e-12)
     rows("general-basis", general, error=general, guess=misprint)
@@ -186,7 +180,7 @@ def b_spline(trial: Trial) -> Findings:
         right.set(xlabel="parameter t, 1", ylabel="basis, 1")
         right.legend(frameon=False, ncols=2, fontsize=8)
 
-    return Findings(rows, [b_spline()])
+    return [b_spline()]
 
 
 # ------------------------------------------------------------------------------------------------------ dither (§3)
@@ -204,9 +198,8 @@ def printed_dither(shape: str, t: np.ndarray, sizes: tuple[float, float, float, 
 
 
 @study("huang2024", "Dither: eqs. 12 and 13, three shapes")
-def dither(trial: Trial) -> Findings:
+def dither(trial: Trial, rows: Rows) -> list[Drawing]:
     """The shapes as printed and as the machine makes them; the compound trajectory of a recorded cut."""
-    rows = Rows("huang2024")
     still = spot.Realised(2000.0, 0.3, 0.3, 1.0)  # optics that follow at once
     for shape, turns, sizes in (
         ("circular", 2.0, (0.3, 0.3, 0.0, 0.0)), ("hat", 2.5, (0.06, 0.24 / (5 * np.pi), 0.06, 0.24 / (5 * np.pi))),
@@ -224,8 +217,8 @@ def dither(trial: Trial) -> Findings:
     grown = 2 * 2 * np.pi * 2000.0
     far = float(np.abs(spot.shaped(spot.Params(), still, np.linspace(0.0, 4.0, 4001))[2]).max())
     rows("unbounded-ramp", (far, grown * 1e-3), holds=abs(far / grown - 1) < 0.1)
-    rows += _eq_13()
-    return Findings(rows, [_dither_shapes(), _compound()])
+    _eq_13(rows)
+    return [_dither_shapes(), _compound()]
 
 
 def _recorded(name: str, scenario: str, seed: int = 1000) -> np.ndarray:
@@ -235,7 +228,7 @@ def _recorded(name: str, scenario: str, seed: int = 1000) -> np.ndarray:
     return channels[:, :, 0]
 
 
-def _eq_13() -> Rows:
+def _eq_13(rows: Rows) -> None:
     """Eq. 13 on a recorded cut: what the spot does beside the carrier is the dither."""
     channels, optics = _recorded("huang2024-dynamic", "cut-square"), spot.Params()
     whole = quality.travelled(channels, optics, 1.0)
@@ -250,14 +243,12 @@ def _eq_13() -> Rows:
     off = np.abs(radius - real.x)
     spectrum = np.abs(np.fft.rfft(relative[1] * np.hanning(len(radius))))
     frequency = float(np.fft.rfftfreq(len(radius), whole.dt)[np.argmax(spectrum)])
-    rows = Rows("huang2024")
     rows(
         "relative-dither",
         (float(np.median(radius)), DYNAMIC, len(radius), 1e3 * np.quantile(off, 0.99), 1e3 * off.max()),
         holds=abs(np.median(radius) / DYNAMIC.x - 1) < 0.05,
     )
     rows("dither-frequency", frequency * 1e-3, holds=abs(frequency / 2000.0 - 1) < 1e-3)
-    return rows
 
 
 @drawn("Huang2024 Fig. 4, eq. 12", 0, layout=None)
@@ -314,9 +305,9 @@ def _compound(*axes: Axes) -> None:
 
 
 @study("huang2024", "Table 1: what the optics make of the settings")
-def table_1(trial: Trial) -> Findings:
+def table_1(trial: Trial, rows: Rows) -> None:
     """Amplitudes behind galvo and piezo, and what a moving lens would have to stand."""
-    optics, rows = spot.Params(), Rows("huang2024")
+    optics = spot.Params()
     for kilohertz, stroke in ((2.0, 1.0), (4.0, 5.0)):
         hertz = 1e3 * kilohertz
         real = spot.realised(optics, spot.Command(frequency=hertz, x=0.3, y=0.3, z=stroke), 0.0)
@@ -326,7 +317,6 @@ def table_1(trial: Trial) -> Findings:
         rows("piezo", (real.z, kilohertz, stroke, np.rad2deg(real.lag_z), optics.piezo * 1e-3), holds)
         load = stroke * (2 * np.pi * hertz) ** 2 / GRAVITY
         rows("moving-lens", (load, stroke, kilohertz), holds=load < 1e3)
-    return Findings(rows)
 
 
 @functools.cache
@@ -339,11 +329,11 @@ def jobs_of(name: str, scenario: str, seeds: int, shape: str = "circular") -> di
 
 
 @study("huang2024", "Table 2: speed, dross and roughness of three methods")
-def table_2(trial: Trial) -> Findings:
+def table_2(trial: Trial, rows: Rows) -> list[Drawing]:
     """The nine numbers from whole jobs (streaming form), from the full form, and the radar chart of Fig. 10."""
     steel = materials.material("c45-10")
     straight = fit_cut.table(steel.params, steel.power).set_index("method")
-    rows, figures = Rows("huang2024"), {}
+    figures = {}
     fitted = "six coefficients were fitted to these six numbers and the focus: agreement validates nothing"
     for method, name in METHODS.items():
         printed, seen = fit_cut.TABLE_2[method], jobs_of(name, "cut-square", trial.seeds)
@@ -369,7 +359,7 @@ def table_2(trial: Trial) -> Findings:
     areas = [area(radar(values)) for values in (paper, figures)]
     lead = [a["dynamic compound"] / max(a["static, surface quality"], a["static, fastest"]) for a in areas]
     rows("radar", (float(lead[1]), lead, fitted), holds=lead[0] > 1 and lead[1] > 1)
-    return Findings(rows, [_radar(paper, figures)])
+    return [_radar(paper, figures)]
 
 
 def radar(values: dict[str, tuple[float, float, float]]) -> dict[str, np.ndarray]:
@@ -428,7 +418,7 @@ def fastest(p: cut.Params, watts: float, dither: spot.Command) -> float:
 
 
 @study("huang2024", "Dither: absorption, speed, dross, roughness")
-def absorption(trial: Trial) -> Findings:
+def absorption(trial: Trial, rows: Rows) -> list[Drawing]:
     """The four things that §4 says of cutting with dither, beside the same beam without, at the same power."""
     steel = materials.material("c45-10")
     amplitudes = np.linspace(0.0, 0.3, 31)
@@ -440,7 +430,6 @@ def absorption(trial: Trial) -> Findings:
     speeds = [fastest(steel.params, steel.power, d) for d in (spot.Command(), DYNAMIC)]
     without, with_ = (jobs_of(DITHERS[name][0], "cut-square", trial.seeds, DITHERS[name][1])
                       for name in ("none", "circular"))  # fmt: skip
-    rows = Rows("huang2024")
     rows("absorbed-share", (100 * plain, 100 * share[-1]), holds=share[-1] > 1.02 * plain)
     rows("largest-feed", (speeds, SAME), holds=speeds[1] > 1.02 * speeds[0])
     for name, unit, said in (("dross", "mm", "“smaller dross”"), ("roughness", "µm", "“improves roughness”")):
@@ -466,15 +455,14 @@ def absorption(trial: Trial) -> Findings:
         right.set(xlabel="feed, m/min", ylabel="melt margin, 1", ylim=(0, 4))
         right.legend(frameon=False)
 
-    return Findings(rows, [absorption()])
+    return [absorption()]
 
 
 @study("huang2024", "What each shape of dither is said to be good for")
-def shapes(trial: Trial) -> Findings:
+def shapes(trial: Trial, rows: Rows) -> list[Drawing]:
     """Circle, hat and ellipse at one feed and power, beside no dither and beside each other."""
     found = {name: jobs_of(stack, "cut-square", trial.seeds, shape) for name, (stack, shape) in DITHERS.items()}
 
-    rows = Rows("huang2024")
     for key, figure, shape, beside in (
         ("shape-dross", "dross", "circular", "none"),
         ("shape-striations", "roughness", "circular", "none"),
@@ -496,20 +484,19 @@ def shapes(trial: Trial) -> Findings:
             ax.set(ylabel=label)
             ax.tick_params(axis="x", labelrotation=30, labelsize=8)
 
-    return Findings(rows, [shapes()])
+    return [shapes()]
 
 
 # --------------------------------------------------------------------------------------- Fig. 8, the adjusting unit
 
 
 @study("huang2024", "Fig. 8: amplitude of the focus' dither")
-def focus_dither(trial: Trial) -> Findings:
+def focus_dither(trial: Trial, rows: Rows) -> list[Drawing]:
     """Edge quality with ±1 mm at 2 kHz and ±5 mm at 4 kHz, on whole jobs and over the amplitude."""
     small, large = (
         jobs_of(f"huang2024-dynamic:law.z={z:g},law.frequency={f:g}", "cut-square", trial.seeds)
         for z, f in ((1.0, 2000.0), (5.0, 4000.0))
     )
-    rows = Rows("huang2024")
     for name, text, unit in (("roughness", "roughness Rz", "µm"), ("dross", "dross", "mm"), ("taper", "taper u", "mm")):
         a, b = small[name], large[name]
         rows(
@@ -539,16 +526,15 @@ def focus_dither(trial: Trial) -> Findings:
             ax.set(xlabel="amplitude of the focus' dither, mm", ylabel=label)
         axes[0].legend(frameon=False)
 
-    return Findings(rows, [focus_dither()])
+    return [focus_dither()]
 
 
 @study("huang2024", "The trajectory-parameter adjusting unit")
-def adjusting_unit(trial: Trial) -> Findings:
+def adjusting_unit(trial: Trial, rows: Rows) -> list[Drawing]:
     """The rules of ``huang2024-adjusting`` beside the dynamic method on the whole cutting suite, seed by seed."""
     names, core = ("huang2024-dynamic", "huang2024-adjusting"), scenarios.core("cutting")
     tuned = len(preset(names[1])["parameters"])
     plain, adjusted = ([jobs_of(name, scenario, trial.seeds) for scenario in core] for name in names)
-    rows = Rows("huang2024")
     for key, text, claim in (
         ("contour_rms", "RMS contour error", "more accurate"),
         ("contour_max", "largest contour error", "more accurate"),
@@ -569,7 +555,7 @@ def adjusting_unit(trial: Trial) -> Findings:
     rows(
         "signals-of-the-unit", (", ".join(fed), ", ".join(missing)), holds={"speed", "lag", "contour_error"} <= set(fed)
     )
-    return Findings(rows, [_adjusting()])
+    return [_adjusting()]
 
 
 @drawn("Huang2024 §4, Fig. 6", 2, height=3.8)

@@ -16,8 +16,8 @@ from ...envs.scenarios import Scenario
 from ..measure.rollout import roll
 from ..measure.stability import Injection
 from ..plots.palette import COLOURS
-from .claims import Findings, Rows, Trial, study
-from .pictures import drawn
+from .claims import Rows, Trial, study
+from .pictures import Drawing, drawn
 
 OPEN = "guard.capture=2,guard.plan=1,guard.acceleration=50000,guard.fastest=500,guard.delay=0"
 """The supervisor's own approach planner as good as off, so that the law has to stop by itself."""
@@ -57,7 +57,7 @@ def _static(d: np.ndarray, **constants: float) -> np.ndarray:
 
 
 @study("patent2022", "Three cases: lift, hold, lower")
-def three_cases(trial: Trial) -> Findings:
+def three_cases(trial: Trial, rows: Rows) -> list[Drawing]:
     """Which case a period is in, what it does, and what s, r, vs and vm do in it."""
     p = law.Params()
     record = _run(trial, scenarios.load("rough"), "patent2022")
@@ -71,7 +71,6 @@ def three_cases(trial: Trial) -> Findings:
     least = [int(case.sum(axis=0).min()) for case in (lift, hold, lower)]
     moved, risen = (lift | lower).sum(axis=0), lift.sum(axis=0)
     wrong = float((100 * (1 - right / moved)).max()) if min(least) > 0 else np.inf
-    rows = Rows("patent2022")
     guess = float((100 * np.minimum(risen, moved - risen) / moved).max())
     rows("cases", (100 * right / moved, least), error=wrong, guess=guess)
 
@@ -99,7 +98,7 @@ def three_cases(trial: Trial) -> Findings:
     small = np.geomspace(0.02, 1.0, 50)
     power = float(np.polyfit(np.log(small), np.log(_static(small)), 1)[0])
     rows("nearer-smaller", power, error=power - 1.5, guess=-0.5)
-    return Findings(rows, [_characteristic(), _cases(trial)])
+    return [_characteristic(), _cases(trial)]
 
 
 @pictured("Patent2022 ¶ 53–69", 2)
@@ -139,7 +138,7 @@ def _cases(axes: Axes, trial: Trial) -> None:
 
 
 @study("patent2022", "Planned descent and overshoot")
-def descent(trial: Trial) -> Findings:
+def descent(trial: Trial, rows: Rows) -> list[Drawing]:
     """Down onto the sheet from 4 to 15 mm above the set height, the supervisor's own planner off."""
     case, p = scenarios.load("descent"), law.Params()
     planned = _run(trial, case, f"patent2022:{OPEN}")
@@ -163,7 +162,6 @@ def descent(trial: Trial) -> Findings:
     over_supervised = 1e3 * metrics.overshoot(supervised)
     arrival = np.argmax(np.abs(planned.error) < 0.1, axis=0) * PERIOD
     reaches = (np.abs(planned.error[-1]) < 0.02).all()
-    rows = Rows("patent2022")
     rows("approach", (100 * most, p, beyond.sum(), len(beyond), steepest.max()), error=off_pace, guess=off_plain)
     error = float(over.max()) if reaches and not planned.collided.any() else np.inf
     guess = float(np.median(over_plain))
@@ -190,7 +188,7 @@ def descent(trial: Trial) -> Findings:
         pace.set(xlabel="time, s", ylabel="velocity of the head, mm/s", xlim=(0, 1.2))
         gap.legend()
 
-    return Findings(rows, [descent()])
+    return [descent()]
 
 
 # ---------------------------------------------------------------------------------------------------- noise in the hold
@@ -208,7 +206,7 @@ class _Planner:
 
 
 @study("patent2022", "Chatter")
-def chatter(trial: Trial) -> Findings:
+def chatter(trial: Trial, rows: Rows) -> list[Drawing]:
     """What the feedback's noise does to the axis on a level sheet, against a plain PID and velocity planning alone."""
     flat, noisy = _flat(), _flat(head=IMPULSES)
     still = _run(trial, flat, "patent2022")
@@ -216,7 +214,6 @@ def chatter(trial: Trial) -> Findings:
     none, before = (
         np.where(r.scored, r["wish"] == 0.0, 0.0).sum(axis=0) / r.scored.sum(axis=0) for r in (still, without)
     )
-    rows = Rows("patent2022")
     guess = float((100 * (1 - before)).min())
     error = float((100 * (1 - none)).max())
     rows("hold", (100 * none, 1e6 * law.Params().smallest, 100 * np.median(before)), error=error, guess=guess)
@@ -256,14 +253,14 @@ def chatter(trial: Trial) -> Findings:
             axes.set(xlabel="time, s", ylabel="command, mm/s", xlim=(2.0, end))
             axes.legend(loc="upper right")
 
-    return Findings(rows, [chatter()])
+    return [chatter()]
 
 
 # ------------------------------------------------------------------------------------------------- what s and 0.01 cost
 
 
 @study("patent2022", "Loop gain and rectified noise")
-def gain(trial: Trial) -> Findings:
+def gain(trial: Trial, rows: Rows) -> list[Drawing]:
     """How much follows from the printed 0.01, and what a sensitivity that acts one way does to the mean."""
     d = np.geomspace(1e-3, 5.0, 200)
     slope = _static(d, accuracy=1e-4, smallest=0.0) / d / PERIOD
@@ -275,7 +272,6 @@ def gain(trial: Trial) -> Findings:
         stacks.resolve("patent2022")
     )
     wavy = metrics.rms_true(_run(trial, scenarios.load("wavy"), "patent2022"))
-    rows = Rows("patent2022")
     rows(
         "factor-of-a-hundredth",
         (largest, np.sqrt(np.mean(wavy**2)), ", ".join(f"{x:.2f}" for x in response.worst)),
@@ -307,4 +303,4 @@ def gain(trial: Trial) -> Findings:
         )  # fmt: skip
         right.set(xlabel="sensitivity s", ylabel="mean true error, µm", xscale="log")
 
-    return Findings(rows, [gain()])
+    return [gain()]

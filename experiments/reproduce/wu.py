@@ -19,8 +19,8 @@ from ..measure import axes
 from ..measure.axes import IDEAL
 from ..plots.palette import COLOURS, QUIET
 from ..results import jobs
-from .claims import Findings, Rows, Trial, estimate, study
-from .pictures import drawn
+from .claims import Rows, Trial, estimate, study
+from .pictures import Drawing, drawn
 
 PRESETS = {"a": xy_axes.Params(), "b": xy_axes.Params(t1=0.012, t2=0.006626, tau=0.0, gain=1.04167)}
 """Drive constants that agree with the printed limit (docs/physics.md#the-x-and-y-axes); Wu gives none."""
@@ -49,7 +49,7 @@ def _kv(kp: float, p: xy_axes.Params) -> float:
 
 
 @study("wu", "Two rates and the incremental position error")
-def rates(trial: Trial) -> Findings:
+def rates(trial: Trial, rows: Rows) -> None:
     """What the machine's servo issues and sees on a circle whose speed changes all the time."""
     way = axes.circle(40.0, axes.from_rest(60.0, 2000, 2400))
     fields = ("x.issued", "x.step", "axes_signals.error_x", "axes_signals.position_x", "axes_signals.velocity_x")
@@ -66,16 +66,14 @@ def rates(trial: Trial) -> Findings:
     apart = float(np.abs(replayed - e[1:]).max())
     prompt = e[0] + np.cumsum(-np.diff(a) + o[1:])  # the increment of the same instant instead
     whole = float(np.abs(increments).max()) * 2  # all of an interpolated increment in the first of its two interrupts
-    rows = Rows("wu")
     rows("servo", servo, holds=servo == 4.0)
     rows("interpolation", interpolation, holds=interpolation == 8.0)
     rows("equal-halves", (count, _apart(unequal)), error=unequal, guess=whole)
     rows("position-error", (len(replayed), _apart(apart)), error=apart, guess=float(np.abs(prompt - e[1:]).max()))
-    return Findings(rows)
 
 
 @study("wu", "Lag of a ramp")
-def lag(trial: Trial) -> Findings:
+def lag(trial: Trial, rows: Rows) -> None:
     """The steady position error at constant speed."""
     speeds = (CUTTING / 4, CUTTING)
     ideal = [p._replace(**IDEAL) for p in PRESETS.values()]
@@ -89,17 +87,15 @@ def lag(trial: Trial) -> Findings:
     off = float(np.abs(found / expected - 1).max())
     at = runs.index((CUTTING, ideal[0], KP))
     kv = _kv(KP, ideal[0])
-    rows = Rows("wu")
     rows("lag-as-printed-first", (float(found[at]), kv, CUTTING * kv), holds=abs(found[at] / (CUTTING * kv) - 1) < 0.01)
     error = 100 * (float(found[at]) / (CUTTING / kv) - 1)
     rows("lag-as-printed-next", (float(found[at]), CUTTING / kv), error=error, guess=-100.0)
     guess = 100 * float(np.abs(expected.mean() / expected - 1).max())
     rows("lag-of-type-1", (1e2 * max(off, 1e-6), len(runs)), error=100 * off, guess=guess)
-    rows += _moves_and_stops()
-    return Findings(rows)
+    _moves_and_stops(rows)
 
 
-def _moves_and_stops() -> Rows:
+def _moves_and_stops(rows: Rows) -> None:
     """What the actual position does while the commanded one moves evenly, and after it has stopped."""
     p = PRESETS["a"]
     speeds = np.concatenate([axes.from_rest(CUTTING, 300, 1500), np.zeros(1500)])
@@ -110,14 +106,12 @@ def _moves_and_stops() -> Rows:
     pace = float((x[1400] - x[1000]) / 0.4)
     rest = 1e3 * float(np.abs(x[-1] - speeds.sum() * 1e-3))
     lag = 1e3 * float(error[1400])
-    rows = Rows("wu")
     rows("same-speed", (pace, CUTTING), error=100 * (pace / CUTTING - 1), guess=100 * (RAPID / CUTTING - 1))
     rows("comes-to-rest", rest, error=rest, guess=lag, tolerance=1e3 * p.encoder)
-    return rows
 
 
 @study("wu", "The loop in the z domain")
-def z_domain(trial: Trial) -> Findings:
+def z_domain(trial: Trial, rows: Rows) -> None:
     """A, B, C, D against scipy's zero-order hold, and the difference equation against the machine."""
     t, off = 4e-3, {"A": 0.0, "sum": 0.0, "product": 0.0, "poles": 0.0}
     single, open_loop = np.inf, np.inf  # A of a drive with T1 alone; the cubic of the open loop
@@ -147,13 +141,11 @@ def z_domain(trial: Trial) -> Findings:
     left = np.convolve(ours, xy_axes.characteristic(p, k))[3 : len(ours)]
     right = np.convolve(error + ours, [0.0, k * a, -k * b, 0.0])[3 : len(ours)]
     apart = float(np.abs(left - right).max())
-    rows = Rows("wu")
     rows("z-domain-a", off, error=off["A"], guess=single)
     rows("z-domain-b", off, holds=off["sum"] < 1e-12)
     rows("z-domain-b-corrected", off, holds=off["product"] < 1e-12)
     rows("characteristic-equation", off, error=off["poles"], guess=open_loop)
     rows("sampled-axis", (_apart(apart), len(left)), error=apart, guess=float(np.abs(1.0 - ours[3:]).max()))
-    return Findings(rows)
 
 
 def limit_in_time(p: xy_axes.Params, kn: float = KN) -> float:
@@ -170,9 +162,8 @@ def limit_in_time(p: xy_axes.Params, kn: float = KN) -> float:
 
 
 @study("wu", "Stability of the position loop")
-def stability(trial: Trial) -> Findings:
+def stability(trial: Trial, rows: Rows) -> None:
     """The largest gain Kp of the literal and of the physical loop, from their poles and from simulated steps."""
-    rows = Rows("wu")
     for name, p in PRESETS.items():
         for literal in (True, False):
             q = p._replace(literal=literal)
@@ -182,7 +173,6 @@ def stability(trial: Trial) -> Findings:
             seen = limit_in_time(q)
             holds = literal and abs(seen - 4.5) < 0.05
             rows("limit-in-time", (seen, name, "literal" if literal else "physical"), holds)
-    return Findings(rows)
 
 
 def frequency_response(p: xy_axes.Params, kp: float, hertz: np.ndarray) -> np.ndarray:
@@ -199,12 +189,12 @@ def bandwidth(p: xy_axes.Params, kp: float) -> float:
 
 
 @study("wu", "Overshoot and sampling rate")
-def response(trial: Trial) -> Findings:
+def response(trial: Trial, rows: Rows) -> list[Drawing]:
     """Steps of many gains, and the bandwidth that goes with them."""
     kps = np.round(np.arange(0.10, 1.5001, 0.02), 2)
     step = np.ones(1500)
     step[:8] = 0.0
-    rows, shown = Rows("wu"), {}
+    shown: dict[float, np.ndarray] = {}
     for name, p in PRESETS.items():
         q = p._replace(**IDEAL)
         there = axes.journey(step, step)
@@ -223,7 +213,7 @@ def response(trial: Trial) -> Findings:
         ratio, fast = 250.0 / bandwidth(p, KP), 250.0 / bandwidth(p, largest)
         holds = ratio >= 7.0 and fast >= 7.0
         rows("sampling-rate", (ratio, fast, KP, largest, name, 250 / ratio, 250 / fast), holds)
-    return Findings(rows, [_steps(shown)])
+    return [_steps(shown)]
 
 
 @drawn("Wu §4, §6.1", words={"KP": KP})
@@ -276,7 +266,7 @@ def harmonics(angle: np.ndarray, error: np.ndarray, most: int = 4) -> np.ndarray
 
 
 @study("wu", "Finding 1: equal gains")
-def equal_gains(trial: Trial) -> Findings:
+def equal_gains(trial: Trial, rows: Rows) -> None:
     """Lines and arcs at constant and varying feed when all four directions have the same gain."""
     p = PRESETS["a"]
     law, angle = wu.Params(kp=KP), np.pi / 6
@@ -289,7 +279,6 @@ def equal_gains(trial: Trial) -> Findings:
         [law] * 4, fields,
     )  # fmt: skip
     beside = 1e3 * np.abs(seen["y.position"] * np.cos(angle) - seen["x.position"] * np.sin(angle)).max(axis=0)
-    rows = Rows("wu")
     for i, text in enumerate(("constant speed", "speed varying between 4 and 8 m/min")):
         rows("line-offset", (float(beside[i]), text), error=float(beside[i]), guess=float(beside[i + 2]), case=text)
     te = p.t1 + p.t2 - p.tau + 2e-3  # a held servo period adds half of itself where the velocity is integrated
@@ -305,7 +294,6 @@ def equal_gains(trial: Trial) -> Findings:
             guess=1e3 * float(np.abs(uneven).max()),
             case="grows" if abs(shift) >= 50.0 else "within",
         )
-    return Findings(rows)
 
 
 CASES: dict[str, tuple[float, dict[str, Any], str]] = {
@@ -318,7 +306,7 @@ CASES: dict[str, tuple[float, dict[str, Any], str]] = {
 
 
 @study("wu", "Finding 2: unequal gains")
-def unequal_gains(trial: Trial) -> Findings:
+def unequal_gains(trial: Trial, rows: Rows) -> list[Drawing]:
     """Offset of lines, distortion of circles, Fig. 5, and what correcting the gains in the law does."""
     radius, speed, kv = 60.0, 30.0, 30.0
     p = PRESETS["a"]._replace(**IDEAL)
@@ -336,7 +324,6 @@ def unequal_gains(trial: Trial) -> Findings:
     )  # fmt: skip
     waves = 1e3 * harmonics(*uneven)
     rest = 1e3 * harmonics(*mended)[2]
-    rows = Rows("wu")
     rows("unequal-line", (1e3 * offset, 1e3 * expected), holds=abs(offset / expected - 1) < 0.03)
     rows(
         "twice-the-frequency",
@@ -366,18 +353,17 @@ def unequal_gains(trial: Trial) -> Findings:
             result = f"travelled to −x {1e3 * change[minus].max():.2g} µm, to +x {1e3 * change[plus].max():.1g} µm"
             case = "upper" if sense > 0 else "lower"
         rows("fig-5", (result, key, text), holds=fine, case=case)
-    rows.extend(_matched_stack(trial))
-    return Findings(rows, [_circles(shapes=shapes, radius=radius)])
+    _matched_stack(trial, rows)
+    return [_circles(shapes=shapes, radius=radius)]
 
 
-def _matched_stack(trial: Trial) -> Rows:
+def _matched_stack(trial: Trial, rows: Rows) -> None:
     """``wu`` and ``wu-matched`` on the scenario with unequal axes, and ``wu`` with equal ones."""
     scenario = scenarios.load("contour-mismatch")
     equal = scenario.varied(gantry=dict.fromkeys(("x_plus", "x_minus", "y_plus", "y_minus"), 1.0))
     plain, matched = (_contour(name, scenario, trial)["contour_rms"] for name in ("wu", "wu-matched"))
     ideal = _contour("wu", equal, trial)["contour_rms"]
     share = 1.0 - (ideal / plain) ** 2
-    rows = Rows("wu")
     rows("matched-stack", (estimate(plain, "µm"), estimate(matched, "µm")), holds=np.median(matched - plain) < 0)
     rows(
         "share-of-gains",
@@ -391,7 +377,6 @@ def _matched_stack(trial: Trial) -> Rows:
         ),
         holds=np.median(share) > 0.5,
     )
-    return rows
 
 
 def _contour(name: str, scenario: Scenario, trial: Trial) -> dict[str, np.ndarray]:
@@ -430,9 +415,8 @@ def _circles(*panels: Axes, shapes: dict[str, tuple[np.ndarray, np.ndarray]], ra
 
 
 @study("wu", "Finding 3: sudden changes of the input")
-def sudden_changes(trial: Trial) -> Findings:
+def sudden_changes(trial: Trial, rows: Rows) -> list[Drawing]:
     """The stack ``wu`` with and without acceleration, deceleration and corner handling."""
-    rows = Rows("wu")
     for scenario in ("contour-square", "contour-corners", "contour-gear"):
         results = {name: _contour(name, scenarios.load(scenario), trial) for name in ("wu-no-corners", "wu")}
         for metric, text in (("contour_max", "largest"), ("contour_rms", "RMS")):
@@ -451,7 +435,7 @@ def sudden_changes(trial: Trial) -> Findings:
                 ),
                 holds=np.median(without - with_) > 0,
             )
-    return Findings(rows, [_corner()])
+    return [_corner()]
 
 
 @drawn("Wu §5.3", 2)
@@ -507,14 +491,13 @@ def out_of_round(speed: float, bits: Sequence[int]) -> np.ndarray:
 
 
 @study("wu", "The drive at low speed")
-def low_speed(trial: Trial) -> Findings:
+def low_speed(trial: Trial, rows: Rows) -> list[Drawing]:
     """What the coarseness of the speed that a drive is told does to a circle, from crawling to the largest feed."""
     found = np.array([out_of_round(v, (*CONVERTERS, 0)) for v in SPEEDS])
     smooth = found[:, -1:]
     drive = np.sqrt(np.maximum(found[:, :-1] ** 2 - smooth**2, 0.0))  # what the converter adds
     slow, fast = SPEEDS.index(0.2), SPEEDS.index(8.0)
     steps = [RAPID / 2 ** (n - 1) * 0.06 for n in CONVERTERS]  # m/min
-    rows = Rows("wu")
     rows(
         "low-speed",
         (", ".join(f"{x:.2g}" for x in found[slow, :-1]), ", ".join(f"{n} bits" for n in CONVERTERS)),
@@ -529,7 +512,7 @@ def low_speed(trial: Trial) -> Findings:
     )
     holds = (np.diff(found[slow, : len(CONVERTERS)]) < 0).all()
     rows("better-drive", " → ".join(f"{x:.2g}" for x in found[slow]), holds)
-    return Findings(rows, [_low_speed(found, steps)])
+    return [_low_speed(found, steps)]
 
 
 @drawn("Wu §6.2")
@@ -580,7 +563,7 @@ def approached(resolution: list[tuple[xy_axes.Params, float]]) -> np.ndarray:
 
 
 @study("wu", "Accuracy, repeatability and speeds")
-def accuracy(trial: Trial) -> Findings:
+def accuracy(trial: Trial, rows: Rows) -> list[Drawing]:
     """What the control's share of the machine's accuracy is: encoder, D/A converter, loop."""
     b = PRESETS["b"]._replace(encoder=0.005)
     choices = {
@@ -589,7 +572,6 @@ def accuracy(trial: Trial) -> Findings:
         "(a): 16-bit D/A, encoder 1 µm": PRESETS["a"],
     }
     errors = approached([(p, axes.gain(30.0, p)) for p in choices.values()])
-    rows = Rows("wu")
     _travel(rows)
     for (text, p), e in zip(choices.items(), errors, strict=True):
         worst = float(np.abs(e).max())
@@ -611,7 +593,7 @@ def accuracy(trial: Trial) -> Findings:
         reached = 0.06 * float((seen["x.position"][-1, i] - seen["x.position"][-501, i]) / 0.5)
         holds = abs(reached / (0.06 * v) - 1) < 2e-3
         rows("speeds", (reached, 0.06 * v, seen["axes_signals.error_x"][-1, i], _kv(KP, p)), holds, claim=text)
-    return Findings(rows, [_approaches(errors=errors, names=list(choices))])
+    return [_approaches(errors=errors, names=list(choices))]
 
 
 def _travel(rows: Rows) -> None:

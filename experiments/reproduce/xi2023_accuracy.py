@@ -14,7 +14,8 @@ from ...envs.scenarios import Axis, Head, Scenario
 from ..measure import rollout
 from ..plots.palette import COLOURS, QUIET
 from . import fit_table1 as table1
-from .claims import Findings, Rows, Trial, estimate, study
+from .claims import Rows, Trial, estimate, study
+from .pictures import Drawing
 from .verdicts import FAILS, TREND
 from .xi2023_sensor import pictured
 
@@ -66,12 +67,11 @@ def _flat(
 
 
 @study("xi2023", "Static accuracy of 0.001 mm")
-def static_accuracy(trial: Trial) -> Findings:
+def static_accuracy(trial: Trial, rows: Rows) -> list[Drawing]:
     """A level sheet and the sensor's noise, with and without interpolation."""
     found = {
         look: {h: _at_rest(h, look, trial.seeds) for h in HEIGHTS} for look in ("interpolate", "nearest")
     }  # fmt: skip
-    rows = Rows("xi2023")
     for look, runs in found.items():
         for h in (HEIGHTS[0], HEIGHTS[2], HEIGHTS[-1]):
             true, reported = runs[h]
@@ -94,7 +94,7 @@ def static_accuracy(trial: Trial) -> Findings:
         ),
         holds=noise[1e-3] <= STATIC,
     )
-    return Findings(rows, [_static(found)])
+    return [_static(found)]
 
 
 def _at_rest(height: float, look: str, seeds: int, noise: float = 1e-3) -> tuple[np.ndarray, np.ndarray]:
@@ -125,14 +125,13 @@ def _static(ax: Axes, found: dict[str, dict[float, tuple[np.ndarray, np.ndarray]
 
 
 @study("xi2023", "Dynamic accuracy of 0.01 mm at 500 mm/s")
-def dynamic_accuracy(trial: Trial) -> Findings:
+def dynamic_accuracy(trial: Trial, rows: Rows) -> list[Drawing]:
     """500 mm/s as the limit of the Z axis, and as the feed over the sheet."""
     reached, rise = _fastest()
     gain = float(stacks.get("xi2023-improved").part("law").kv)
     slopes = {name: _slopes(name, trial.seeds) for name in FOLLOWERS}
     limits = {name: np.array([_limit(SURFACE_SPEEDS, e) for e in errors]) for name, errors in slopes.items()}
     p, fastest = table1.load(), SURFACE_SPEEDS[-1]
-    rows = Rows("xi2023")
     rows("z-limit", (reached, rise), holds=abs(reached / SPEED - 1) < 0.01)
     rows("z-accuracy", (SPEED / gain, gain), holds=SPEED / gain <= DYNAMIC)
     holds = abs(np.median(limits["xi2023-improved"]) / (gain * DYNAMIC) - 1) < 0.2
@@ -162,7 +161,7 @@ def dynamic_accuracy(trial: Trial) -> Findings:
         rows(
             "waviness", (1e3 * found["xi2023-improved"], length, 1e3 * last, 1e3 * usual, p, wave), holds=first >= usual
         )
-    return Findings(rows, [_dynamic(slopes, gain)])
+    return [_dynamic(slopes, gain)]
 
 
 def _fastest() -> tuple[float, float]:

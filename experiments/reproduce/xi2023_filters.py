@@ -10,7 +10,8 @@ from ...envs.plant import filters, heads, idle, machine
 from ...envs.plant.controller import make_law
 from ...envs.plant.fleet import Fleet
 from ..plots.palette import COLOURS, QUIET
-from .claims import Findings, Rows, Trial, study
+from .claims import Rows, Trial, study
+from .pictures import Drawing
 from .xi2023_sensor import pictured
 
 REST = 3.6e6
@@ -79,7 +80,7 @@ STEP, IMPULSE = np.ones(40), np.eye(1, 40)[0]
 
 
 @study("xi2023", "Moving average, eq. 6")
-def moving_average(trial: Trial) -> Findings:
+def moving_average(trial: Trial, rows: Rows) -> list[Drawing]:
     """Eq. 6 as printed (centred) and as a buffer can run it (causal)."""
     x, params = noisy(0), [kind("mean", window=2 * k + 1) for k in HALVES]
     y = machine_filters(params, x)
@@ -97,13 +98,12 @@ def moving_average(trial: Trial) -> Findings:
     )
     sample = max(float(np.abs(x[k:-k] - centred(x, k)).max()) for k in HALVES)
     late, settled = _against_lag(5)
-    rows = Rows("xi2023")
     rows("moving-average", off, error=off, guess=sample, tolerance=ROUNDING)
     holds = np.allclose(delays, HALVES, atol=1e-6)
     rows("buffer-delay", (", ".join(f"{d:.3g}" for d in delays), ", ".join(map(str, HALVES))), holds)
     rows("named-filters", apart, holds=apart < ROUNDING)
     rows("measures-fast", (settled, late), holds=settled[0] < settled[1])
-    return Findings(rows, [_responses()])
+    return [_responses()]
 
 
 def _against_lag(n: int) -> tuple[list[float], list[int]]:
@@ -134,7 +134,7 @@ def _responses(*axes: Axes) -> None:
 
 
 @study("xi2023", "Improved filter, Fig. 9")
-def improved_filter(trial: Trial) -> Findings:
+def improved_filter(trial: Trial, rows: Rows) -> list[Drawing]:
     """The six steps, what they take out, and what not."""
     lengths = (3, 5, 9)
     x = noisy(1)
@@ -149,12 +149,11 @@ def improved_filter(trial: Trial) -> Findings:
     }
     ramp = _response(np.arange(1.0, 41.0))
     late = [float((ramp[-1] - value) / 1e3) for value in machine_filters(pair, ramp)[-1]]
-    rows = Rows("xi2023")
     rows("six-steps", off, error=off, guess=untrimmed, tolerance=ROUNDING)
     rows("one-sample", (100 * leak[1][1], 100 * leak[1][0]), holds=leak[1][1] < leak[1][0])
     rows("two-samples", (100 * leak[2][1], 100 * leak[2][0]), holds=leak[2][1] < leak[2][0])
     rows("ramp-delay", late, holds=abs(late[1] - late[0]) < 1e-6)
-    return Findings(rows, [_improved(pair)])
+    return [_improved(pair)]
 
 
 @pictured("Xi2023 Fig. 9")

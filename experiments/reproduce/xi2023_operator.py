@@ -6,14 +6,14 @@ from matplotlib.axes import Axes
 from ...envs.control.panel import CENTRE, LEVEL, Panel
 from ...envs.plant import supervisor
 from ..plots.palette import COLOURS, GRID, QUIET
-from .claims import Findings, Rows, Trial, study
-from .pictures import drawn
+from .claims import Rows, Trial, study
+from .pictures import Drawing, drawn
 
 CONTROLLER = "xi2023-improved"
 
 
 @study("xi2023", "Operator functions")
-def operator(trial: Trial) -> Findings:
+def operator(trial: Trial, rows: Rows) -> list[Drawing]:
     """A shift at the panel, over seeds of the machine: home, centre, calibrate, follow."""
     homes, centres, usable, coarse, followed, speeds, fine, rough = ([] for _ in range(8))
     contacts = 0
@@ -55,7 +55,6 @@ def operator(trial: Trial) -> Findings:
                           color=QUIET, fontsize=8)  # fmt: skip
         axes.set(xlabel="time (s)", ylabel="head (mm)", ylim=(-3.0, 103.0))
 
-    rows = Rows("xi2023")
     rows("home", homes, holds=np.abs(homes).max() < 2.0)
     rows("centre", (centres, CENTRE), holds=np.abs(centres).max() < 5.0)
     rows("calibrate", usable, holds=np.min(usable) >= 950)
@@ -65,7 +64,7 @@ def operator(trial: Trial) -> Findings:
     rows("follow", followed, holds=np.abs(followed).max() < 20.0)
     rows("follow-speed", speeds, holds=np.max(speeds) < 21.0)
     rows("contacts", (contacts, trial.seeds), holds=contacts == 0)
-    return Findings(rows, [operator()])
+    return [operator()]
 
 
 def _bias(p: Panel) -> float:

@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 
 from ...envs.plant import calibration, heads, sensor
 from ..plots.palette import COLOURS, QUIET
-from .claims import Findings, Rows, Trial, study
-from .pictures import drawn
+from .claims import Rows, Trial, study
+from .pictures import Drawing, drawn
 from .verdicts import FAILS, TREND
 
 LOW, HIGH = 1.665, 4.053
@@ -60,7 +60,7 @@ def exponent(p: sensor.Params, height: float) -> float:
 
 
 @study("xi2023", "Oscillator: eqs. 1–5 and the printed band")
-def oscillator(trial: Trial) -> Findings:
+def oscillator(trial: Trial, rows: Rows) -> list[Drawing]:
     """What band the equations give, and whether any components give the printed one."""
     eq3, eq1 = sensor.PRESETS["eq3"], sensor.PRESETS["eq1"]
     short = [1 / (1 + c * 3 / LARGEST) - 1 for c in (C_LEAST, C_MOST)]
@@ -76,7 +76,6 @@ def oscillator(trial: Trial) -> Findings:
     span = [capacitance(eq3, h) for h in (10.0, 0.1)]
     heights = np.geomspace(1e-3, 10, 2000)
     touch = heights[np.argmin([abs(capacitance(eq3, float(h)) - C_MOST) for h in heights])]
-    rows = Rows("xi2023")
     rows("near-plates", (_percent(short[0]), _percent(short[1])), holds=max(map(abs, short)) < 0.2)
     holds = abs(bottom / top - 1) < 0.01
     rows("one-inductance", (top, bottom, most, ratio, c5_of(eq3._replace(inductance=top), LOW)), holds)
@@ -91,7 +90,7 @@ def oscillator(trial: Trial) -> Findings:
         otherwise=TREND if min(slopes.values()) > 0 else FAILS,
     )
     rows("capacitance-in-use", (span, 1e3 * touch), holds=span[1] > 45)
-    return Findings(rows, [_band(top, bottom)])
+    return [_band(top, bottom)]
 
 
 def _percent(share: float) -> str:
@@ -121,7 +120,7 @@ def _band(ax: Axes, top: float, bottom: float) -> None:
 
 
 @study("xi2023", "Calibration from 0 to 10 mm at 10 mm/s")
-def calibration_run(trial: Trial) -> Findings:
+def calibration_run(trial: Trial, rows: Rows) -> list[Drawing]:
     """The machine's calibration runs: points, spacing, and what fewer points cost."""
     found = [heads.run(sensor.EQ3, seed) for seed in range(trial.seeds)]
     counts = [int(((f > 0) & (h > 0) & (h <= calibration.SPAN)).sum()) for f, h in found]
@@ -131,13 +130,12 @@ def calibration_run(trial: Trial) -> Findings:
     falls = [float((np.diff(f[h > 0]) < 0).sum()) for f, h in found]
     risen = all((np.diff(t.frequency) > 0).all() for t in tables)
     refused = _refused(*found[0])
-    rows = Rows("xi2023")
     rows("calibration-points", counts, holds=abs(np.median(counts) - 1000) <= 10)
     rows("calibration-spacing", gaps, holds=abs(np.median(gaps) / 0.01 - 1) < 0.01)
     holds = list(coarse.values()) == sorted(coarse.values())
     rows("more-points", (", ".join(f"{n}: {1e3 * e:.1f} µm" for n, e in coarse.items()), refused), holds)
     rows("rising-curve", falls, holds=risen)
-    return Findings(rows, [_calibration(*found[0], tables[0])])
+    return [_calibration(*found[0], tables[0])]
 
 
 def _nearest_error(entries: int) -> float:
@@ -176,7 +174,7 @@ def _calibration(left: Axes, right: Axes, frequency: np.ndarray, height: np.ndar
 
 
 @study("xi2023", "Look-up by binary search")
-def look_up(trial: Trial) -> Findings:
+def look_up(trial: Trial, rows: Rows) -> list[Drawing]:
     """The search against numpy's, and what is read between two entries."""
     table = heads.table(0)
     rng = np.random.default_rng(0)
@@ -194,11 +192,10 @@ def look_up(trial: Trial) -> Findings:
         float(max(abs(calibration.height(p, curve, grid, first, x)[0] - h) for x, h in zip(f, heights, strict=True)))
         for p in (calibration.Params(look_up=1.0), calibration.Params(look_up=0.0))
     ]
-    rows = Rows("xi2023")
     rows("binary-search", 100 * same, error=1 - same, guess=float((straight.astype(int) != right).mean()))
     rows("nearest-entry", 1e3 * errors[0], holds=abs(errors[0] - 0.005) < 3e-4)
     rows("interpolation", 1e3 * errors[1], holds=errors[1] < 1e-3)
-    return Findings(rows, [_look_up(curve, grid)])
+    return [_look_up(curve, grid)]
 
 
 @pictured("Xi2023 §3.2")

@@ -10,7 +10,8 @@ from ...envs.scenarios import Axis, Head, Scenario
 from ..measure import rollout
 from ..plots.palette import COLOURS, INK, QUIET
 from . import fit_table1 as table1
-from .claims import Findings, Rows, Trial, estimate, study
+from .claims import Rows, Trial, estimate, study
+from .pictures import Drawing
 from .xi2023_sensor import pictured
 
 FITTED_WITHIN, HELD_OUT_WITHIN = 0.05, 0.12
@@ -40,11 +41,11 @@ def seeds_of(trial: Trial, runs: int = 1) -> range:
 
 
 @study("xi2023", "Table 1: largest error of the reported height, both filters")
-def table_1(trial: Trial) -> Findings:
+def table_1(trial: Trial, rows: Rows) -> list[Drawing]:
     """The ten numbers, fitted and held out, with the true gap beside them."""
     p, seeds = table1.load(), seeds_of(trial, RUNS)
     found = {(h, name): table1.largest(p, h, name, seeds) for name in FILTERS for h in HEIGHTS}
-    rows, off, line_off = Rows("xi2023"), [], []
+    off, line_off = [], []
     for (height, name), runs in found.items():
         reported, error = table1.TABLE_1[height][name]
         deviation = float(np.median(np.abs(runs.reported))) / error - 1
@@ -87,7 +88,7 @@ def table_1(trial: Trial) -> Findings:
     rows("largest-errors", " mm, ".join(f"{most[n]:.4f}" for n in FILTERS), holds)
     rows("improved-factor", (better, paper["moving average"] / paper["improved"]), holds=best > 1.5, true=f"{best:.2f}")
     rows("error-side", ", ".join(f"{100 * above[n]:.0f} %" for n in FILTERS), holds=above["moving average"] > 0.6)
-    return Findings(rows, [_table_1(found=found), _traces(p=p)])
+    return [_table_1(found=found), _traces(p=p)]
 
 
 @pictured("Xi2023 Table 1", 2)
@@ -140,7 +141,7 @@ def _fall(first: float, last: float) -> str:
 
 
 @study("xi2023", "The error falls as the set height grows")
-def rising_height(trial: Trial) -> Findings:
+def rising_height(trial: Trial, rows: Rows) -> list[Drawing]:
     """Whether it does without the identified laws, and whether a higher set height responds faster."""
     p, seeds = table1.load(), seeds_of(trial)
     middle, loop = table1.impulse(p, MIDDLE), table1.gain(p, MIDDLE)
@@ -153,7 +154,6 @@ def rising_height(trial: Trial) -> Findings:
     for case, head in cases.items():
         curves[case] = {n: [_largest(p, h, n, seeds, head, loop) for h in HEIGHTS] for n in FILTERS}
     curves[IDENTIFIED] = {n: [np.abs(table1.largest(p, h, n, seeds).reported) for h in HEIGHTS] for n in FILTERS}
-    rows = Rows("xi2023")
     for name in FILTERS:
         printed = [table1.TABLE_1[h][name][1] for h in (HEIGHTS[0], HEIGHTS[-1])]
         for case, lines in curves.items():
@@ -174,7 +174,7 @@ def rising_height(trial: Trial) -> Findings:
     )
     slow, fast = (_response_time(h, trial) for h in (0.1, 0.9))
     rows("higher-faster", (slow, fast), holds=fast < 0.95 * slow)
-    return Findings(rows, [_rising_height(curves=curves)])
+    return [_rising_height(curves=curves)]
 
 
 def _largest(
@@ -239,7 +239,7 @@ BANDS = (0.0, 0.005, 0.01, 0.02)
 
 
 @study("xi2023", "The reported height is mostly above the set height")
-def above_set_height(trial: Trial) -> Findings:
+def above_set_height(trial: Trial, rows: Rows) -> list[Drawing]:
     """How often it is, and what a raised set point or a one-sided dead band would make of it."""
     p, seeds = table1.load(), seeds_of(trial)
     record = table1.roll(p, MIDDLE, "improved", seeds)
@@ -251,7 +251,6 @@ def above_set_height(trial: Trial) -> Findings:
     banded = {band: _banded(p, band, seeds) for band in BANDS}
     enough = next((b for b, (share, _) in banded.items() if np.median(share) >= 100 * SHARE), None)
     most = banded[enough if enough is not None else BANDS[-1]]
-    rows = Rows("xi2023")
     rows("mostly-above", above, holds=np.median(above) > 60)
     holds = np.median(cost) <= printed
     rows("raised-set-point", (1e3 * raised, 100 * SHARE, 1e3 * np.median(cost), 1e3 * printed), holds)
@@ -268,7 +267,7 @@ def above_set_height(trial: Trial) -> Findings:
         ),
         holds=enough is not None and np.median(most[1]) <= printed,
     )
-    return Findings(rows, [_above(error, banded)])
+    return [_above(error, banded)]
 
 
 def _banded(p: table1.Parameters, band: float, seeds: range) -> tuple[np.ndarray, np.ndarray]:

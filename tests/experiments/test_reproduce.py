@@ -17,7 +17,6 @@ from kerfgym.experiments.reproduce.claims import (
     DOCUMENTS,
     Estimate,
     Evidence,
-    Findings,
     Row,
     Rows,
     Trial,
@@ -202,14 +201,14 @@ def test_every_entry_of_a_documents_table_is_a_row_of_its_studies(document):
 
 def test_a_run_writes_page_markdown_figures_and_record(shelf, tmp_path):
     @shelf("wu", "One of one's own")
-    def own(trial: Trial) -> Findings:
+    def own(trial: Trial, rows: Rows) -> list[Drawing]:
         figure = Figure(figsize=(2, 1))
         figure.subplots().plot([0, 1])
         row = weighed(
             "eq. 1", "gain | of it", "4.5", estimate(np.arange(trial.seeds), "mm"), GOOD, true="a < b"
         )  # fmt: skip
-        other = weighed("eq. 2", "by another law", "4.5", "4.5", GOOD, instead="the observer")
-        return Findings([row, other], [Drawing("line", figure, "A line (mm).", "Wu Fig. 0")])
+        rows += [row, weighed("eq. 2", "by another law", "4.5", "4.5", GOOD, instead="the observer")]
+        return [Drawing("line", figure, "A line (mm).", "Wu Fig. 0")]
 
     (part,) = reproduce(["wu"], tmp_path / "r", seeds=8, workers=1)
     assert part["rows"][0]["numbers"]["simulation"]["value"] == 3.5
@@ -235,12 +234,12 @@ def test_a_run_writes_page_markdown_figures_and_record(shelf, tmp_path):
 
 def test_a_study_that_fails_is_said_so_and_the_others_are_there(shelf, tmp_path, capsys):
     @shelf("wu", "Fails")
-    def fails(trial: Trial) -> Findings:
+    def fails(trial: Trial, rows: Rows) -> None:
         raise ValueError("no such thing")
 
     @shelf("wu", "Works")
-    def works(trial: Trial) -> Findings:
-        return Findings([weighed("eq. 1", "x", "1", "1", GOOD)])
+    def works(trial: Trial, rows: Rows) -> None:
+        rows.append(weighed("eq. 1", "x", "1", "1", GOOD))
 
     parts = reproduce([], tmp_path / "r", workers=1)
     assert [bool(part["error"]) for part in parts] == [True, False]
@@ -254,14 +253,12 @@ def test_a_run_that_was_interrupted_goes_on_with_what_is_there(shelf, tmp_path):
     calls = []
 
     @shelf("wu", "First")
-    def first(trial: Trial) -> Findings:
+    def first(trial: Trial, rows: Rows) -> None:
         calls.append("first")
-        return Findings([])
 
     @shelf("wu", "Second")
-    def second(trial: Trial) -> Findings:
+    def second(trial: Trial, rows: Rows) -> None:
         calls.append("second")
-        return Findings([])
 
     folder = tmp_path / "r"
     reproduce([], folder, workers=1)
