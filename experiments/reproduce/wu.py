@@ -325,12 +325,9 @@ def unequal_gains(trial: Trial, rows: Rows) -> list[Drawing]:
     waves = 1e3 * harmonics(*uneven)
     rest = 1e3 * harmonics(*mended)[2]
     rows("unequal-line", (1e3 * offset, 1e3 * expected), holds=abs(offset / expected - 1) < 0.03)
-    rows(
-        "twice-the-frequency",
-        (waves, max(waves[1], waves[3], waves[4]), radius, 1e3 * expected),
-        error=float(1 - waves[2] ** 2 / (waves[1:] ** 2).sum()),
-        guess=float(1 - waves[1] ** 2 / (waves[1:] ** 2).sum()),
-    )
+    others, guess = (float(1 - waves[k] ** 2 / (waves[1:] ** 2).sum()) for k in (2, 1))
+    figures = waves, max(waves[1], waves[3], waves[4]), radius, 1e3 * expected
+    rows("twice-the-frequency", figures, error=others, guess=guess)
     rows("software-correction", (waves, max(rest, 1e-3)), holds=rest < 0.01 * waves[2])
     level = matched[1].mean()
     shapes = {}
@@ -365,18 +362,9 @@ def _matched_stack(trial: Trial, rows: Rows) -> None:
     ideal = _contour("wu", equal, trial)["contour_rms"]
     share = 1.0 - (ideal / plain) ** 2
     rows("matched-stack", (estimate(plain, "µm"), estimate(matched, "µm")), holds=np.median(matched - plain) < 0)
-    rows(
-        "share-of-gains",
-        (
-            100 * share,
-            estimate(plain, "µm"),
-            estimate(ideal, "µm"),
-            ". The interval reaches below one half, so “mainly” is not settled"
-            if np.isfinite((e := estimate(100 * share)).low) and e.low < 50
-            else "",
-        ),
-        holds=np.median(share) > 0.5,
-    )
+    case = "open" if estimate(100 * share).low < 50 else "settled"
+    figures = 100 * share, estimate(plain, "µm"), estimate(ideal, "µm")
+    rows("share-of-gains", figures, holds=np.median(share) > 0.5, case=case)
 
 
 def _contour(name: str, scenario: Scenario, trial: Trial) -> dict[str, np.ndarray]:
@@ -422,19 +410,9 @@ def sudden_changes(trial: Trial, rows: Rows) -> list[Drawing]:
         for metric, text in (("contour_max", "largest"), ("contour_rms", "RMS")):
             without, with_ = (results[name][metric] for name in ("wu-no-corners", "wu"))
             times = estimate(without / with_, digits=2)
-            rows(
-                "corner-handling",
-                (
-                    estimate(without, "µm"),
-                    estimate(with_, "µm"),
-                    scenario,
-                    text,
-                    times,
-                    np.median(results["wu-no-corners"]["time"]),
-                    np.median(results["wu"]["time"]),
-                ),
-                holds=np.median(without - with_) > 0,
-            )
+            took = (np.median(results[name]["time"]) for name in ("wu-no-corners", "wu"))
+            figures = estimate(without, "µm"), estimate(with_, "µm"), scenario, text, times
+            rows("corner-handling", (*figures, *took), holds=np.median(without - with_) > 0)
     return [_corner()]
 
 
