@@ -1,19 +1,22 @@
 """What a document claims, what a run says of it, and the studies that find out.
 
-A *study* is one experiment about one document: a function from :class:`Trial` to :class:`Findings`, rows and figures.
-It is registered under ``document/key`` by :func:`study`, its key being the function's name. The numbers in a row come
-out of that run; its verdict follows from them.
+A *study* is one experiment about one document: a function that adds :class:`Rows` in a :class:`Trial` and gives its
+drawings. It is registered under ``document/key`` by :func:`study`, its key being the function's name. The numbers in a
+row come out of that run; its verdict follows from them.
 """
 
 import importlib
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.stats import quantile_test
 
 from ...envs.engine.quantity import InvalidInput, did_you_mean
+from ...envs.safety import files
 from .pictures import Drawing
 from .verdicts import FAILS, NAMED, PRESENT, REPRODUCED, SILENT, TREND, VERDICTS
 
@@ -162,6 +165,83 @@ class Row:
         return ""
 
 
+def judged(holds: Any, verdict: str, otherwise: str = FAILS) -> str:
+    """The verdict if what the row claims came out, else ``otherwise``.
+
+    Raises:
+        InvalidInput: the verdict is *reproduced*, which takes evidence, see :func:`weighed`.
+    """
+    if REPRODUCED in (verdict, otherwise):
+        raise InvalidInput(f"'{REPRODUCED}' follows from evidence alone; use weighed()")
+    return verdict if bool(holds) else otherwise
+
+
+def weighed(
+    where: str, claim: str, paper: str, simulation: Estimate | str, evidence: Evidence, note: str = "",
+    true: Estimate | str = "", otherwise: str = FAILS, instead: str = "",
+) -> Row:  # fmt: skip
+    """A row whose verdict follows from its evidence.
+
+    *Reproduced* if the run lies within the tolerance and the trivial predictor does not; *trend only* if both do, or if
+    another method than the document's was run; ``otherwise`` if the run lies outside.
+    """
+    verdict = otherwise
+    if evidence.met:
+        verdict = REPRODUCED if evidence.telling and not instead else TREND
+    return Row(where, claim, paper, simulation, verdict, note, true, evidence, instead)
+
+
+TEMPLATES = ("found", "where", "claim", "paper", "measure", "trivial", "instead", "note")
+"""The texts of an entry of a document's table, in the order in which a run's figures are named."""
+
+
+class Rows(list[Row]):
+    """The rows of a study: ``<document>.toml`` beside this file says what is claimed, a run what it found.
+
+    An entry has where, claim and paper as in :class:`Row`; the text of what was found, or a figure's unit and digits;
+    the verdict if it holds, or the evidence's measure, tolerance and trivial predictor; ``otherwise``; and a note. The
+    texts are templates. A text that depends on the run is a table of cases.
+    """
+
+    def __init__(self, document: str) -> None:
+        self._entries = files.toml(Path(__file__).parent / f"{document}.toml")
+
+    def __call__(
+        self, key: str, figures: Any = (), holds: Any = None, error: Any = None, guess: float = np.nan, case: str = "",
+        true: Estimate | str = "", **given: Any,
+    ) -> None:  # fmt: skip
+        """Adds the row of an entry.
+
+        Args:
+            key: of the entry.
+            figures: one or a tuple: what was found if the entry has no text of it (a number, the runs' numbers, an
+                estimate, a text); then those of the templates, in the order in which :data:`TEMPLATES` name them first.
+            holds: whether the run agrees, if the entry has a verdict.
+            error, guess: the run's and the trivial predictor's, if it has evidence.
+            case: which of the texts.
+            true: what was found of the true gap.
+            given: what the entry leaves to the run.
+        """
+        every = {**self._entries[key], **given}
+        names = dict.fromkeys(re.findall(r"(?<!{){(\w+)", " ".join(str(every.get(k, "")) for k in TEMPLATES)))
+        entry = {k: v.get(case, "") if isinstance(v, dict) else v for k, v in every.items()}
+        values = figures if isinstance(figures, tuple) else (figures,)
+        words = dict(zip(names if "found" in entry else ("", *names), values, strict=True))
+        text = {k: entry.get(k, "").format(**words) for k in TEMPLATES}
+        seen = words.get("", text["found"])
+        if not isinstance(seen, (str, Estimate)):
+            unit, digits = entry.get("unit", ""), entry.get("digits", 3)
+            seen = estimate(seen, unit, digits) if np.ndim(seen) else Estimate(seen, unit, digits=digits)
+        row = text["where"], text["claim"], text["paper"], seen
+        otherwise = entry.get("otherwise", FAILS)
+        if error is None:
+            verdict = judged(holds, entry["verdict"], otherwise)
+            self.append(Row(*row, verdict, text["note"], true, None, text["instead"]))
+        else:
+            evidence = Evidence(text["measure"], error, entry["tolerance"], text["trivial"], guess)
+            self.append(weighed(*row, evidence, text["note"], true, otherwise, text["instead"]))
+
+
 @dataclass(frozen=True)
 class Findings:
     """What a study found."""
@@ -196,41 +276,23 @@ class Study:
 _studies: dict[str, Study] = {}
 
 
-def study(document: str, title: str) -> Callable[[Callable[[Trial], Findings]], Callable[[Trial], Findings]]:
+Measure = Callable[[Trial, Rows], Sequence[Drawing] | None]
+"""What a study does: it adds its rows and gives its drawings, if it has any."""
+
+
+def study(document: str, title: str) -> Callable[[Measure], Callable[[Trial], Findings]]:
     """Registers a function as a study of ``document``; its name, with hyphens, is the study's key."""
 
-    def register(function: Callable[[Trial], Findings]) -> Callable[[Trial], Findings]:
-        found = Study(document, function.__name__.replace("_", "-"), title, function)
+    def register(measure: Measure) -> Callable[[Trial], Findings]:
+        def run(trial: Trial) -> Findings:
+            rows = Rows(document)
+            return Findings(rows, list(measure(trial, rows) or ()))
+
+        found = Study(document, measure.__name__.replace("_", "-"), title, run)
         _studies[found.name] = found
-        return function
+        return run
 
     return register
-
-
-def judged(holds: Any, verdict: str, otherwise: str = FAILS) -> str:
-    """The verdict if what the row claims came out, else ``otherwise``.
-
-    Raises:
-        InvalidInput: the verdict is *reproduced*, which takes evidence, see :func:`weighed`.
-    """
-    if REPRODUCED in (verdict, otherwise):
-        raise InvalidInput(f"'{REPRODUCED}' follows from evidence alone; use weighed()")
-    return verdict if bool(holds) else otherwise
-
-
-def weighed(
-    where: str, claim: str, paper: str, simulation: Estimate | str, evidence: Evidence, note: str = "",
-    true: Estimate | str = "", otherwise: str = FAILS, instead: str = "",
-) -> Row:  # fmt: skip
-    """A row whose verdict follows from its evidence.
-
-    *Reproduced* if the run lies within the tolerance and the trivial predictor does not; *trend only* if both do, or if
-    another method than the document's was run; ``otherwise`` if the run lies outside.
-    """
-    verdict = otherwise
-    if evidence.met:
-        verdict = REPRODUCED if evidence.telling and not instead else TREND
-    return Row(where, claim, paper, simulation, verdict, note, true, evidence, instead)
 
 
 def studies(names: Sequence[str] = ()) -> list[Study]:

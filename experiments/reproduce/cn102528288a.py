@@ -18,9 +18,9 @@ from ...envs.plant import sensor, supervisor, z_axis
 from ..measure import rollout
 from ..plots.palette import COLOURS, GRID, QUIET
 from . import fixed_gains
-from .claims import Estimate, Evidence, Findings, Row, Trial, estimate, judged, study, weighed
-from .pictures import drawn
-from .verdicts import FAILS, INPUT, NAMED, PRESENT, SILENT, TREND
+from .claims import Estimate, Rows, Trial, estimate, study
+from .pictures import Drawing, drawn
+from .verdicts import FAILS, TREND
 
 CONTROLLER = "cn102528288a"
 SPEED = 200.0
@@ -36,7 +36,7 @@ pictured = functools.partial(drawn, grid={"color": GRID})
 
 
 @study(CONTROLLER, "Counting the oscillator")
-def counting(trial: Trial) -> Findings:
+def counting(trial: Trial, rows: Rows) -> list[Drawing]:
     """What a 300 MHz clock resolves, one total count against a mean of per-period frequencies."""
     p, rng = sensor.EQ3, np.random.default_rng(0)
     heights = (0.1, 0.5, 1.0, 2.0, 5.0, 10.0)
@@ -74,29 +74,12 @@ def counting(trial: Trial) -> Findings:
         axes.set(xlabel="height (mm)", ylabel="σ of one reading (µm)")
         axes.legend(frameon=False)
 
-    rows = [
-        Row(
-            "description", "the oscillator's frequency for a gap capacitance of 5–20 pF lies within", "1–10 MHz",
-            f"{ends[0]:.2f}–{ends[1]:.2f} MHz", judged(1.0 <= ends[0] <= ends[1] <= 10.0, TREND),
-            "with the inductance of Xi2023's oscillator, 168 µH",
-        ),
-        Row(
-            "description", "frequency values of adjacent edges that go into one reading", "more than 100",
-            Estimate(values, digits=4), judged(values > 100.0, INPUT), "periods in a gate of 0.25 ms [A] at 1 mm",
-        ),
-        Row(
-            "description", "300 MHz sampling: σ of one reading at 1 mm from counting alone", SILENT,
-            Estimate(scatter["total"][2], "µm"), judged(abs(scatter["total"][2] / law_ - 1.0) < 0.1, PRESENT),
-            f"a phase that is uniform gives f/(√6·f_clk·T) = {law_:.3f} µm",
-        ),
-        Row(
-            "description", "the mean of per-period values is as good as one count of them all", SILENT,
-            f"{scatter['mean'][2] / scatter['total'][2]:.2f} × the scatter, {bias * 1e6:+.1f} ppm of bias",
-            judged(scatter["mean"][2] / scatter["total"][2] < 1.5, PRESENT),
-            "averaging frequencies instead of periods adds the bias, which calibration takes out",
-        ),
-    ]  # fmt: skip
-    return Findings(rows, [counting()])
+    rows("band", ends, holds=1.0 <= ends[0] <= ends[1] <= 10.0)
+    rows("adjacent-edges", values, holds=values > 100.0)
+    rows("counting-noise", (scatter["total"][2], law_), holds=abs(scatter["total"][2] / law_ - 1.0) < 0.1)
+    holds = scatter["mean"][2] / scatter["total"][2] < 1.5
+    rows("mean-of-periods", (scatter["mean"][2] / scatter["total"][2], bias * 1e6), holds)
+    return [counting()]
 
 
 def _slope(p: sensor.Params, h: float) -> float:
@@ -116,7 +99,7 @@ def _panel(seed: int, **start: float) -> Panel:
 
 
 @study(CONTROLLER, "Six commands and error handling")
-def commands(trial: Trial) -> Findings:
+def commands(trial: Trial, rows: Rows) -> None:
     """Each command's end state, from a motion, over seeds of the machine; what is asked wrongly; what breaks."""
     ends: dict[str, list[float]] = {"stop": [], "follow": [], "single-side protection": [], "idle positioning": []}
     homes, jumps, contacts = [], [], 0
@@ -150,39 +133,15 @@ def commands(trial: Trial) -> Findings:
             p = _panel(seed, gap=60.0)
             p.break_(fault)
             alarms[name].append(p.home().alarm == name)
-    rows = [
-        Row("claim 1", "stop: all motion stops; time from 150 mm/s or less", f"{NAMED}: stops",
-            estimate(ends["stop"], "ms"), judged(np.max(ends["stop"]) < 100.0, PRESENT)),
-        Row("claim 1, 2", "follow: gap − set height after 0.5 s", f"{NAMED}: follows",
-            estimate(ends["follow"], "µm"), judged(np.abs(ends["follow"]).max() < 20.0, PRESENT)),
-        Row("claim 3", "single-side protection at 2 mm from a gap of 1 mm: gap afterwards", f"{NAMED}: at least 2 mm",
-            estimate(ends["single-side protection"], "mm"),
-            judged(np.min(ends["single-side protection"]) >= 1.99, PRESENT),
-            "0.2 mm of hysteresis were added; without it the follow flow is switched on and off by noise"),
-        Row("claim 4", "idle positioning: where it ends, from the target", f"{NAMED}: reaches it",
-            estimate(ends["idle positioning"], "µm"),
-            judged(np.abs(ends["idle positioning"]).max() < 5.0, PRESENT)),
-        Row("claim 5", "homing: where it ends, from the index pulse", f"{NAMED}: at the pulse",
-            estimate(homes, "µm"), judged(np.abs(homes).max() < 20.0, PRESENT),
-            "2 mm/s are 2 µm a period; the axis stops after the pulse"),
-        Row("claim 1", "each new command first stops the motion: largest jump of the command", SILENT,
-            estimate(jumps, "mm/s"), judged(np.max(jumps) <= 10.0 + 1e-9, PRESENT),
-            "per control period, outside following; allowed: the supervisor's slew, 10 mm/s"),
-    ]  # fmt: skip
-    notes = {
-        "unknown command": "motion stops, the alarm is latched",
-        "sensor lost": "a cable that is off raises the frequency over the table's end; the head rises, not dives",
-        "index pulse missing": "after 1.2 revolutions; the document's flow would go down for ever",
-        "limit": "a home switch that never closes; the document's flow would go up for ever",
-    }
+    rows("stop", ends["stop"], holds=np.max(ends["stop"]) < 100.0)
+    rows("follow", ends["follow"], holds=np.abs(ends["follow"]).max() < 20.0)
+    rows("protect", ends["single-side protection"], holds=np.min(ends["single-side protection"]) >= 1.99)
+    rows("idle-positioning", ends["idle positioning"], holds=np.abs(ends["idle positioning"]).max() < 5.0)
+    rows("home", homes, holds=np.abs(homes).max() < 20.0)
+    rows("stops-first", jumps, holds=np.max(jumps) <= 10.0 + 1e-9)
     for name, seen in alarms.items():
-        rows.append(Row(
-            "claim 1, error handling", f"{name}: share of runs that end in its alarm, without contact",
-            f"{NAMED}: error handling", f"{sum(seen)}/{len(seen)}", judged(all(seen), PRESENT), notes[name],
-        ))  # fmt: skip
-    rows.append(Row("claim 1", "contacts with the sheet in all of these", SILENT, f"{contacts}/{trial.seeds}",
-                    judged(contacts == 0, PRESENT)))  # fmt: skip
-    return Findings(rows)
+        rows("error-handling", (sum(seen), len(seen), name), holds=all(seen), case=name)
+    rows("contacts", (contacts, trial.seeds), holds=contacts == 0)
 
 
 def _jump(p: Panel) -> float:
@@ -193,7 +152,7 @@ def _jump(p: Panel) -> float:
 
 
 @study(CONTROLLER, "Positioning along an S-curve")
-def positioning(trial: Trial) -> Findings:
+def positioning(trial: Trial, rows: Rows) -> list[Drawing]:
     """The displacement–time plan and what the axis makes of it; homing's repeatability."""
     p, distance = supervisor.Params(), 50.0
     duration = float(supervisor.course(p, distance, 0.0)[1])
@@ -234,28 +193,14 @@ def positioning(trial: Trial) -> Findings:
         bottom.set(xlabel="time (s)", ylabel="speed (mm/s)")
 
     a = p.plan * p.acceleration
-    rows = [
-        Row("claim 4", "S-curve: displacement–time plan with limited speed, acceleration and jerk",
-            f"{NAMED}: S-shaped",
-            f"{speed.max():.1f} mm/s, {acceleration.max():.0f} mm/s², {np.abs(jerk).max():.3g} mm/s³",
-            judged(speed.max() < 1.001 * p.fastest and acceleration.max() < 1.001 * a
-                   and np.abs(jerk).max() < 1.01 * p.jerk, PRESENT),
-            f"allowed: {p.fastest:g} mm/s, {a:g} mm/s², {p.jerk:g} mm/s³"),
-        Row("claim 4, 6", "overshoot of a move by 50 mm", SILENT, estimate(over, "µm"),
-            judged(np.max(over) < 5.0, PRESENT),
-            "the position loop's gain is 25 1/s; the speed loop is the drive's own"),
-        Row("claim 6", "end of a move, from its target", SILENT, estimate(ends, "µm"),
-            judged(np.abs(ends).max() <= STATIC, PRESENT),
-            "encoder of 1 µm, backlash included; the printed ±3 µm are those of following"),
-        Row("claim 4", "time of a move by 50 mm", SILENT, estimate(seconds, "s"),
-            judged(np.min(seconds) >= duration, PRESENT),
-            f"the plan alone takes {duration:.3f} s"),
-        Row("claim 5", "homing: up to the switch, down at 2 mm/s to the index pulse; speed on the way down", "2 mm/s",
-            estimate(downs, "mm/s"), judged(np.abs(np.asarray(downs) - 2.0).max() < 0.1, INPUT)),
-        Row("claim 5", "homing: scatter of the head's place afterwards, encoder off by ±5 mm before", SILENT,
-            Estimate(1e3 * float(np.ptp(homes_)), "µm"), judged(np.ptp(homes_) < 0.02, PRESENT)),
-    ]  # fmt: skip
-    return Findings(rows, [s_curve()])
+    holds = speed.max() < 1.001 * p.fastest and acceleration.max() < 1.001 * a and np.abs(jerk).max() < 1.01 * p.jerk
+    rows("s-curve", (speed.max(), acceleration.max(), np.abs(jerk).max(), p, a), holds)
+    rows("overshoot-of-a-move", over, holds=np.max(over) < 5.0)
+    rows("end-of-a-move", ends, holds=np.abs(ends).max() <= STATIC)
+    rows("time-of-a-move", (seconds, duration), holds=np.min(seconds) >= duration)
+    rows("homing-speed", downs, holds=np.abs(np.asarray(downs) - 2.0).max() < 0.1)
+    rows("homing-scatter", 1e3 * float(np.ptp(homes_)), holds=np.ptp(homes_) < 0.02)
+    return [s_curve()]
 
 
 def _down(p: Panel) -> float:
@@ -270,7 +215,7 @@ SLOPE = 0.006
 
 
 @study(CONTROLLER, "Single-side protection")
-def protection(trial: Trial) -> Findings:
+def protection(trial: Trial, rows: Rows) -> list[Drawing]:
     """A traverse over a sheet with holes: under protection the head neither dives nor lifts, following it would."""
     holes = scenarios.load("holes").varied(sheet={"tilt": SLOPE}, duration=1.0)
     lifts, lows, dives, stills, falls = [], [], [], [], []
@@ -308,27 +253,18 @@ def protection(trial: Trial) -> Findings:
         axes.set(xlabel="way along x (mm)", ylabel="gap to the sheet's plane (mm)")
         axes.legend(frameon=False)
 
-    rows = [
-        weighed("claim 3", "above the protection height following is off: lowest motion of the head over holes",
-            "“closes height following”", estimate(np.abs(lifts) * 1e3, "µm"),
-            Evidence("largest motion downwards, µm", 1e3 * float(np.abs(lifts).max()), 5.0,
-                     "following, median", 1e3 * float(np.abs(np.median(falls))))),
-        weighed("claim 3", "below it the head follows at the protection height, 1.2 mm: smallest gap on a rising sheet",
-            "“the protection height as target”", estimate(lows, "mm"),
-            Evidence("1.2 mm less the smallest gap, mm", 1.2 - float(np.min(lows)), 0.2, "a head that stands still",
-                     1.2 - float(np.median(stills))),
-            "less than 1.2 mm by the lag of the controller at 1.2 mm/s"),
-        Row("claim 3", "what following without a guard does there: smallest gap", SILENT, estimate(dives, "mm"),
-            judged(np.median(dives) < np.median(lows), PRESENT), "it dives where holes make the reading rise"),
-    ]  # fmt: skip
-    return Findings(rows, [protection()])
+    guess = 1e3 * float(np.abs(np.median(falls)))
+    rows("closes-following", np.abs(lifts) * 1e3, error=1e3 * float(np.abs(lifts).max()), guess=guess)
+    rows("protection-height", lows, error=1.2 - float(np.min(lows)), guess=1.2 - float(np.median(stills)))
+    rows("dive", dives, holds=np.median(dives) < np.median(lows))
+    return [protection()]
 
 
 # ------------------------------------------------------------------------------------------------------ follow flow
 
 
 @study(CONTROLLER, "Scheduled gains")
-def schedules(trial: Trial) -> Findings:
+def schedules(trial: Trial, rows: Rows) -> list[Drawing]:
     """The position gain and the integral gains over the error, as the law computes them."""
     errors = np.linspace(0.0, 4.0, 401)
     gain = np.array([law.position_gain(e) for e in errors])
@@ -343,20 +279,15 @@ def schedules(trial: Trial) -> Findings:
         axes.set(xlabel="following error (mm)", ylabel="share (%)")
         axes.legend(frameon=False)
 
-    rows = []
     for where, printed, error, value in (
         ("error > 3 mm", "75 %", 3.5, law.position_gain(3.5)), ("error < 1 mm", "35 %", 0.5, law.position_gain(0.5)),
     ):  # fmt: skip
-        rows.append(Row(
-            "description", f"position gain at {where}", printed, Estimate(100 * value, "%"),
-            judged(f"{100 * value:.0f} %" == printed, INPUT), f"at {error:g} mm; linear between, which is open",
-        ))  # fmt: skip
+        rows("position-gain", (100 * value, where, error), holds=f"{100 * value:.0f} %" == printed, paper=printed)
     words = {0.0: "off", 0.5: "half", 1.0: "full"}
     for where, wanted, error in (("error ≥ 1 mm", 0.0, 1.2), ("1–0.5 mm", 0.5, 0.7), ("error < 0.5 mm", 1.0, 0.3)):
         value = float(law.integral_share(error))
-        rows.append(Row("description", f"integral gains at {where}", words[wanted],
-                        Estimate(value, "of full"), judged(value == wanted, INPUT)))  # fmt: skip
-    return Findings(rows, [schedules()])
+        rows("integral-gains", (value, where), holds=value == wanted, paper=words[wanted])
+    return [schedules()]
 
 
 OPEN = {"guard.capture": 2.0, "guard.plan": 1.0, "guard.acceleration": 5e4, "guard.fastest": 500.0, "guard.delay": 0.0}
@@ -394,7 +325,7 @@ def arrival(trial: Trial, **gains: float) -> Arrival:
 
 
 @study(CONTROLLER, "Scheduled gains against fixed ones")
-def scheduled_against_fixed(trial: Trial) -> Findings:
+def scheduled_against_fixed(trial: Trial, rows: Rows) -> list[Drawing]:
     """Whether gains that follow the error are faster and overshoot less than gains that stay."""
     near, far = law.NEAR, law.FAR
     kinds: dict[str, dict[str, float]] = {
@@ -407,10 +338,7 @@ def scheduled_against_fixed(trial: Trial) -> Findings:
     at = sound[-1] if sound else 0
     own = stack.resolve(CONTROLLER).part("law").gain
     mine = arrival(trial, gain=own), arrival(trial, gain=own, share=near)
-    note = (
-        f"from {ABOVE:g} mm above, largest gain {GAINS[at]:g} 1/s, the largest of {len(GAINS)} tried with which the "
-        "scheduled law touches the sheet in no run; supervisor's own approach planner off"
-    )
+    hits = [a.collided.sum() for a in mine]
 
     def over(a: Arrival) -> Estimate:
         return estimate(1e3 * a.over, "µm")
@@ -419,29 +347,27 @@ def scheduled_against_fixed(trial: Trial) -> Findings:
         return f"{a} beside {b}"
 
     quick, slow = (estimate(1e3 * x[at].time, "ms") for x in (ours, small))
-    rows = [
-        Row("description", f"position gain scheduled, beside {100 * near:.0f} % at any error: time until within "
-            f"{ARRIVED:g} mm for good", "“faster”", beside(quick, slow), judged(quick.value < 0.98 * slow.value, TREND),
-            f"beside {100 * far:.0f} % at any error {estimate(1e3 * large[at].time, 'ms')}; {note}"),
-        Row("description", f"position gain scheduled, beside {100 * far:.0f} % at any error: overshoot",
-            "“reduces overshoot”", beside(over(ours[at]), over(large[at])),
-            judged(over(ours[at]).value < 0.98 * over(large[at]).value, TREND),
-            f"beside {100 * near:.0f} % at any error {over(small[at])}. What overshoots there is the integral, and a "
-            "larger gain near the sheet holds it down"),
-        Row("description", f"the same with the gains of {CONTROLLER} (largest {own:g} 1/s, assumed), beside "
-            f"{100 * near:.0f} %: runs that end on the sheet", "“reduces overshoot”",
-            f"{mine[0].collided.sum()} of {trial.seeds} beside {mine[1].collided.sum()} of {trial.seeds}",
-            judged(mine[0].collided.sum() <= mine[1].collided.sum(), TREND),
-            f"overshoot {over(mine[0])} beside {over(mine[1])}. A speed of gain × error needs more braking the larger "
-            "the gain; the drive's acceleration has a limit, and a gain that grows with the error runs into it. With "
-            "the supervisor's planner on, the approach is not left to the law"),
-        Row("description", "integral gains opened step by step, beside always on: overshoot", "“reduces overshoot”",
-            beside(over(ours[at]), over(wound[at])),
-            judged(over(ours[at]).value < 0.98 * over(wound[at]).value, TREND),
-            f"{wound[at].collided.sum()} of {trial.seeds} runs with integrals always on end on the sheet: they fill on "
-            "the way down"),
-        *_integral_and_pid(trial),
-    ]  # fmt: skip
+    rows(
+        "scheduled-time",
+        (
+            beside(quick, slow),
+            *(100 * near, ARRIVED, 100 * far, estimate(1e3 * large[at].time, "ms"), ABOVE, GAINS[at], len(GAINS)),
+        ),
+        holds=quick.value < 0.98 * slow.value,
+    )
+    rows(
+        "scheduled-overshoot",
+        (beside(over(ours[at]), over(large[at])), 100 * far, 100 * near, over(small[at])),
+        holds=over(ours[at]).value < 0.98 * over(large[at]).value,
+    )
+    holds = hits[0] <= hits[1]
+    rows("scheduled-crash", (hits[0], trial.seeds, hits[1], CONTROLLER, own, 100 * near, *map(over, mine)), holds)
+    rows(
+        "integrals-step-by-step",
+        (beside(over(ours[at]), over(wound[at])), wound[at].collided.sum(), trial.seeds),
+        holds=over(ours[at]).value < 0.98 * over(wound[at]).value,
+    )
+    _integral_and_pid(trial, rows)
 
     @pictured("CN102528288A, follow flow", 2, sharex=True, words={"ABOVE": f"{ABOVE:g}", "ARRIVED": f"{ARRIVED:g}"})
     def scheduled(left: Axes, right: Axes) -> None:
@@ -458,10 +384,10 @@ def scheduled_against_fixed(trial: Trial) -> Findings:
         right.set(xlabel="largest position gain (1/s)", ylabel="overshoot (µm)")
         right.legend(frameon=False, fontsize=8)
 
-    return Findings(rows, [scheduled()])
+    return [scheduled()]
 
 
-def _integral_and_pid(trial: Trial) -> list[Row]:
+def _integral_and_pid(trial: Trial, rows: Rows) -> None:
     """What the integral gains do to the error on a slope, and the tuned law beside a tuned PID."""
     seeds = np.arange(trial.seeds)
     slope = scenarios.load("flat").varied(
@@ -477,23 +403,16 @@ def _integral_and_pid(trial: Trial) -> list[Row]:
     wavy = scenarios.load("wavy")
     own, pid = (metrics.rms_true(rollout.roll(wavy, stack.get(name), seeds)) for name in (f"{CONTROLLER}-tuned", "pid"))
     ratio = estimate(own / pid, digits=3)
-    return [
-        Row("description", "steady error on a slope that rises by 1 mm/s, without → with integral gains",
-            "“reduces the steady-state error”", f"{estimate(means[0], 'µm')} → {estimate(means[1], 'µm')}",
-            judged(np.median(means[1]) < 0.98 * np.median(means[0]), TREND)),
-        Row("description", "RMS error on a wavy sheet, adaptive dual loop over a traditional PID, both tuned",
-            "PID “leaves speed and accuracy to be desired”", ratio, judged(ratio.value < 0.98, TREND),
-            "both as shipped, true gap, tune seeds; the document names no figure for either, and blames "
-            "the PIDs' coarser measurement as well"),
-    ]  # fmt: skip
+    holds = np.median(means[1]) < 0.98 * np.median(means[0])
+    rows("steady-error", (estimate(means[0], "µm"), estimate(means[1], "µm")), holds)
+    rows("beside-pid", ratio, holds=ratio.value < 0.98)
 
 
 @study(CONTROLLER, "Accuracy, and following at 200 mm/s")
-def accuracy(trial: Trial) -> Findings:
+def accuracy(trial: Trial, rows: Rows) -> list[Drawing]:
     """Static and dynamic error of the law, in three readings of the printed speed."""
     seeds = np.arange(trial.seeds)
     names = (CONTROLLER, f"{CONTROLLER}-gap", f"{CONTROLLER}-tuned")
-    rows: list[Row] = []
     flat = scenarios.load("flat").varied(head={"impulses": 0.0}, start_above=0.05)
     still = rollout.roll(flat, stack.get("idle"), seeds)
     standing = 1e3 * np.abs(np.where(still.scored, still["height"] - still.set_height, 0.0)).max(axis=0)
@@ -502,18 +421,15 @@ def accuracy(trial: Trial) -> Findings:
         reported = 1e3 * np.abs(np.where(record.scored, record["height"] - record.set_height, 0.0)).max(axis=0)
         true = 1e3 * np.abs(np.where(record.scored, record.error, 0.0)).max(axis=0)
         high = estimate(reported).high
-        rows.append(weighed(
-            "description", f"static accuracy: largest error over a level sheet, {name}", "±3 µm",
-            estimate(reported, "µm"),
-            Evidence("upper end of the median's interval, µm",
-                high if np.isfinite(high) else float(np.median(reported)),
-                     STATIC,
-                     "a head that stands still", float(np.median(standing))),
-            "noise of the head 0.5–5 fF, heights 0.5–1 mm, start 0.05 mm too high; the height is the measured one, "
-            "as in the document; "
-            f"{(reported <= STATIC).sum()} of {len(reported)} machines stay within",
-            estimate(true, "µm"), TREND if np.median(reported) <= STATIC else FAILS,
-        ))  # fmt: skip
+        rows(
+            "static-accuracy",
+            (reported, name, (reported <= STATIC).sum(), len(reported)),
+            error=high if np.isfinite(high) else float(np.median(reported)),
+            guess=float(np.median(standing)),
+            tolerance=STATIC,
+            otherwise=TREND if np.median(reported) <= STATIC else FAILS,
+            true=estimate(true, "µm"),
+        )
     widest: dict[str, tuple[np.ndarray, list[float]]] = {}
     for name in names:
         amplitudes = np.geomspace(0.01, 3.0, 9)
@@ -527,19 +443,18 @@ def accuracy(trial: Trial) -> Findings:
         widest[name] = (amplitudes, peaks)
         allowed = float(np.interp(DYNAMIC, peaks, amplitudes)) if peaks[0] < DYNAMIC else float("nan")
         steepest = 2 * np.pi * allowed / 300.0 * SPEED if np.isfinite(allowed) else 0.0
-        rows.append(Row(
-            "description", f"dynamic accuracy ±0.02 mm at 200 mm/s over the sheet, {name}: waves of 300 mm up to",
-            "±0.02 mm",
-            f"±{allowed:.2f} mm{' or more' * (peaks[-1] < DYNAMIC)}, {steepest:.1f} mm/s of surface speed"
-            if np.isfinite(allowed) else "none",
-            judged(np.isfinite(allowed), TREND),
-            "the document names no sheet; this is the largest wave on which the true error stays within ±0.02 mm",
-        ))  # fmt: skip
+        rows(
+            "dynamic-accuracy",
+            (
+                f"±{allowed:.2f} mm{' or more' * (peaks[-1] < DYNAMIC)}, {steepest:.1f} mm/s of surface speed"
+                if np.isfinite(allowed)
+                else "none",
+                name,
+            ),
+            holds=np.isfinite(allowed),
+        )
     fastest = z_axis.Params().speed
-    rows.append(Row(
-        "description", "200 mm/s and above, read as speed of the Z axis", "≥ 200 mm/s", Estimate(fastest, "mm/s"),
-        judged(fastest >= SPEED, INPUT), "screw lead × rpm; the reading that fits the printed accuracy best [A]",
-    ))  # fmt: skip
+    rows("z-speed", fastest, holds=fastest >= SPEED)
 
     @pictured("CN102528288A, following at 200 mm/s")
     def following(axes: Axes) -> None:
@@ -552,14 +467,14 @@ def accuracy(trial: Trial) -> Findings:
         axes.set(xlabel="amplitude of the sheet's wave of 300 mm (µm)", ylabel="largest true error (µm)")
         axes.legend(frameon=False)
 
-    return Findings(rows, [following()])
+    return [following()]
 
 
 # ------------------------------------------------------------------------------------------------ advanced processes
 
 
 @study(CONTROLLER, "Advanced processes")
-def processes(trial: Trial) -> Findings:
+def processes(trial: Trial, rows: Rows) -> list[Drawing]:
     """Staged piercing, frog-leap, focus compensation and edge finding, as command sequences."""
     pierces: list[float] = []
     leaps: list[float] = []
@@ -598,22 +513,14 @@ def processes(trial: Trial) -> Findings:
         focus.append(1e3 * float(np.abs(log["gap"][way] + 0.002 * log["distance"][way] - 1.0).max()))
         touched += p.collided
     saved = np.asarray(ways) - np.asarray(leaps)
-    rows = [
-        Row("description", "staged pierce at 3 and 1.5 mm (0.3 and 0.2 s), then 1 mm: time from 10 mm above", NAMED,
-            estimate(pierces, "s"), judged(np.isfinite(pierces).all(), PRESENT)),
-        Row("description", "frog-leap over 60 mm with a lift of 5 mm: time saved against lift, travel, land", NAMED,
-            estimate(saved, "s"), judged(np.min(saved) > 0.0, PRESENT),
-            f"{np.median(leaps):.2f} s against {np.median(ways):.2f} s"),
-        Row("description", "60 mm to the next contour under single-side protection, no lift: time against "
-            "lift, travel, land", "“raises … efficiency”", f"{np.median(across):.2f} s against {np.median(ways):.2f} s",
-            judged(np.max(np.asarray(across) - np.asarray(ways)) < 0.0, TREND), "a level sheet, X at up to 166 mm/s"),
-        Row("description", "edge finding at 50 mm/s: place found − place of the edge", NAMED, estimate(edges, "µm"),
-            judged(np.abs(edges).max() < 200.0, PRESENT), "the head stands still under protection meanwhile"),
-        Row("description", "focus compensation of 0.4 mm over 200 mm at 50 mm/s: largest error of the focus", NAMED,
-            estimate(focus, "µm"), judged(np.max(focus) < 100.0, PRESENT)),
-        Row("description", "contacts with the sheet in all of these", SILENT, f"{touched}/{6 * trial.seeds}",
-            judged(touched == 0, PRESENT)),
-    ]  # fmt: skip
+    rows("staged-pierce", pierces, holds=np.isfinite(pierces).all())
+    rows("frog-leap", (saved, np.median(leaps), np.median(ways)), holds=np.min(saved) > 0.0)
+    rows(
+        "protected-way", (np.median(across), np.median(ways)), holds=np.max(np.asarray(across) - np.asarray(ways)) < 0.0
+    )
+    rows("edge-finding", edges, holds=np.abs(edges).max() < 200.0)
+    rows("focus-compensation", focus, holds=np.max(focus) < 100.0)
+    rows("process-contacts", (touched, 6 * trial.seeds), holds=touched == 0)
 
     @pictured("CN102528288A, advanced processes", 2, sharey=True)
     def processes(left: Axes, right: Axes) -> None:
@@ -628,7 +535,7 @@ def processes(trial: Trial) -> Findings:
         right.set(xlabel="time (s)", title="to the next contour, 60 mm")
         right.legend(frameon=False)
 
-    return Findings(rows, [processes()])
+    return [processes()]
 
 
 def _protected(p: Panel, distance: float, height: float) -> float:

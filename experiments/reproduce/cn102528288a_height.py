@@ -5,10 +5,9 @@ from matplotlib.axes import Axes
 
 from ...envs.scenarios import material as materials
 from ..plots.palette import COLOURS, QUIET
-from .claims import Findings, Row, Trial, estimate, judged, study
+from .claims import Rows, Trial, estimate, study
 from .huang2024 import jobs_of
-from .pictures import drawn
-from .verdicts import CALIBRATED, TREND
+from .pictures import Drawing, drawn
 
 STACK = "huang2024-static-fast"
 """A cut without dither in C45 of 10 mm, Huang2024's fastest."""
@@ -23,44 +22,33 @@ FIGURES = (("roughness", "roughness Rz", "µm"), ("dross", "dross", "mm"))
 
 
 @study("cn102528288a", "Focus and cutting height")
-def focus_and_height(trial: Trial) -> Findings:
+def focus_and_height(trial: Trial, rows: Rows) -> list[Drawing]:
     """Whole jobs over the depth of the focus and over the error of the standoff."""
     steel = materials.material("c45-10")
     third = steel.params.thickness / 3.0
     focus = [jobs_of(f"{STACK}:law.focus={f:g}", "cut-square", trial.seeds) for f in OFFSETS]
     height = [jobs_of(f"{STACK}:law.standoff={e:g}", "cut-square", trial.seeds) for e in ERRORS]
     depths = steel.params.focus - OFFSETS
-    rows = []
     for name, text, _ in FIGURES:
         cut = np.array([np.median(m["through"]) > 0.98 for m in focus])
         values = np.where(cut, [np.median(m[name]) for m in focus], np.inf)
         best = float(depths[np.argmin(values)])
         edge = " or more" if np.argmin(values) in (0, len(depths) - 1) else ""
-        rows.append(Row(
-            "background", f"depth of the focus with the least {text}, sheet of {steel.params.thickness:g} mm",
-            "“about 1/3 of the thickness”", f"{best:.2g} mm{edge} below the surface",
-            judged(abs(best - third) <= 0.1 * steel.params.thickness, CALIBRATED),
-            f"1/3 is {third:.2g} mm; whole jobs of cut-square at 0.5 m/min without dither, steps of 0.5 mm, test "
-            f"seeds. "
-            "The model was calibrated with the focus there; at another depth its figures are extrapolated",
-        ))  # fmt: skip
+        rows("focus-depth", (best, edge, text, steel, third), holds=abs(best - third) <= 0.1 * steel.params.thickness)
     level = height[ERRORS.index(0.0)]
     for error in (-0.5, 0.5):
         now = height[ERRORS.index(error)]
         for name, text, unit in FIGURES:
             ratio = now[name] / level[name]
-            rows.append(Row(
-                "background", f"{text} with a standoff {abs(error):g} mm too {'low' if error < 0 else 'high'}",
-                "“the cut comes out worse”", f"{estimate(now[name], unit)} beside {estimate(level[name], unit)}",
-                judged(np.median(ratio) > 1.02, TREND), "the gas loses its effect and the focus moves, both assumed",
-            ))  # fmt: skip
+            rows(
+                "standoff",
+                (estimate(now[name], unit), estimate(level[name], unit), text, abs(error)),
+                holds=np.median(ratio) > 1.02,
+                case="low" if error < 0 else "high",
+            )
     through = np.array([np.median(m["through"]) for m in height])
     lost = [f"{e:+g} mm".replace("-", "−") for e, t in zip(ERRORS, through, strict=True) if t < 0.98]
-    rows.append(Row(
-        "background", f"errors of the standoff, of up to {max(ERRORS):g} mm, that the beam no longer cuts through",
-        "“can even fail to cut through”", ", ".join(lost) or "none", judged(bool(lost), TREND),
-        "the power leaves a margin of 5 %; a larger error is outside the range of settings",
-    ))  # fmt: skip
+    rows("fails-to-cut", (", ".join(lost) or "none", max(ERRORS)), holds=bool(lost))
 
     @drawn("CN102528288A, background", 2)
     def focus_and_height(left: Axes, right: Axes) -> None:
@@ -78,4 +66,4 @@ def focus_and_height(trial: Trial) -> Findings:
         left.axvline(third, color=QUIET, ls="--", lw=0.8)
         left.legend(frameon=False, fontsize=8)
 
-    return Findings(rows, [focus_and_height()])
+    return [focus_and_height()]

@@ -20,9 +20,8 @@ from ...envs.scenarios import material as materials
 from ..plots.palette import COLOURS, GRID, QUIET
 from ..results import jobs
 from . import fit_cut
-from .claims import Estimate, Evidence, Findings, Row, Trial, estimate, judged, study, weighed
-from .pictures import drawn
-from .verdicts import CALIBRATED, INPUT, NOT, PRESENT, SILENT, TREND
+from .claims import Rows, Trial, estimate, study
+from .pictures import Drawing, drawn
 
 METHODS = {
     "static, surface quality": "huang2024-static-quality",
@@ -41,7 +40,7 @@ GRAVITY = 9806.65
 
 
 @study("huang2024", "Power, speed and angles: eqs. 1, 2, 9–11")
-def equations(trial: Trial) -> Findings:
+def equations(trial: Trial, rows: Rows) -> None:
     """The equations of §2 against integrals, derivatives and dimensions."""
     steel = materials.material("c45-10")
     w0, p0 = steel.params.w0, steel.power
@@ -52,37 +51,24 @@ def equations(trial: Trial) -> Findings:
     r = np.linspace(0.0, 8.0 * w0, 200_001)
     uniform = float(np.trapezoid(np.where(r <= w0, i0, 0.0) * 2 * np.pi * r, r)) / delta
     gaussian = float(np.trapezoid(i0 * np.exp(-2.0 * (r / w0) ** 2) * 2 * np.pi * r, r)) / delta
-    rows = [
-        weighed("eq. 1", f"power of a spot of even intensity I0, {p0:.0f} W by the equation", "P0 = S·I0/δ",
-            Estimate(uniform, "W", digits=4),
-            Evidence("deviation, %", 100 * (uniform / p0 - 1), 0.1, "S a square of 2·ω0",
-                     100 * (4 / np.pi - 1)), f"inverse: I0 = δ·P0/S = {i0 * 1e-3:.3g} kW/mm² at {p0:.0f} W, δ "
-            f"{delta:.2f}, ω0 {1e3 * w0:g} µm; the integral over the spot gives P0 back"),
-        Row("eq. 1", "the same, I0 the peak of a Gaussian spot (§2.2: Gaussian distribution)", f"{p0:.0f} W",
-            Estimate(gaussian, "W", digits=4), judged(abs(gaussian / p0 - 1) < 0.05, TREND, NOT),
-            "a Gaussian beam carries π·ω0²·I0/2: with a peak power density the print is off by a factor of 2"),
-    ]  # fmt: skip
+    error = 100 * (uniform / p0 - 1)
+    rows("spot-power", (uniform, p0, i0 * 1e-3, delta, 1e3 * w0), error=error, guess=100 * (4 / np.pi - 1))
+    rows("gaussian-peak", (gaussian, p0), holds=abs(gaussian / p0 - 1) < 0.05)
     fast = jobs_of("huang2024-static-fast", "cut-square", trial.seeds)
     kerf = estimate(fast["kerf"], "mm")
-    rows.append(Row("§2.1", "width of the kerf at the top is 2·ω0", f"{2 * w0:g} mm", kerf,
-                    judged(abs(kerf.value / (2 * w0) - 1) < 0.1, TREND), "static, fastest, cut-square; the "
-                    "focus lies a "
-                    f"third of the thickness deep, where the beam is {2 * w0:g} mm wide; at the surface it is "
-                    f"{2 * w0 * np.hypot(1, steel.params.focus / steel.params.zr):.3f} mm"))  # fmt: skip
+    holds = abs(kerf.value / (2 * w0) - 1) < 0.1
+    rows("kerf-width", (kerf, 2 * w0, 2 * w0 * np.hypot(1, steel.params.focus / steel.params.zr)), holds)
     amplitude, frequency = DYNAMIC.x, DYNAMIC.frequency
     t = np.linspace(0.0, 4.0 / frequency, 40_001)
     x, _, _ = spot.shaped(spot.Params(), spot.Realised(frequency, amplitude, amplitude, 1.0), t * frequency)
     peak = float(np.abs(np.gradient(x, t)).max())
-    rows.append(Row("eq. 2", "speed of the spot, V = Δ·f at 0.3 mm and 2 kHz", f"{amplitude * frequency:g} mm/s",
-                    Estimate(peak, "mm/s", digits=4),
-                    judged(abs(peak / (amplitude * frequency) - 1) < 0.05, TREND, NOT),
-                    f"peak speed of the sine, 2πAf; its mean is 4Af = {4 * amplitude * frequency:g} mm/s; A·f is "
-                    "neither, but proportional to both"))  # fmt: skip
-    rows += [_eq_9(), *_eqs_10_11()]
-    return Findings(rows)
+    holds = abs(peak / (amplitude * frequency) - 1) < 0.05
+    rows("spot-speed", (peak, amplitude * frequency, 4 * amplitude * frequency), holds)
+    _eq_9(rows)
+    _eqs_10_11(rows)
 
 
-def _eq_9() -> Row:
+def _eq_9(rows: Rows) -> None:
     beta = np.linspace(0.0, np.pi / 2, 91)
     depth, width = 0.8, 1.0
     _, theta = spot.angles(depth, width, beta)
@@ -98,27 +84,16 @@ def _eq_9() -> Row:
     loose = beta[inner] * (1 + depth / width)
     side = np.sqrt(depth**2 + width**2 - 2 * depth * width * np.cos(np.pi - loose))
     small = float(np.abs(width / np.sin(beta[inner]) - side / np.sin(np.pi - loose)).max())
-    return weighed("eq. 9", "the triangle with angles α, β and π − θ closes", "sin α = (l/ω)·sin β, θ = α + β",
-               f"laws of sines and cosines agree to {closed:.1g} mm",
-               Evidence("largest gap, mm", closed if refused else np.inf, 1e-9, "α = (l/ω)·β", small),
-               "holds where |l·sin β/ω| ≤ 1, which the print does not say; beyond it, refused")  # fmt: skip
+    rows("eq-9", closed, error=closed if refused else np.inf, guess=small)
 
 
-def _eqs_10_11() -> list[Row]:
+def _eqs_10_11(rows: Rows) -> None:
     """Dimensions (mm, s, W) of the two sides."""
     length, speed, intensity = np.array([1.0, 0, 0]), np.array([1.0, -1, 0]), np.array([-2.0, 0, 1])
-    rows = []
     for where, power_of, text in (("eq. 10", 3, "sin θ"), ("eq. 11", 2, "cos θ")):
         left = length - 0.5 * (power_of * intensity + speed)
         unit = " · ".join(f"{u}^{e:g}" for u, e in zip(("mm", "s", "W"), left, strict=True) if e)
-        rows.append(Row(
-            where, f"l·{text}/sqrt(I0^{power_of}·ΣV) equals an angle times a sine", "equation",
-            f"left side in {unit}".replace("-", "−"), judged(np.allclose(left, 0.0), TREND, NOT),
-            ("with eq. 9 it collapses to α = l/sqrt(I0³·ΣV)" if power_of == 3 else
-             "with eq. 9 it collapses to l·cos θ/sqrt(I0²·ΣV) = α·sin 2α")
-            + "; the right side has no dimension. Power and speed are coupled by the line energy P/(v·2ω0) instead",
-        ))  # fmt: skip
-    return rows
+        rows("eqs-10-11", (unit.replace("-", "−"), text, power_of), np.allclose(left, 0.0), where=where, case=where)
 
 
 # ------------------------------------------------------------------------------------------------- B-spline (§2.2)
@@ -146,7 +121,7 @@ MATRIX = np.array([[1, 4, 1, 0], [-3, 0, 3, 0], [3, -6, 3, 0], [-1, 3, -3, 1]])
 
 
 @study("huang2024", "Cubic B-spline: eqs. 3–8")
-def b_spline(trial: Trial) -> Findings:
+def b_spline(trial: Trial, rows: Rows) -> list[Drawing]:
     """The printed and the corrected basis, matrix form, ends, tangents, and local control."""
     t = np.linspace(0.0, 1.0, 101)
     ours, printed = bspline.basis(t), printed_basis(t)
@@ -174,33 +149,16 @@ def b_spline(trial: Trial) -> Findings:
     bent = np.abs(CubicSpline(knots, moved)(fine) - CubicSpline(knots, many)(fine)).max(axis=1) > 1e-12
     every = len(np.unique(np.flatnonzero(bent)[np.flatnonzero(bent) % 50 != 0] // 50)) / (len(many) - 1)
     polygon = np.stack([np.interp(np.linspace(1.0, len(many) - 2.0, len(sampled)), knots, m) for m in many.T], axis=1)
-    rows = [
-        Row("eq. 5", "the printed basis sums to 1", "1", f"off by up to {misses:.2f}",
-            judged(misses < 1e-9, TREND, NOT),
-            f"misprints in N{' and N'.join(str(i) for i in wrong)}: 3t² for 3t³, −3t² for +3t²"),
-        Row("eq. 5", "our correction of that basis sums to 1", SILENT, f"off by up to {whole:.1g}",
-            judged(whole < 1e-12, PRESENT)),
-        weighed("eq. 4", "the general formula gives the corrected basis", "N = 1/k!·Σ (−1)^r·C·(t + k − i − r)^k",
-            f"off by up to {general:.1g}", Evidence("largest difference", general, 1e-12, "eq. 5 as printed", misprint),
-            "with binomials C(k+1, r); so the misprints are in eq. 5 alone"),
-        weighed("eq. 6", "the printed matrix gives the corrected basis", "[1 t t² t³]/6 · matrix",
-            f"off by up to {matrix:.1g}", Evidence("largest difference", matrix, 1e-12, "eq. 5 as printed", misprint)),
-        weighed("eq. 7", "a segment's ends", "(C0 + 4C1 + C2)/6 and (C1 + 4C2 + C3)/6", f"off by {ends:.1g} mm",
-            Evidence("distance, mm", ends, 1e-12, "the inner control points",
-                     float(np.abs(wanted - c[1:3]).max()))),
-        weighed("eq. 8", "its end tangents", "(C2 − C0)/2 and (C3 − C1)/2", f"off by {tangents:.1g} mm",
-            Evidence("largest difference, mm", tangents, 1e-9, "the polygon's sides there",
-                     float(np.abs(slope - np.array([c[1] - c[0], c[3] - c[2]])).max())),
-            "derivative of scipy's BSpline"),
-        weighed("eq. 3", "the whole curve is a uniform cubic B-spline", "Se(t) = Σ C·N(t)",
-            f"scipy's differs by {scipys:.1g} mm",
-            Evidence("largest difference, mm", scipys, 1e-12, "the control polygon",
-                     float(np.abs(polygon - theirs).max())), f"{len(many)} control points"),
-        weighed("§2.2", "a control point that moves does not change the whole curve", "“avoid … the whole curve”",
-            f"{segments} of {len(many) - 3} segments change",
-            Evidence("share of segments that change", segments / (len(many) - 3), 4 / (len(many) - 3),
-                     "an interpolating spline", every)),
-    ]  # fmt: skip
+    rows("printed-basis", (misses, " and N".join(str(i) for i in wrong)), holds=misses < 1e-9)
+    rows("corrected-basis", whole, holds=whole < 1e-12)
+    rows("general-basis", general, error=general, guess=misprint)
+    rows("matrix", matrix, error=matrix, guess=misprint)
+    rows("segment-ends", ends, error=ends, guess=float(np.abs(wanted - c[1:3]).max()))
+    guess = float(np.abs(slope - np.array([c[1] - c[0], c[3] - c[2]])).max())
+    rows("end-tangents", tangents, error=tangents, guess=guess)
+    rows("uniform-spline", (scipys, len(many)), error=scipys, guess=float(np.abs(polygon - theirs).max()))
+    error = segments / (len(many) - 3)
+    rows("local-control", (segments, len(many) - 3), error=error, guess=every, tolerance=4 / (len(many) - 3))
 
     @drawn("Huang2024 Fig. 2", 2)
     def b_spline(left: Axes, right: Axes) -> None:
@@ -222,7 +180,7 @@ def b_spline(trial: Trial) -> Findings:
         right.set(xlabel="parameter t, 1", ylabel="basis, 1")
         right.legend(frameon=False, ncols=2, fontsize=8)
 
-    return Findings(rows, [b_spline()])
+    return [b_spline()]
 
 
 # ------------------------------------------------------------------------------------------------------ dither (§3)
@@ -240,9 +198,8 @@ def printed_dither(shape: str, t: np.ndarray, sizes: tuple[float, float, float, 
 
 
 @study("huang2024", "Dither: eqs. 12 and 13, three shapes")
-def dither(trial: Trial) -> Findings:
+def dither(trial: Trial, rows: Rows) -> list[Drawing]:
     """The shapes as printed and as the machine makes them; the compound trajectory of a recorded cut."""
-    rows = []
     still = spot.Realised(2000.0, 0.3, 0.3, 1.0)  # optics that follow at once
     for shape, turns, sizes in (
         ("circular", 2.0, (0.3, 0.3, 0.0, 0.0)), ("hat", 2.5, (0.06, 0.24 / (5 * np.pi), 0.06, 0.24 / (5 * np.pi))),
@@ -254,20 +211,14 @@ def dither(trial: Trial) -> Findings:
         wanted = printed_dither(shape, 2 * np.pi * u, sizes)
         apart = float(np.abs(made[:2] - wanted[:2]).max())
         said = "apart by less than 1 pm" if apart < 1e-9 else f"apart by {1e3 * apart:.2g} µm"
-        other, wrong = ("a circle", "circular") if shape != "circular" else ("an ellipse", "elliptical")
+        wrong = "circular" if shape != "circular" else "elliptical"
         guess = printed_dither(wrong, 2 * np.pi * u, (0.3, 0.15, 0.0, 0.0))
-        rows.append(weighed("eq. 12", f"{shape} helix, x and y with t → 2πft", "M·[t, sin t, cos t]", said,
-                        Evidence("largest distance, mm", apart, 1e-9, other, float(np.abs(made[:2] - guess[:2]).max())),
-                        "over half of its turns; then the spiral runs in again" if shape == "hat" else ""))  # fmt: skip
+        rows("helix", (said, shape), error=apart, guess=float(np.abs(made[:2] - guess[:2]).max()), case=shape)
     grown = 2 * 2 * np.pi * 2000.0
     far = float(np.abs(spot.shaped(spot.Params(), still, np.linspace(0.0, 4.0, 4001))[2]).max())
-    rows.append(Row("eq. 12", "z = 2t of the circular helix after 1 s at 2 kHz", f"{grown * 1e-3:.3g} m, if t "
-    f"is in rad and "
-                    "z in mm", Estimate(far, "mm"), judged(abs(far / grown - 1) < 0.1, TREND, NOT),
-                    "the printed ramp has no bound; the piezo has ±1 mm, so the ramp is folded into a "
-                    "triangle"))  # fmt: skip
-    rows += _eq_13()
-    return Findings(rows, [_dither_shapes(), _compound()])
+    rows("unbounded-ramp", (far, grown * 1e-3), holds=abs(far / grown - 1) < 0.1)
+    _eq_13(rows)
+    return [_dither_shapes(), _compound()]
 
 
 def _recorded(name: str, scenario: str, seed: int = 1000) -> np.ndarray:
@@ -277,7 +228,7 @@ def _recorded(name: str, scenario: str, seed: int = 1000) -> np.ndarray:
     return channels[:, :, 0]
 
 
-def _eq_13() -> list[Row]:
+def _eq_13(rows: Rows) -> None:
     """Eq. 13 on a recorded cut: what the spot does beside the carrier is the dither."""
     channels, optics = _recorded("huang2024-dynamic", "cut-square"), spot.Params()
     whole = quality.travelled(channels, optics, 1.0)
@@ -292,17 +243,12 @@ def _eq_13() -> list[Row]:
     off = np.abs(radius - real.x)
     spectrum = np.abs(np.fft.rfft(relative[1] * np.hanning(len(radius))))
     frequency = float(np.fft.rfftfreq(len(radius), whole.dt)[np.argmax(spectrum)])
-    return [
-        Row("eq. 13", "S_a − S_e is the relative dither S_r: circle of constant radius", f"{DYNAMIC.x:g} mm",
-            Estimate(float(np.median(radius)), "mm", digits=4),
-            judged(abs(np.median(radius) / DYNAMIC.x - 1) < 0.05, INPUT),
-            f"set; a recorded cut-square with following error, {len(radius)} samples; 99 % of them within "
-            f"{1e3 * np.quantile(off, 0.99):.1g} µm of what the galvo makes of the command; in the milliseconds "
-            f"of corners, "
-            f"where the direction is interpolated, up to {1e3 * off.max():.2g} µm off"),
-        Row("eq. 13", "its frequency", "2 kHz", Estimate(frequency * 1e-3, "kHz", digits=4),
-            judged(abs(frequency / 2000.0 - 1) < 1e-3, INPUT), "set; largest line of the spectrum across the path"),
-    ]  # fmt: skip
+    rows(
+        "relative-dither",
+        (float(np.median(radius)), DYNAMIC, len(radius), 1e3 * np.quantile(off, 0.99), 1e3 * off.max()),
+        holds=abs(np.median(radius) / DYNAMIC.x - 1) < 0.05,
+    )
+    rows("dither-frequency", frequency * 1e-3, holds=abs(frequency / 2000.0 - 1) < 1e-3)
 
 
 @drawn("Huang2024 Fig. 4, eq. 12", 0, layout=None)
@@ -359,30 +305,18 @@ def _compound(*axes: Axes) -> None:
 
 
 @study("huang2024", "Table 1: what the optics make of the settings")
-def table_1(trial: Trial) -> Findings:
+def table_1(trial: Trial, rows: Rows) -> None:
     """Amplitudes behind galvo and piezo, and what a moving lens would have to stand."""
-    optics, rows = spot.Params(), []
+    optics = spot.Params()
     for kilohertz, stroke in ((2.0, 1.0), (4.0, 5.0)):
         hertz = 1e3 * kilohertz
         real = spot.realised(optics, spot.Command(frequency=hertz, x=0.3, y=0.3, z=stroke), 0.0)
-        rows.append(Row(
-            "Table 1", f"galvo at {kilohertz:g} kHz, amplitude in x and y", "300 µm", Estimate(1e3 * real.x, "µm"),
-            judged(abs(real.x / 0.3 - 1) < 0.05, INPUT), f"set; lags by {np.rad2deg(real.lag):.0f}°; assumed: natural "
-            f"frequency {optics.galvo * 1e-3:g} kHz, damping {optics.galvo_zeta:g}; not fitted",
-        ))  # fmt: skip
-        rows.append(Row(
-            "Table 1", f"piezo at {kilohertz:g} kHz, amplitude of the focus", f"{stroke:g} mm", Estimate(real.z, "mm"),
-            judged(abs(real.z / stroke - 1) < 0.05, INPUT),
-            f"set; lags by {np.rad2deg(real.lag_z):.0f}°; assumed: natural frequency {optics.piezo * 1e-3:g} kHz",
-        ))  # fmt: skip
+        holds = abs(real.x / 0.3 - 1) < 0.05
+        rows("galvo", (1e3 * real.x, kilohertz, np.rad2deg(real.lag), optics.galvo * 1e-3, optics), holds)
+        holds = abs(real.z / stroke - 1) < 0.05
+        rows("piezo", (real.z, kilohertz, stroke, np.rad2deg(real.lag_z), optics.piezo * 1e-3), holds)
         load = stroke * (2 * np.pi * hertz) ** 2 / GRAVITY
-        rows.append(Row(
-            "Table 1", f"a lens that moves ±{stroke:g} mm at {kilohertz:g} kHz", "moves along z by a piezo",
-            f"{load:.2g} g", judged(load < 1e3, TREND),
-            "A·(2πf)²/g: no lens on a piezo does that, nor has a piezo such a stroke; read as an optical shift of the "
-            "focus",
-        ))  # fmt: skip
-    return Findings(rows)
+        rows("moving-lens", (load, stroke, kilohertz), holds=load < 1e3)
 
 
 @functools.cache
@@ -395,54 +329,37 @@ def jobs_of(name: str, scenario: str, seeds: int, shape: str = "circular") -> di
 
 
 @study("huang2024", "Table 2: speed, dross and roughness of three methods")
-def table_2(trial: Trial) -> Findings:
+def table_2(trial: Trial, rows: Rows) -> list[Drawing]:
     """The nine numbers from whole jobs (streaming form), from the full form, and the radar chart of Fig. 10."""
     steel = materials.material("c45-10")
     straight = fit_cut.table(steel.params, steel.power).set_index("method")
-    rows, figures = [], {}
+    figures = {}
     fitted = "six coefficients were fitted to these six numbers and the focus: agreement validates nothing"
     for method, name in METHODS.items():
         printed, seen = fit_cut.TABLE_2[method], jobs_of(name, "cut-square", trial.seeds)
         feed = estimate(0.06 * seen["mean_feed"], "m/min")
         dross, rough = estimate(seen["dross"], "mm"), estimate(1e-3 * seen["roughness"], "mm")
         figures[method] = (feed.value, dross.value, rough.value)
-        rows.append(Row("Table 2", f"{method}: cutting speed", f"{printed['feed']:g} m/min", feed,
-                        judged(abs(feed.value / printed["feed"] - 1) < 0.1, INPUT),
-                        "a setting; corners and ends are slower"))  # fmt: skip
+        rows("cutting-speed", (feed, method, printed), holds=abs(feed.value / printed["feed"] - 1) < 0.1)
         for text, found in (("dross", dross), ("roughness", rough)):
             short = "dross" if text == "dross" else "Rz"
             full = straight.loc[method, f"{short}, full"]
-            rows.append(Row(
-                "Table 2", f"{method}: {text}", f"{printed[text]:g} mm", found,
-                judged(abs(found.value / printed[text] - 1) < 0.1, CALIBRATED),
-                f"whole jobs of cut-square; a straight cut in the full form: {full:.3f} mm. {fitted}"
-                + (f"; as Rz, range {quality.iso_range(found.value, 10.0)} of ISO 9013" if text == "roughness" else ""),
-            ))  # fmt: skip
+            iso = quality.iso_range(found.value, 10.0)
+            holds = abs(found.value / printed[text] - 1) < 0.1
+            rows("table-2", (found, method, text, printed[text], full, fitted, iso), holds, case=text)
     recorded = quality.evaluate(
         quality.travelled(_recorded("huang2024-dynamic", "cut-square"), spot.Params(), steel.power), steel.params
     ).means()
-    rows.append(Row(
-        "Table 2", "dynamic compound: full form on a recorded job (seed 1000), dross and roughness", "0.9 mm, 0.09 mm",
-        f"{recorded['dross']:.3f} mm, {recorded['roughness']:.3f} mm",
-        judged(abs(recorded["dross"] / 0.9 - 1) < 0.1 and abs(recorded["roughness"] / 0.09 - 1) < 0.1, CALIBRATED),
-        "energy deposited along the whole way of the spot, S_a = S_e + S_r",
-    ))  # fmt: skip
+    holds = abs(recorded["dross"] / 0.9 - 1) < 0.1 and abs(recorded["roughness"] / 0.09 - 1) < 0.1
+    rows("full-form", recorded, holds)
     v, d, r = (np.array([figures[m][i] for m in METHODS]) for i in range(3))
-    rows.append(Row(
-        "§5.3", "dynamic: fastest, least dross, rougher only than the static method for quality", "order",
-        "speed, dross and roughness in this order" if (holds := bool(
-            v[2] == v.max() and d[2] == d.min() and r[0] < r[2] < r[1])) else "another order",
-        judged(holds, CALIBRATED), fitted,
-    ))  # fmt: skip
+    right = bool(v[2] == v.max() and d[2] == d.min() and r[0] < r[2] < r[1])
+    rows("best-of-three", holds=right, note=fitted, case="right" if right else "other")
     paper = {m: (row["feed"], row["dross"], row["roughness"]) for m, row in fit_cut.TABLE_2.items()}
     areas = [area(radar(values)) for values in (paper, figures)]
     lead = [a["dynamic compound"] / max(a["static, surface quality"], a["static, fastest"]) for a in areas]
-    rows.append(Row(
-        "Fig. 10", "area of the dynamic method's triangle over the next best one's", f"{lead[0]:.2f}",
-        Estimate(float(lead[1])), judged(lead[0] > 1 and lead[1] > 1, CALIBRATED),
-        "axes normalised to the best of the three methods; the paper does not say how it did; " + fitted,
-    ))  # fmt: skip
-    return Findings(rows, [_radar(paper, figures)])
+    rows("radar", (float(lead[1]), lead, fitted), holds=lead[0] > 1 and lead[1] > 1)
+    return [_radar(paper, figures)]
 
 
 def radar(values: dict[str, tuple[float, float, float]]) -> dict[str, np.ndarray]:
@@ -489,8 +406,6 @@ DITHERS = {
 }
 """Stack and shape of each dither at that feed, ±0.3 mm (the ellipse ±0.15 mm in y), 2 kHz, ±1 mm of focus."""
 
-PROXY = "the cut model's figures are proxies, fitted to Table 2 for the circle and no dither"
-
 
 def fastest(p: cut.Params, watts: float, dither: spot.Command) -> float:
     """The largest feed, m/min, at which a straight cut still goes through."""
@@ -503,7 +418,7 @@ def fastest(p: cut.Params, watts: float, dither: spot.Command) -> float:
 
 
 @study("huang2024", "Dither: absorption, speed, dross, roughness")
-def absorption(trial: Trial) -> Findings:
+def absorption(trial: Trial, rows: Rows) -> list[Drawing]:
     """The four things that §4 says of cutting with dither, beside the same beam without, at the same power."""
     steel = materials.material("c45-10")
     amplitudes = np.linspace(0.0, 0.3, 31)
@@ -515,24 +430,11 @@ def absorption(trial: Trial) -> Findings:
     speeds = [fastest(steel.params, steel.power, d) for d in (spot.Command(), DYNAMIC)]
     without, with_ = (jobs_of(DITHERS[name][0], "cut-square", trial.seeds, DITHERS[name][1])
                       for name in ("none", "circular"))  # fmt: skip
-    rows = [
-        Row("§4", "share of the beam's power that the material absorbs, without → with dither",
-            "“raises the absorption”", f"{100 * plain:.3g} % → {100 * share[-1]:.3g} %",
-            judged(share[-1] > 1.02 * plain, TREND),
-            "Fresnel's equations at the angle of a cutting front that is as long as beam and dither make it [A]; the "
-            "paper gives no number and measured none"),
-        Row("§4", "largest feed that still cuts through at the same power, without → with", "“speeds up cutting”",
-            f"{speeds[0]:.3g} → {speeds[1]:.3g} m/min", judged(speeds[1] > 1.02 * speeds[0], TREND),
-            "straight cut, C45 of 10 mm. The power was set by the cut without dither, which just goes through at "
-            f"{SAME:g} m/min"),
-    ]  # fmt: skip
+    rows("absorbed-share", (100 * plain, 100 * share[-1]), holds=share[-1] > 1.02 * plain)
+    rows("largest-feed", (speeds, SAME), holds=speeds[1] > 1.02 * speeds[0])
     for name, unit, said in (("dross", "mm", "“smaller dross”"), ("roughness", "µm", "“improves roughness”")):
         a, b = without[name], with_[name]
-        rows.append(Row(
-            "§4", f"{name} at the same feed of {SAME:g} m/min and power, without → with", said,
-            f"{estimate(a, unit)} → {estimate(b, unit)}", judged(np.median(b / a) < 0.98, TREND),
-            f"whole jobs of cut-square, test seeds; {PROXY}",
-        ))  # fmt: skip
+        rows("same-feed", (estimate(a, unit), estimate(b, unit), name, SAME), holds=np.median(b / a) < 0.98, paper=said)
 
     @drawn("Huang2024 §4", 2)
     def absorption(left: Axes, right: Axes) -> None:
@@ -553,33 +455,24 @@ def absorption(trial: Trial) -> Findings:
         right.set(xlabel="feed, m/min", ylabel="melt margin, 1", ylim=(0, 4))
         right.legend(frameon=False)
 
-    return Findings(rows, [absorption()])
+    return [absorption()]
 
 
 @study("huang2024", "What each shape of dither is said to be good for")
-def shapes(trial: Trial) -> Findings:
+def shapes(trial: Trial, rows: Rows) -> list[Drawing]:
     """Circle, hat and ellipse at one feed and power, beside no dither and beside each other."""
     found = {name: jobs_of(stack, "cut-square", trial.seeds, shape) for name, (stack, shape) in DITHERS.items()}
 
-    def row(claim: str, printed: str, figure: str, unit: str, shape: str, beside: str, note: str) -> Row:
+    for key, figure, shape, beside in (
+        ("shape-dross", "dross", "circular", "none"),
+        ("shape-striations", "roughness", "circular", "none"),
+        ("shape-section", "roughness", "hat", "none"),
+        ("shape-inclination", "taper", "elliptical", "none"),
+        ("shape-inclination", "taper", "elliptical", "circular"),
+    ):
         a, b = found[beside][figure], found[shape][figure]
-        return Row(
-            "§3", f"{claim}, {shape} beside {beside if beside != 'none' else 'no dither'}", printed,
-            f"{estimate(b, unit)} beside {estimate(a, unit)}", judged(np.median(b / a) < 0.98, TREND), note,
-        )  # fmt: skip
-
-    whole = f"whole jobs of cut-square at {SAME:g} m/min, the same power, test seeds; {PROXY}"
-    inclined = (
-        "the ellipse is ±0.3 by ±0.15 mm in the machine's axes, so on two sides of the square its long axis lies along "
-        "the cut and on two across it"
-    )
-    rows = [
-        row("dross", "“avoids dross”", "dross", "mm", "circular", "none", whole),
-        row("roughness", "“avoids … coarse striations”", "roughness", "µm", "circular", "none", whole),
-        row("roughness", "“raised the quality of the section”", "roughness", "µm", "hat", "none", whole),
-        row("taper u", "“improves the inclination of the section”", "taper", "mm", "elliptical", "none", inclined),
-        row("taper u", "“improves the inclination of the section”", "taper", "mm", "elliptical", "circular", whole),
-    ]
+        unit = "µm" if figure == "roughness" else "mm"
+        rows(key, (estimate(b, unit), estimate(a, unit), SAME), holds=np.median(b / a) < 0.98, case=beside)
 
     @drawn("Huang2024 §3, eq. 12", 3, height=3.2, words={"SAME": f"{SAME:g}"})
     def shapes(*axes: Axes) -> None:
@@ -591,28 +484,26 @@ def shapes(trial: Trial) -> Findings:
             ax.set(ylabel=label)
             ax.tick_params(axis="x", labelrotation=30, labelsize=8)
 
-    return Findings(rows, [shapes()])
+    return [shapes()]
 
 
 # --------------------------------------------------------------------------------------- Fig. 8, the adjusting unit
 
 
 @study("huang2024", "Fig. 8: amplitude of the focus' dither")
-def focus_dither(trial: Trial) -> Findings:
+def focus_dither(trial: Trial, rows: Rows) -> list[Drawing]:
     """Edge quality with ±1 mm at 2 kHz and ±5 mm at 4 kHz, on whole jobs and over the amplitude."""
     small, large = (
         jobs_of(f"huang2024-dynamic:law.z={z:g},law.frequency={f:g}", "cut-square", trial.seeds)
         for z, f in ((1.0, 2000.0), (5.0, 4000.0))
     )
-    rows = []
     for name, text, unit in (("roughness", "roughness Rz", "µm"), ("dross", "dross", "mm"), ("taper", "taper u", "mm")):
         a, b = small[name], large[name]
-        rows.append(Row(
-            "Fig. 8", f"{text} with ±1 mm at 2 kHz, beside ±5 mm at 4 kHz", "cleaner edge",
-            f"{estimate(a, unit)} beside {estimate(b, unit)}", judged(np.median(b - a) > 0, TREND),
-            f"C45 of 10 mm at 1 m/min, cut-square; cut through {small['through'].mean():.0%} and "
-            f"{large['through'].mean():.0%}. The paper cuts thin and thick stock and gives no numbers",
-        ))  # fmt: skip
+        rows(
+            "focus-dither",
+            (estimate(a, unit), estimate(b, unit), text, small["through"].mean(), large["through"].mean()),
+            holds=np.median(b - a) > 0,
+        )
     steel = materials.material("c45-10")
     strokes = np.linspace(0.0, 5.0, 26)
     lines = {}
@@ -635,15 +526,15 @@ def focus_dither(trial: Trial) -> Findings:
             ax.set(xlabel="amplitude of the focus' dither, mm", ylabel=label)
         axes[0].legend(frameon=False)
 
-    return Findings(rows, [focus_dither()])
+    return [focus_dither()]
 
 
 @study("huang2024", "The trajectory-parameter adjusting unit")
-def adjusting_unit(trial: Trial) -> Findings:
+def adjusting_unit(trial: Trial, rows: Rows) -> list[Drawing]:
     """The rules of ``huang2024-adjusting`` beside the dynamic method on the whole cutting suite, seed by seed."""
     names, core = ("huang2024-dynamic", "huang2024-adjusting"), scenarios.core("cutting")
+    tuned = len(preset(names[1])["parameters"])
     plain, adjusted = ([jobs_of(name, scenario, trial.seeds) for scenario in core] for name in names)
-    rows = []
     for key, text, claim in (
         ("contour_rms", "RMS contour error", "more accurate"),
         ("contour_max", "largest contour error", "more accurate"),
@@ -656,25 +547,15 @@ def adjusting_unit(trial: Trial) -> Findings:
         each = np.array([np.log(b[key] / a[key]) for a, b in zip(plain, adjusted, strict=True)])
         ratio = estimate(np.exp(each.mean(axis=0)), digits=4)
         fewer = ratio.high if np.isfinite(ratio.high) else ratio.value
-        rows.append(Row(
-            "§4", f"{text} with the unit, relative to without", claim, ratio, judged(fewer < 0.995, TREND),
-            "unchanged, within half a per cent" if abs(ratio.value - 1) <= 0.005 else "",
-        ))  # fmt: skip
-    tuned = len(preset(names[1])["parameters"])
-    note = (
-        f"geometric mean over {len(core)} scenarios, test seeds; {tuned} numbers of the rules tuned on tune seeds. The "
-        "paper names the unit and its purpose, not its rules: they are ours"
-    )
-    rows[0] = Row(**{**rows[0].__dict__, "note": note})
+        case = "unchanged" if rows and abs(ratio.value - 1) <= 0.005 else "" if rows else "first"
+        rows("adjusting", (ratio, text, len(core), tuned), holds=fewer < 0.995, paper=claim, case=case)
     signals = stacks.get(names[1]).law.signals._fields
     fed = [name for name in ("speed", "lag", "contour_error", "height") if name in signals]
     missing = sorted({"pressure", "margin", "kerf", "power"} - set(signals))
-    rows.append(Row(
-        "§4", "the unit is fed actual position and speed of the spot", "position, speed", ", ".join(fed),
-        judged({"speed", "lag", "contour_error"} <= set(fed), INPUT),
-        f"built in; no sensor tells it {', '.join(missing)}, which move roughness and dross most",
-    ))  # fmt: skip
-    return Findings(rows, [_adjusting()])
+    rows(
+        "signals-of-the-unit", (", ".join(fed), ", ".join(missing)), holds={"speed", "lag", "contour_error"} <= set(fed)
+    )
+    return [_adjusting()]
 
 
 @drawn("Huang2024 §4, Fig. 6", 2, height=3.8)

@@ -16,9 +16,8 @@ from ...envs.scenarios import Scenario
 from ..measure.rollout import roll
 from ..measure.stability import Injection
 from ..plots.palette import COLOURS
-from .claims import Estimate, Evidence, Findings, Row, Trial, estimate, judged, study, weighed
-from .pictures import drawn
-from .verdicts import PRESENT, SILENT, TREND
+from .claims import Rows, Trial, study
+from .pictures import Drawing, drawn
 
 OPEN = "guard.capture=2,guard.plan=1,guard.acceleration=50000,guard.fastest=500,guard.delay=0"
 """The supervisor's own approach planner as good as off, so that the law has to stop by itself."""
@@ -58,7 +57,7 @@ def _static(d: np.ndarray, **constants: float) -> np.ndarray:
 
 
 @study("patent2022", "Three cases: lift, hold, lower")
-def three_cases(trial: Trial) -> Findings:
+def three_cases(trial: Trial, rows: Rows) -> list[Drawing]:
     """Which case a period is in, what it does, and what s, r, vs and vm do in it."""
     p = law.Params()
     record = _run(trial, scenarios.load("rough"), "patent2022")
@@ -72,17 +71,8 @@ def three_cases(trial: Trial) -> Findings:
     least = [int(case.sum(axis=0).min()) for case in (lift, hold, lower)]
     moved, risen = (lift | lower).sum(axis=0), lift.sum(axis=0)
     wrong = float((100 * (1 - right / moved)).max()) if min(least) > 0 else np.inf
-    rows = [
-        weighed(
-            "claims 1, 2", "too low: lift; too high: lower; within ε: hold",
-            "lift, lower or hold by the height difference", estimate(100 * right / moved, "%"),
-            Evidence("most periods the wrong way in a run, %", wrong, 0.0, "always the commoner way",
-                     float((100 * np.minimum(risen, moved - risen) / moved).max())),
-            f"share of the periods outside ε in which the command goes the right way, rough sheet; fewest periods of "
-            f"lift, hold and lower in a run: {least[0]}, {least[1]}, {least[2]}. Printed: 'equal to' ε, which a "
-            "measured height never is; read as |d| ≤ ε",
-        ),
-    ]  # fmt: skip
+    guess = float((100 * np.minimum(risen, moved - risen) / moved).max())
+    rows("cases", (100 * right / moved, least), error=wrong, guess=guess)
 
     step = scenarios.load("flat").varied(
         duration=1.4, settle=0.1, sheet={"steps": {"count": 1, "height": 0.3, "spacing": 60.0}}
@@ -94,35 +84,21 @@ def three_cases(trial: Trial) -> Findings:
         times.append(below.sum(axis=0) * PERIOD * 1e3)
         lows.append(np.where(below, hit.error, 0.0).min(axis=0))
     gained = times[0] / times[-1]
-    rows.append(Row(
-        "eq. kp1, s", "the sensitivity s makes the lift faster, so that the nozzle is not hit", "faster; no figure",
-        estimate(gained, "times"), judged(np.all(times[0] > times[1]) and np.all(times[1] > times[2]), TREND),
-        "time spent more than 0.1 mm too low after a step of +0.3 mm of the sheet, s = 1 over s = 20; "
-        f"s = 1: {np.median(times[0]):.0f} ms, 5: {np.median(times[1]):.0f} ms, 20: {np.median(times[2]):.0f} ms. "
-        "Direction only: no figure is printed",
-    ))  # fmt: skip
+    holds = np.all(times[0] > times[1]) and np.all(times[1] > times[2])
+    rows("sensitivity", (gained, np.median(times[0]), np.median(times[1]), np.median(times[2])), holds)
 
     noisy = _flat(head=IMPULSES)
     jitters = [metrics.jitter(_run(trial, noisy, f"patent2022:law.r={r:g}")) for r in (1.0, 4.0, 16.0)]
-    rows.append(Row(
-        "eqs. ki, r", "the suppression coefficient r weakens what the feedback's noise does to the axis", "weaker",
-        estimate(jitters[0] / jitters[-1], "times"),
-        judged(all(np.median(a) > np.median(b) for a, b in zip(jitters, jitters[1:], strict=False)), TREND),
-        "jitter of the command under impulses, r = 1 over r = 16. But r lowers the loop's gain by "
-        f"{(1 + 1 / 1) / (1 + 1 / 16):.2f} times as well, and per unit of gain a large r is the noisier: white noise "
-        f"passes by sqrt(1 + 1/r²)/(1 + 1/r) = {np.sqrt(2) / 2:.2f} at r = 1, {np.sqrt(1 + 1 / 256) / (17 / 16):.2f} "
-        "at r = 16",
-    ))  # fmt: skip
+    rows(
+        "suppression",
+        (jitters[0] / jitters[-1], (1 + 1 / 1) / (1 + 1 / 16), np.sqrt(2) / 2, np.sqrt(1 + 1 / 256) / (17 / 16)),
+        holds=all(np.median(a) > np.median(b) for a, b in zip(jitters, jitters[1:], strict=False)),
+    )
 
     small = np.geomspace(0.02, 1.0, 50)
     power = float(np.polyfit(np.log(small), np.log(_static(small)), 1)[0])
-    rows.append(weighed(
-        "¶ 67, vs/vm", "the nearer the target, the smaller the displacement",
-        "kp3 = 0.01·(vs/vm), L = kp·d + ki·d_prev",
-        Estimate(power), Evidence("deviation of the exponent from 1.5", power - 1.5, 0.01, "a constant kp", -0.5),
-        "exponent of L over |d| below the deceleration distance: L is d times vs/vm = sqrt(|d|/D)",
-    ))  # fmt: skip
-    return Findings(rows, [_characteristic(), _cases(trial)])
+    rows("nearer-smaller", power, error=power - 1.5, guess=-0.5)
+    return [_characteristic(), _cases(trial)]
 
 
 @pictured("Patent2022 ¶ 53–69", 2)
@@ -162,7 +138,7 @@ def _cases(axes: Axes, trial: Trial) -> None:
 
 
 @study("patent2022", "Planned descent and overshoot")
-def descent(trial: Trial) -> Findings:
+def descent(trial: Trial, rows: Rows) -> list[Drawing]:
     """Down onto the sheet from 4 to 15 mm above the set height, the supervisor's own planner off."""
     case, p = scenarios.load("descent"), law.Params()
     planned = _run(trial, case, f"patent2022:{OPEN}")
@@ -186,32 +162,15 @@ def descent(trial: Trial) -> Findings:
     over_supervised = 1e3 * metrics.overshoot(supervised)
     arrival = np.argmax(np.abs(planned.error) < 0.1, axis=0) * PERIOD
     reaches = (np.abs(planned.error[-1]) < 0.02).all()
-    rows = [
-        weighed(
-            "claim 3", "beyond the range: accelerate towards the largest speed from which the head still stops, then "
-            "go on at it", "“approaches … until constant speed”", estimate(100 * most, "%"),
-            Evidence("off the allowed speed, %", off_pace, 5.0, "the tuned PID, planner off", off_plain),
-            f"largest speed beyond the range, of sqrt(2·a·d) or {p.fastest:g} mm/s, whichever is less; "
-            f"in the {beyond.sum()} of {len(beyond)} runs that begin far enough beyond it; steepest rise "
-            f"{steepest.max():.0f} mm/s²",
-        ),
-        weighed(
-            "¶ 4, claim 3", "no overshoot on entering the range", "“prevents … overshoot”", estimate(over, "µm"),
-            Evidence("largest overshoot of any run, µm",
-                     float(over.max()) if reaches and not planned.collided.any() else np.inf, 1.0,
-                     "the tuned PID, planner off, median", float(np.median(over_plain))),
-            f"largest overshoot of any run {over.max():.2f} µm, collisions {planned.collided.sum()}; supervisor's own "
-            f"planner off. It takes its time: within 0.1 mm after {np.median(arrival):.2f} s",
-        ),
-        Row(
-            "¶ 2", "a PID alone overshoots on entering the range", "overshoots", estimate(over_plain, "µm"),
-            judged(np.median(over_plain) > 10 * max(1.0, np.median(over)), TREND),
-            f"tuned PID, planner off: {plain.collided.sum()} of {plain.error.shape[1]} runs end on the sheet (a figure "
-            "of mm is the depth to which they fall). With the supervisor's planner on it overshoots by "
-            f"{np.median(over_supervised):.0f} µm and collides {supervised.collided.sum()} times, so planning, whoever "
-            "does it, is what helps",
-        ),
-    ]  # fmt: skip
+    rows("approach", (100 * most, p, beyond.sum(), len(beyond), steepest.max()), error=off_pace, guess=off_plain)
+    error = float(over.max()) if reaches and not planned.collided.any() else np.inf
+    guess = float(np.median(over_plain))
+    rows("no-overshoot", (over, over.max(), planned.collided.sum(), np.median(arrival)), error=error, guess=guess)
+    rows(
+        "pid-overshoots",
+        (over_plain, plain.collided.sum(), plain, np.median(over_supervised), supervised.collided.sum()),
+        holds=np.median(over_plain) > 10 * max(1.0, np.median(over)),
+    )
 
     @pictured("Patent2022 ¶ 63–69", 2)
     def descent(gap: Axes, pace: Axes) -> None:
@@ -229,7 +188,7 @@ def descent(trial: Trial) -> Findings:
         pace.set(xlabel="time, s", ylabel="velocity of the head, mm/s", xlim=(0, 1.2))
         gap.legend()
 
-    return Findings(rows, [descent()])
+    return [descent()]
 
 
 # ---------------------------------------------------------------------------------------------------- noise in the hold
@@ -247,7 +206,7 @@ class _Planner:
 
 
 @study("patent2022", "Chatter")
-def chatter(trial: Trial) -> Findings:
+def chatter(trial: Trial, rows: Rows) -> list[Drawing]:
     """What the feedback's noise does to the axis on a level sheet, against a plain PID and velocity planning alone."""
     flat, noisy = _flat(), _flat(head=IMPULSES)
     still = _run(trial, flat, "patent2022")
@@ -255,16 +214,9 @@ def chatter(trial: Trial) -> Findings:
     none, before = (
         np.where(r.scored, r["wish"] == 0.0, 0.0).sum(axis=0) / r.scored.sum(axis=0) for r in (still, without)
     )
-    rows = [
-        weighed(
-            "claim 4, hold", "in the hold a displacement below the smallest one is none", "“height control unchanged”",
-            estimate(100 * none, "%"),
-            Evidence("most of the time in motion in a run, %", float((100 * (1 - none)).max()), 10.0,
-                     "without that rule, least", float((100 * (1 - before)).min())),
-            f"share of the time in which no motion is commanded on a level sheet, smallest displacement "
-            f"{1e6 * law.Params().smallest:g} nm a period [A]; without that rule {100 * np.median(before):.1f} %",
-        ),
-    ]  # fmt: skip
+    guess = float((100 * (1 - before)).min())
+    error = float((100 * (1 - none)).max())
+    rows("hold", (100 * none, 1e6 * law.Params().smallest, 100 * np.median(before)), error=error, guess=guess)
     own = _run(trial, noisy, "patent2022")
     pid = _run(trial, noisy, "pid")
     planner = roll(
@@ -272,22 +224,11 @@ def chatter(trial: Trial) -> Findings:
     )
     jitter = {name: metrics.jitter(r) for name, r in (("own", own), ("pid", pid), ("planner", planner))}
     ratio = jitter["pid"] / jitter["own"]
-    rows.append(Row(
-        "¶ 2, 38", "less chatter from a noisy signal than a PID", "less", estimate(ratio, "times"),
-        judged(np.all(ratio > 1.0), TREND),
-        "jitter of the command under 20 impulses/s on a level sheet, tuned PID over patent2022 as printed; no figure "
-        "is printed. Mostly it is quiet because its gain is low: see the next row",
-    ))  # fmt: skip
+    rows("less-chatter", ratio, holds=np.all(ratio > 1.0))
     ratio = jitter["planner"] / jitter["own"][: len(jitter["planner"])]
     quiet = _flat(head={"noise": 0.0, "jitter": 0.0, "impulses": 0.0})
     alone = metrics.jitter(roll(quiet, stacks.python_stack(_Planner, "planner"), _seeds(trial)[:6], trial.threads))
-    rows.append(Row(
-        "¶ 2", "velocity planning alone chatters when the signal does", "chatters", estimate(ratio, "times"),
-        judged(np.all(ratio > 1.0), TREND),
-        "jitter of velocity planning alone (speed sqrt(2·a·|d|) at every |d|) over patent2022, same noise. "
-        f"Its slope is infinite at the target, so dead time alone lets it oscillate: {np.median(alone):.2g} "
-        f"mm/s per ms without noise, {np.median(jitter['planner']):.2g} with it",
-    ))  # fmt: skip
+    rows("planning-chatters", (ratio, np.median(alone), np.median(jitter["planner"])), holds=np.all(ratio > 1.0))
 
     # The same quietness from a plain P law that follows as badly, or as well.
     wavy = scenarios.load("wavy").varied(head=IMPULSES)
@@ -298,12 +239,8 @@ def chatter(trial: Trial) -> Findings:
     shakes = np.array([metrics.jitter(_run(trial, noisy, c)) for c in plain])
     kv = float(np.exp(np.interp(-np.log(np.sqrt(np.mean(target**2))), -np.log(following), np.log(gains))))
     same = np.array([np.interp(np.log(kv), np.log(gains), column) for column in shakes.T])
-    rows.append(Row(
-        "¶ 2, 38", "less chatter than a PID that follows as well", "less", estimate(same / jitter["own"], "times"),
-        judged(np.median(same / jitter["own"]) > 1.0, TREND),
-        f"on a wavy sheet patent2022 as printed follows to {np.sqrt(np.mean(target**2)):.0f} µm RMS; a P law of "
-        f"{kv:.1f} 1/s does that too, with this many times its jitter on the level sheet, same filter",
-    ))  # fmt: skip
+    holds = np.median(same / jitter["own"]) > 1.0
+    rows("as-good-a-pid", (same / jitter["own"], np.sqrt(np.mean(target**2)), kv), holds)
 
     @pictured("Patent2022 ¶ 2", 2)
     def chatter(left: Axes, right: Axes) -> None:
@@ -316,14 +253,14 @@ def chatter(trial: Trial) -> Findings:
             axes.set(xlabel="time, s", ylabel="command, mm/s", xlim=(2.0, end))
             axes.legend(loc="upper right")
 
-    return Findings(rows, [chatter()])
+    return [chatter()]
 
 
 # ------------------------------------------------------------------------------------------------- what s and 0.01 cost
 
 
 @study("patent2022", "Loop gain and rectified noise")
-def gain(trial: Trial) -> Findings:
+def gain(trial: Trial, rows: Rows) -> list[Drawing]:
     """How much follows from the printed 0.01, and what a sensitivity that acts one way does to the mean."""
     d = np.geomspace(1e-3, 5.0, 200)
     slope = _static(d, accuracy=1e-4, smallest=0.0) / d / PERIOD
@@ -335,35 +272,21 @@ def gain(trial: Trial) -> Findings:
         stacks.resolve("patent2022")
     )
     wavy = metrics.rms_true(_run(trial, scenarios.load("wavy"), "patent2022"))
-    rows = [
-        Row(
-            "eqs. kp2, kp3", "the printed factor 0.01 follows a sheet", "'approaches the target faster'",
-            Estimate(largest, "1/s"), judged(np.sqrt(np.mean(wavy**2)) < 20.0, TREND),
-            f"largest loop gain, (0.01/T)·(1 + 1/r), r = 1, T = 1 ms, from d = D on; a tuned PID has 50 1/s and an "
-            f"integral. RMS on the wavy sheet {np.sqrt(np.mean(wavy**2)):.0f} µm; |S| of a sheet that moves by ±20 µm "
-            f"at 0.5, 1, 2 and 5 Hz, worst corner plant: {', '.join(f'{x:.2f}' for x in response.worst)} (1: not "
-            "followed at all)",
-        ),
-        weighed(
-            "eqs. vs, vm", "the coefficients adapt with vs/vm", "“adjusts … coefficients each period”", Estimate(power),
-            Evidence("deviation of the exponent from 0.5", power - 0.5, 0.01, "a constant kp", -0.5),
-            "exponent of the gain over |d| below D: it goes to 0 at the set height, "
-            "where a follower works",
-        ),
-    ]  # fmt: skip
+    rows(
+        "factor-of-a-hundredth",
+        (largest, np.sqrt(np.mean(wavy**2)), ", ".join(f"{x:.2f}" for x in response.worst)),
+        holds=np.sqrt(np.mean(wavy**2)) < 20.0,
+    )
+    rows("adaptation", power, error=power - 0.5, guess=-0.5)
     sizes = (1.0, 5.0, 20.0, 100.0)
     noisy = _flat(head=IMPULSES)
     means = [_mean(_run(trial, noisy, f"patent2022:law.s={s:g}")) for s in sizes]
-    rows.append(Row(
-        "eq. kp1, s", "s in the lift only: more noise up than down", SILENT, estimate(means[2], "µm"),
-        judged(np.median(means[2]) > 2.0 and all(
-            np.median(b) > np.median(a) for a, b in zip(means, means[1:], strict=False)
-        ), PRESENT),
-        "mean true error on a level sheet under 20 impulses/s of both signs, s = 20; "
-        + ", ".join(f"s = {s:g}: {np.median(m):.1f} µm" for s, m in zip(sizes, means, strict=True))
-        + ". Noise is rectified: the head stands too high. A conclusion from the printed equations, not a claim of the "
-        "document",
-    ))  # fmt: skip
+    rows(
+        "rectified-noise",
+        (means[2], ", ".join(f"s = {s:g}: {np.median(m):.1f} µm" for s, m in zip(sizes, means, strict=True))),
+        holds=np.median(means[2]) > 2.0
+        and all(np.median(b) > np.median(a) for a, b in zip(means, means[1:], strict=False)),
+    )
 
     @pictured("Patent2022 ¶ 53–69", 2, grid={"alpha": 0.3, "which": "both"})
     def gain(left: Axes, right: Axes) -> None:
@@ -380,4 +303,4 @@ def gain(trial: Trial) -> Findings:
         )  # fmt: skip
         right.set(xlabel="sensitivity s", ylabel="mean true error, µm", xscale="log")
 
-    return Findings(rows, [gain()])
+    return [gain()]

@@ -19,9 +19,8 @@ from ..measure import axes
 from ..measure.axes import IDEAL
 from ..plots.palette import COLOURS, QUIET
 from ..results import jobs
-from .claims import Estimate, Evidence, Findings, Row, Trial, estimate, judged, study, weighed
-from .pictures import drawn
-from .verdicts import CALIBRATED, INPUT, NAMED, NOT, PRESENT, SILENT, TREND
+from .claims import Rows, Trial, estimate, study
+from .pictures import Drawing, drawn
 
 PRESETS = {"a": xy_axes.Params(), "b": xy_axes.Params(t1=0.012, t2=0.006626, tau=0.0, gain=1.04167)}
 """Drive constants that agree with the printed limit (docs/physics.md#the-x-and-y-axes); Wu gives none."""
@@ -50,7 +49,7 @@ def _kv(kp: float, p: xy_axes.Params) -> float:
 
 
 @study("wu", "Two rates and the incremental position error")
-def rates(trial: Trial) -> Findings:
+def rates(trial: Trial, rows: Rows) -> None:
     """What the machine's servo issues and sees on a circle whose speed changes all the time."""
     way = axes.circle(40.0, axes.from_rest(60.0, 2000, 2400))
     fields = ("x.issued", "x.step", "axes_signals.error_x", "axes_signals.position_x", "axes_signals.velocity_x")
@@ -67,26 +66,14 @@ def rates(trial: Trial) -> Findings:
     apart = float(np.abs(replayed - e[1:]).max())
     prompt = e[0] + np.cumsum(-np.diff(a) + o[1:])  # the increment of the same instant instead
     whole = float(np.abs(increments).max()) * 2  # all of an interpolated increment in the first of its two interrupts
-    return Findings([
-        Row("§3", "position servo every", "4 ms", Estimate(servo, "ms"), judged(servo == 4.0, INPUT)),
-        Row("§3", "interpolation every", "8 ms", Estimate(interpolation, "ms"), judged(interpolation == 8.0, INPUT)),
-        weighed(
-            "§3", "each interpolated increment is issued in equal halves", "“two interrupts of 4 ms”",
-            f"{count} pairs, unequal by {_apart(unequal)}",
-            Evidence("largest difference of two halves, mm", unequal, 1e-9, "all of it at once", whole),
-        ),
-        weighed(
-            "§3.2", "the machine's position error", "E_i = E_{i−1} − ΔD_A,i + ΔD_O,i−1",
-            f"{len(replayed)} instants, apart by {_apart(apart)}",
-            Evidence("largest difference, mm", apart, 1e-9, "ΔD_O,i in place of ΔD_O,i−1",
-                     float(np.abs(prompt - e[1:]).max())),
-            "replayed from recorded encoder readings (1 µm) and issued increments",
-        ),
-    ])  # fmt: skip
+    rows("servo", servo, holds=servo == 4.0)
+    rows("interpolation", interpolation, holds=interpolation == 8.0)
+    rows("equal-halves", (count, _apart(unequal)), error=unequal, guess=whole)
+    rows("position-error", (len(replayed), _apart(apart)), error=apart, guess=float(np.abs(prompt - e[1:]).max()))
 
 
 @study("wu", "Lag of a ramp")
-def lag(trial: Trial) -> Findings:
+def lag(trial: Trial, rows: Rows) -> None:
     """The steady position error at constant speed."""
     speeds = (CUTTING / 4, CUTTING)
     ideal = [p._replace(**IDEAL) for p in PRESETS.values()]
@@ -100,29 +87,15 @@ def lag(trial: Trial) -> Findings:
     off = float(np.abs(found / expected - 1).max())
     at = runs.index((CUTTING, ideal[0], KP))
     kv = _kv(KP, ideal[0])
-    rows = [
-        Row(
-            "§3.3", f"lag at 8 m/min and K = {kv:.1f} 1/s: E0 = v·K as printed first", f"{CUTTING * kv:.4g} mm",
-            Estimate(float(found[at]), "mm", digits=4), judged(abs(found[at] / (CUTTING * kv) - 1) < 0.01, TREND, NOT),
-            "E = vK contradicts v = K·E0 in the same sentence; its dimension is mm/s²",
-        ),
-        weighed(
-            "§3.3", "the same: v = K·E0 as printed next, E0 = v/K", f"{CUTTING / kv:.4g} mm",
-            Estimate(float(found[at]), "mm", digits=4),
-            Evidence("deviation, %", 100 * (float(found[at]) / (CUTTING / kv) - 1), 0.1, "no lag", -100.0),
-        ),
-        weighed(
-            "§3.3", f"type-1 loop, {len(runs)} speeds, gains and drives", "v = K·E0",
-            f"v/K within {1e2 * max(off, 1e-6):.1g} %",
-            Evidence("largest deviation, %", 100 * off, 0.1, "one lag for all, their mean",
-                     100 * float(np.abs(expected.mean() / expected - 1).max())),
-        ),
-        *_moves_and_stops(),
-    ]  # fmt: skip
-    return Findings(rows)
+    rows("lag-as-printed-first", (float(found[at]), kv, CUTTING * kv), holds=abs(found[at] / (CUTTING * kv) - 1) < 0.01)
+    error = 100 * (float(found[at]) / (CUTTING / kv) - 1)
+    rows("lag-as-printed-next", (float(found[at]), CUTTING / kv), error=error, guess=-100.0)
+    guess = 100 * float(np.abs(expected.mean() / expected - 1).max())
+    rows("lag-of-type-1", (1e2 * max(off, 1e-6), len(runs)), error=100 * off, guess=guess)
+    _moves_and_stops(rows)
 
 
-def _moves_and_stops() -> list[Row]:
+def _moves_and_stops(rows: Rows) -> None:
     """What the actual position does while the commanded one moves evenly, and after it has stopped."""
     p = PRESETS["a"]
     speeds = np.concatenate([axes.from_rest(CUTTING, 300, 1500), np.zeros(1500)])
@@ -133,25 +106,12 @@ def _moves_and_stops() -> list[Row]:
     pace = float((x[1400] - x[1000]) / 0.4)
     rest = 1e3 * float(np.abs(x[-1] - speeds.sum() * 1e-3))
     lag = 1e3 * float(error[1400])
-    return [
-        weighed(
-            "§2", "the actual position changes as fast as the commanded one", "“at this speed as well”",
-            Estimate(pace, "mm/s", digits=5),
-            Evidence("deviation, %", 100 * (pace / CUTTING - 1), 0.1, "the axis' rapid speed",
-                     100 * (RAPID / CUTTING - 1)),
-            f"commanded {CUTTING:.5g} mm/s, encoder of 1 µm and 16-bit D/A, steady part of a run",
-        ),
-        weighed(
-            "§2", "when the commanded position stops, the actual one comes to be equal", "“equals the commanded”",
-            f"{rest:.2g} µm apart after 1.5 s",
-            Evidence("distance, µm", rest, 1e3 * p.encoder, "the lag stays", lag),
-            "from 8 m/min; agreement is a count of the encoder",
-        ),
-    ]  # fmt: skip
+    rows("same-speed", (pace, CUTTING), error=100 * (pace / CUTTING - 1), guess=100 * (RAPID / CUTTING - 1))
+    rows("comes-to-rest", rest, error=rest, guess=lag, tolerance=1e3 * p.encoder)
 
 
 @study("wu", "The loop in the z domain")
-def z_domain(trial: Trial) -> Findings:
+def z_domain(trial: Trial, rows: Rows) -> None:
     """A, B, C, D against scipy's zero-order hold, and the difference equation against the machine."""
     t, off = 4e-3, {"A": 0.0, "sum": 0.0, "product": 0.0, "poles": 0.0}
     single, open_loop = np.inf, np.inf  # A of a drive with T1 alone; the cubic of the open loop
@@ -181,27 +141,11 @@ def z_domain(trial: Trial) -> Findings:
     left = np.convolve(ours, xy_axes.characteristic(p, k))[3 : len(ours)]
     right = np.convolve(error + ours, [0.0, k * a, -k * b, 0.0])[3 : len(ours)]
     apart = float(np.abs(left - right).max())
-    return Findings([
-        weighed("§4", "A of the open loop", "A = 1 − (T1−τ)/(T1−T2)·C − (τ−T2)/(T1−T2)·D",
-               f"differs from scipy by {off['A']:.1g}",
-               Evidence("largest difference", off["A"], 1e-12, "a drive with T1 alone", single)),
-        Row("§4", "B of the open loop: … − C − D", "printed formula", f"differs from scipy by {off['sum']:.2f}",
-            judged(off["sum"] < 1e-12, TREND, NOT),
-            note="a misprint: the last two exponentials are multiplied, not added"),
-        Row("§4", "B with their product, … − C·D, our correction", SILENT,
-            f"differs from scipy by {off['product']:.1g}",
-            judged(off["product"] < 1e-12, PRESENT)),
-        weighed("§4", "characteristic equation: closed loop of K·z·(Az − B)/((z − 1)(z − C)(z − D))",
-               "z³ + (KA − C − D − 1)z² + (CD + C + D − KB)z − CD = 0",
-               f"coefficients differ by {off['poles']:.1g}",
-               Evidence("largest difference", off["poles"], 1e-12, "the open loop, K = 0", open_loop),
-               "with B as corrected"),
-        weighed("§4", "what the simulated axis does, sampled speeds summed",
-            "G(z) = K·z·(Az − B)/((z − 1)(z − C)(z − D))",
-            f"a step of 1 mm: apart by {_apart(apart)} over {len(left)} samples",
-            Evidence("largest difference, mm", apart, 1e-9, "the step itself", float(np.abs(1.0 - ours[3:]).max())),
-            note="the machine's literal mode; the physical one integrates the velocity between the instants"),
-    ])  # fmt: skip
+    rows("z-domain-a", off, error=off["A"], guess=single)
+    rows("z-domain-b", off, holds=off["sum"] < 1e-12)
+    rows("z-domain-b-corrected", off, holds=off["product"] < 1e-12)
+    rows("characteristic-equation", off, error=off["poles"], guess=open_loop)
+    rows("sampled-axis", (_apart(apart), len(left)), error=apart, guess=float(np.abs(1.0 - ours[3:]).max()))
 
 
 def limit_in_time(p: xy_axes.Params, kn: float = KN) -> float:
@@ -218,27 +162,17 @@ def limit_in_time(p: xy_axes.Params, kn: float = KN) -> float:
 
 
 @study("wu", "Stability of the position loop")
-def stability(trial: Trial) -> Findings:
+def stability(trial: Trial, rows: Rows) -> None:
     """The largest gain Kp of the literal and of the physical loop, from their poles and from simulated steps."""
-    rows = []
     for name, p in PRESETS.items():
         for literal in (True, False):
             q = p._replace(literal=literal)
             limit = xy_axes.largest_gain(q) / (KN * p.gain)
-            mode = "sums sampled speeds, as printed" if literal else "integrates its velocity"
-            rows.append(Row(
-                "§4", f"stable for Kp below, constants ({name}), {mode}: poles", "4.5", Estimate(limit, digits=4),
-                judged(literal and abs(limit - 4.5) < 0.01, CALIBRATED),
-                "the drive's constants are not printed; they were chosen so that this limit results" if literal else
-                "a slide that integrates its velocity between the servo instants becomes unstable earlier",
-            ))  # fmt: skip
+            holds = literal and abs(limit - 4.5) < 0.01
+            rows("limit-of-poles", (limit, name), holds, case="literal" if literal else "physical")
             seen = limit_in_time(q)
-            rows.append(Row(
-                "§4", f"the same, constants ({name}), {'literal' if literal else 'physical'}: ringing in time", "4.5",
-                Estimate(seen, digits=4), judged(literal and abs(seen - 4.5) < 0.05, CALIBRATED),
-                "gain at which the ringing after a step neither grows nor decays",
-            ))  # fmt: skip
-    return Findings(rows)
+            holds = literal and abs(seen - 4.5) < 0.05
+            rows("limit-in-time", (seen, name, "literal" if literal else "physical"), holds)
 
 
 def frequency_response(p: xy_axes.Params, kp: float, hertz: np.ndarray) -> np.ndarray:
@@ -255,12 +189,12 @@ def bandwidth(p: xy_axes.Params, kp: float) -> float:
 
 
 @study("wu", "Overshoot and sampling rate")
-def response(trial: Trial) -> Findings:
+def response(trial: Trial, rows: Rows) -> list[Drawing]:
     """Steps of many gains, and the bandwidth that goes with them."""
     kps = np.round(np.arange(0.10, 1.5001, 0.02), 2)
     step = np.ones(1500)
     step[:8] = 0.0
-    rows, shown = [], {}
+    shown: dict[float, np.ndarray] = {}
     for name, p in PRESETS.items():
         q = p._replace(**IDEAL)
         there = axes.journey(step, step)
@@ -274,22 +208,12 @@ def response(trial: Trial) -> Findings:
         if name == "a":
             shown = {kp: x[:, int(np.argmin(np.abs(kps - kp)))] for kp in (0.2, KP, 1.0)}
             apart = float(np.abs(x - y).max())
-            seen_apart = f"apart by {_apart(apart)} in steps of {len(kps)} gains"
-            claim = "matched behaviour of x and y, equal constants"
-            rows.append(Row("§6.1", claim, NAMED, seen_apart, judged(apart < 1e-9, PRESENT)))
-        rows.append(Row(
-            "§6.1", f"no overshoot: largest Kp whose step overshoots by at most 0.1 %, constants ({name})",
-            f"{NAMED} as a goal", Estimate(largest, digits=2), judged(largest < 4.5, PRESENT),
-            f"{largest / 4.5:.0%} of the printed limit of stability; at Kv {_kv(KP, p):.0f} 1/s (Kp {KP}) a step "
-            f"overshoots by {over[at]:.0%}, so the commands have to be planned smoothly",
-        ))  # fmt: skip
+            rows("matched-axes", (_apart(apart), len(kps)), holds=apart < 1e-9)
+        rows("no-overshoot", (largest, name, largest / 4.5, _kv(KP, p), KP, over[at]), holds=largest < 4.5)
         ratio, fast = 250.0 / bandwidth(p, KP), 250.0 / bandwidth(p, largest)
-        rows.append(Row(
-            "§3.1", f"sampling rate over bandwidth, Kp {KP} (without overshoot: Kp {largest:g}), constants ({name})",
-            "“at least … 7 times”", f"{ratio:.1f} ({fast:.1f})", judged(ratio >= 7.0 and fast >= 7.0, TREND),
-            f"250 Hz over {250 / ratio:.1f} Hz ({250 / fast:.1f} Hz), −3 dB of the closed loop; the gains are ours",
-        ))  # fmt: skip
-    return Findings(rows, [_steps(shown)])
+        holds = ratio >= 7.0 and fast >= 7.0
+        rows("sampling-rate", (ratio, fast, KP, largest, name, 250 / ratio, 250 / fast), holds)
+    return [_steps(shown)]
 
 
 @drawn("Wu §4, §6.1", words={"KP": KP})
@@ -342,7 +266,7 @@ def harmonics(angle: np.ndarray, error: np.ndarray, most: int = 4) -> np.ndarray
 
 
 @study("wu", "Finding 1: equal gains")
-def equal_gains(trial: Trial) -> Findings:
+def equal_gains(trial: Trial, rows: Rows) -> None:
     """Lines and arcs at constant and varying feed when all four directions have the same gain."""
     p = PRESETS["a"]
     law, angle = wu.Params(kp=KP), np.pi / 6
@@ -355,27 +279,21 @@ def equal_gains(trial: Trial) -> Findings:
         [law] * 4, fields,
     )  # fmt: skip
     beside = 1e3 * np.abs(seen["y.position"] * np.cos(angle) - seen["x.position"] * np.sin(angle)).max(axis=0)
-    rows = [
-        weighed("§5.1", f"line, {text}: largest offset", "“hardly affected”", Estimate(float(beside[i]), "µm"),
-            Evidence("largest offset, µm", float(beside[i]), 10.0, "gains that differ by 5 %", float(beside[i + 2])),
-            "8 m/min, Kv 30 1/s, encoder of 1 µm, 16-bit D/A; 0 without quantisation" if i == 0 else "")
-        for i, text in ((0, "constant speed"), (1, "speed varying between 4 and 8 m/min"))
-    ]  # fmt: skip
+    for i, text in enumerate(("constant speed", "speed varying between 4 and 8 m/min")):
+        rows("line-offset", (float(beside[i]), text), error=float(beside[i]), guess=float(beside[i + 2]), case=text)
     te = p.t1 + p.t2 - p.tau + 2e-3  # a held servo period adds half of itself where the velocity is integrated
     kv = _kv(KP, p)
     for radius, speed in ((60.0, 30.0), (50.0, CUTTING), (10.0, CUTTING)):
         (_, error), (_, uneven) = distorted(radius, speed, [(1.0, {}, {}), (1.0, weaker, {})])
         shift, ripple = 1e3 * float(error.mean()), 1e3 * float(np.ptp(error))
         formula = -1e3 * speed**2 / radius * (1 / (2 * kv**2) - te / kv)
-        rows.append(weighed(
-            "§5.1", f"arc of R {radius:g} mm at {speed * 0.06:.2g} m/min: change of the radius", "“hardly affected”",
-            f"{shift:+.3g} µm, out of round by {ripple:.2g} µm",
-            Evidence("largest radial error, µm", 1e3 * float(np.abs(error).max()), 50.0, "gains that differ by 5 %",
-                     1e3 * float(np.abs(uneven).max())),
-            f"−(v²/R)·(1/2Kv² − Te/Kv) gives {formula:+.3g} µm; v/(R·Kv) = {speed / radius / kv:.3f}. "
-            + ("Arcs stay round, but the radius grows with v²/R" if abs(shift) >= 50.0 else "Within ±0.05 mm"),
-        ))  # fmt: skip
-    return Findings(rows)
+        rows(
+            "arc-radius",
+            (shift, ripple, radius, speed * 0.06, formula, speed / radius / kv),
+            error=1e3 * float(np.abs(error).max()),
+            guess=1e3 * float(np.abs(uneven).max()),
+            case="grows" if abs(shift) >= 50.0 else "within",
+        )
 
 
 CASES: dict[str, tuple[float, dict[str, Any], str]] = {
@@ -388,7 +306,7 @@ CASES: dict[str, tuple[float, dict[str, Any], str]] = {
 
 
 @study("wu", "Finding 2: unequal gains")
-def unequal_gains(trial: Trial) -> Findings:
+def unequal_gains(trial: Trial, rows: Rows) -> list[Drawing]:
     """Offset of lines, distortion of circles, Fig. 5, and what correcting the gains in the law does."""
     radius, speed, kv = 60.0, 30.0, 30.0
     p = PRESETS["a"]._replace(**IDEAL)
@@ -406,21 +324,11 @@ def unequal_gains(trial: Trial) -> Findings:
     )  # fmt: skip
     waves = 1e3 * harmonics(*uneven)
     rest = 1e3 * harmonics(*mended)[2]
-    rows = [
-        Row("§5.2", "a line at 45° is offset (x 5 % stronger, 1.8 m/min, Kv 30 1/s)", "offset, no number",
-            Estimate(1e3 * offset, "µm"), judged(abs(offset / expected - 1) < 0.03, TREND),
-            f"(v/2)·|1/Kx − 1/Ky| = {1e3 * expected:.3g} µm; at 8 m/min 106 µm"),
-        weighed("§5.2", "a circle's radius varies at twice the input frequency", "“2 times the input frequency”",
-            f"second harmonic {waves[2]:.3g} µm, others at most {max(waves[1], waves[3], waves[4]):.2g} µm",
-            Evidence("share of the variation at other frequencies", float(1 - waves[2] ** 2 / (waves[1:] ** 2).sum()),
-                     0.01, "the input frequency itself", float(1 - waves[1] ** 2 / (waves[1:] ** 2).sum())),
-            f"R {radius:g} mm; its amplitude, too, is "
-            f"(v/2)·|1/Kx − 1/Ky| = {1e3 * expected:.3g} µm"),
-        Row("§5.2", "correction in software makes the velocity gains alike and restores the circle",
-            "must be ensured", f"second harmonic {waves[2]:.3g} µm → {max(rest, 1e-3):.1g} µm or less",
-            judged(rest < 0.01 * waves[2], TREND),
-            "relative gains law.x_plus … law.y_minus of wu: the reciprocals of the drive's"),
-    ]  # fmt: skip
+    rows("unequal-line", (1e3 * offset, 1e3 * expected), holds=abs(offset / expected - 1) < 0.03)
+    others, guess = (float(1 - waves[k] ** 2 / (waves[1:] ** 2).sum()) for k in (2, 1))
+    figures = waves, max(waves[1], waves[3], waves[4]), radius, 1e3 * expected
+    rows("twice-the-frequency", figures, error=others, guess=guess)
+    rows("software-correction", (waves, max(rest, 1e-3)), holds=rest < 0.01 * waves[2])
     level = matched[1].mean()
     shapes = {}
     for (key, (sense, drive, text)), (angle, error) in zip(CASES.items(), four, strict=True):
@@ -436,42 +344,27 @@ def unequal_gains(trial: Trial) -> Findings:
         both = "x_plus" in drive or "y_plus" in drive
         if both:
             fine = abs((axis - (135.0 if (key in "bd") else 45.0) + 90) % 180 - 90) < 3
-            result, note = f"ellipse, long axis at {axis:.0f}°", "the axis with the larger lag sets the diagonal"
+            result, case = f"ellipse, long axis at {axis:.0f}°", "both"
         else:
             fine = change[minus].max() > 20 * change[plus].max()
             result = f"travelled to −x {1e3 * change[minus].max():.2g} µm, to +x {1e3 * change[plus].max():.1g} µm"
-            note = "only the half travelled in the weaker direction is distorted: " + (
-                "the upper one" if sense > 0 else "the lower one"
-            )
-        rows.append(Row("Fig. 5", f"case ({key}): {text}", "a drawing", result, judged(fine, TREND), note))
-    rows.extend(_matched_stack(trial))
-    return Findings(rows, [_circles(shapes=shapes, radius=radius)])
+            case = "upper" if sense > 0 else "lower"
+        rows("fig-5", (result, key, text), holds=fine, case=case)
+    _matched_stack(trial, rows)
+    return [_circles(shapes=shapes, radius=radius)]
 
 
-def _matched_stack(trial: Trial) -> list[Row]:
+def _matched_stack(trial: Trial, rows: Rows) -> None:
     """``wu`` and ``wu-matched`` on the scenario with unequal axes, and ``wu`` with equal ones."""
     scenario = scenarios.load("contour-mismatch")
     equal = scenario.varied(gantry=dict.fromkeys(("x_plus", "x_minus", "y_plus", "y_minus"), 1.0))
     plain, matched = (_contour(name, scenario, trial)["contour_rms"] for name in ("wu", "wu-matched"))
     ideal = _contour("wu", equal, trial)["contour_rms"]
     share = 1.0 - (ideal / plain) ** 2
-    return [
-        Row(
-            "§5.2", "stack wu-matched (gains known to 1.5 %) beside wu on contour-mismatch: RMS contour error",
-            "“through correction in software”", f"{estimate(plain, 'µm')} → {estimate(matched, 'µm')}",
-            judged(np.median(matched - plain) < 0, TREND),
-            "whole jobs of the contour suite, test seeds; what stays is corners, arcs and the unknown rest of the "
-            "mismatch",
-        ),
-        Row(
-            "§5", "share of the contour's mean square error that unequal gains make, contour-mismatch",
-            "“mainly … these coefficients”", estimate(100 * share, "%"), judged(np.median(share) > 0.5, TREND),
-            f"{estimate(plain, 'µm')} RMS with gains that differ by 4 to 10 %, {estimate(ideal, 'µm')} with equal "
-            "ones, same seeds. The paper does not say how unequal they are; with less the rest weighs more"
-            + (". The interval reaches below one half, so “mainly” is not settled" if np.isfinite(
-                (e := estimate(100 * share)).low) and e.low < 50 else ""),
-        ),
-    ]  # fmt: skip
+    rows("matched-stack", (estimate(plain, "µm"), estimate(matched, "µm")), holds=np.median(matched - plain) < 0)
+    case = "open" if estimate(100 * share).low < 50 else "settled"
+    figures = 100 * share, estimate(plain, "µm"), estimate(ideal, "µm")
+    rows("share-of-gains", figures, holds=np.median(share) > 0.5, case=case)
 
 
 def _contour(name: str, scenario: Scenario, trial: Trial) -> dict[str, np.ndarray]:
@@ -510,21 +403,17 @@ def _circles(*panels: Axes, shapes: dict[str, tuple[np.ndarray, np.ndarray]], ra
 
 
 @study("wu", "Finding 3: sudden changes of the input")
-def sudden_changes(trial: Trial) -> Findings:
+def sudden_changes(trial: Trial, rows: Rows) -> list[Drawing]:
     """The stack ``wu`` with and without acceleration, deceleration and corner handling."""
-    rows = []
     for scenario in ("contour-square", "contour-corners", "contour-gear"):
         results = {name: _contour(name, scenarios.load(scenario), trial) for name in ("wu-no-corners", "wu")}
         for metric, text in (("contour_max", "largest"), ("contour_rms", "RMS")):
             without, with_ = (results[name][metric] for name in ("wu-no-corners", "wu"))
             times = estimate(without / with_, digits=2)
-            rows.append(Row(
-                "§5.3", f"{scenario}: {text} contour error without → with handling of corners", "reduced",
-                f"{estimate(without, 'µm')} → {estimate(with_, 'µm')}", judged(np.median(without - with_) > 0, TREND),
-                f"{times} times smaller; the job takes {np.median(results['wu-no-corners']['time']):.2f} s without, "
-                f"{np.median(results['wu']['time']):.2f} s with",
-            ))  # fmt: skip
-    return Findings(rows, [_corner()])
+            took = (np.median(results[name]["time"]) for name in ("wu-no-corners", "wu"))
+            figures = estimate(without, "µm"), estimate(with_, "µm"), scenario, text, times
+            rows("corner-handling", (*figures, *took), holds=np.median(without - with_) > 0)
+    return [_corner()]
 
 
 @drawn("Wu §5.3", 2)
@@ -580,44 +469,28 @@ def out_of_round(speed: float, bits: Sequence[int]) -> np.ndarray:
 
 
 @study("wu", "The drive at low speed")
-def low_speed(trial: Trial) -> Findings:
+def low_speed(trial: Trial, rows: Rows) -> list[Drawing]:
     """What the coarseness of the speed that a drive is told does to a circle, from crawling to the largest feed."""
     found = np.array([out_of_round(v, (*CONVERTERS, 0)) for v in SPEEDS])
     smooth = found[:, -1:]
     drive = np.sqrt(np.maximum(found[:, :-1] ** 2 - smooth**2, 0.0))  # what the converter adds
     slow, fast = SPEEDS.index(0.2), SPEEDS.index(8.0)
     steps = [RAPID / 2 ** (n - 1) * 0.06 for n in CONVERTERS]  # m/min
-    note = (
-        "circles of R 10 mm, Kv 30 1/s. “Low-speed behaviour” is read as the smallest change of speed that the drive "
-        "is told, the step of its converter; static friction of the table is not modelled"
+    rows(
+        "low-speed",
+        (", ".join(f"{x:.2g}" for x in found[slow, :-1]), ", ".join(f"{n} bits" for n in CONVERTERS)),
+        holds=found[slow, 0] > 2 * found[slow, -2],
     )
-    rows = [
-        Row(
-            "§6.2", "out of round at 0.2 m/min, by the drive's speed command: "
-            + ", ".join(f"{n} bits" for n in CONVERTERS), "“very large influence”",
-            ", ".join(f"{x:.2g}" for x in found[slow, :-1]) + " µm",
-            judged(found[slow, 0] > 2 * found[slow, -2], TREND), note,
-        ),
-        Row(
-            "§6.2", f"what the {CONVERTERS[0]}-bit drive adds at 0.2 m/min, beside what it adds at 8 m/min",
-            "“especially low-speed”", f"{drive[slow, 0]:.2g} µm beside {drive[fast, 0]:.2g} µm",
-            judged(drive[slow, 0] > 1.5 * drive[fast, 0], TREND),
-            f"its step is {steps[0]:.2g} m/min; below some multiples of it the drive is told to stand still, then to "
-            f"go too fast. At 8 m/min the circle itself is {smooth[fast, 0]:.2g} µm out of round without any steps",
-        ),
-        Row(
-            "§6.2", "out of round at 0.2 m/min in shares of the printed repeatability of ±0.01 mm",
-            "±0.01 mm", ", ".join(
-                f"{n} bits {x / 20.0:.2g}" for n, x in zip(CONVERTERS, found[slow], strict=False)
-            ), judged(found[slow, 0] > 20.0, TREND), "over 20 µm from peak to valley it alone uses up what §1 allows",
-        ),
-        Row(
-            "§6.2", "a better drive is an effective measure: each step of the converter less, at 0.2 m/min",
-            "“effective measure”", " → ".join(f"{x:.2g}" for x in found[slow]) + " µm",
-            judged((np.diff(found[slow, : len(CONVERTERS)]) < 0).all(), TREND), "the last without steps at all",
-        ),
-    ]  # fmt: skip
-    return Findings(rows, [_low_speed(found, steps)])
+    holds = drive[slow, 0] > 1.5 * drive[fast, 0]
+    rows("low-speed-share", (drive[slow, 0], drive[fast, 0], CONVERTERS, steps, smooth[fast, 0]), holds)
+    rows(
+        "low-speed-repeatability",
+        ", ".join(f"{n} bits {x / 20.0:.2g}" for n, x in zip(CONVERTERS, found[slow], strict=False)),
+        holds=found[slow, 0] > 20.0,
+    )
+    holds = (np.diff(found[slow, : len(CONVERTERS)]) < 0).all()
+    rows("better-drive", " → ".join(f"{x:.2g}" for x in found[slow]), holds)
+    return [_low_speed(found, steps)]
 
 
 @drawn("Wu §6.2")
@@ -668,7 +541,7 @@ def approached(resolution: list[tuple[xy_axes.Params, float]]) -> np.ndarray:
 
 
 @study("wu", "Accuracy, repeatability and speeds")
-def accuracy(trial: Trial) -> Findings:
+def accuracy(trial: Trial, rows: Rows) -> list[Drawing]:
     """What the control's share of the machine's accuracy is: encoder, D/A converter, loop."""
     b = PRESETS["b"]._replace(encoder=0.005)
     choices = {
@@ -677,24 +550,17 @@ def accuracy(trial: Trial) -> Findings:
         "(a): 16-bit D/A, encoder 1 µm": PRESETS["a"],
     }
     errors = approached([(p, axes.gain(30.0, p)) for p in choices.values()])
-    rows = [Row(
-        "§1", "travel", "1500 × 1000 mm", *_travel(),
-    )]  # fmt: skip
+    _travel(rows)
     for (text, p), e in zip(choices.items(), errors, strict=True):
         worst = float(np.abs(e).max())
         spread = float(np.ptp(e, axis=(0, 1)).max() / 2)
         step = p.dac / 30.0
-        rows.append(Row(
-            "§1", f"position accuracy over 300 mm, {text}", "±0.05 mm", f"±{1e3 * worst:.2g} µm",
-            judged(worst <= 0.05, TREND),
-            "the control's share alone: the screw lies outside the semi-closed loop, and its errors are not modelled",
-        ))  # fmt: skip
-        rows.append(Row(
-            "§1", f"repeatability, approached from both sides, {text}", "±0.01 mm", f"±{1e3 * spread:.2g} µm",
-            judged(spread <= 0.01, TREND),
-            f"one D/A step is {1e3 * step:.2g} µm of lag at Kv 30 1/s; the loop rests within half a step of its target"
-            + ("; 8 bits cannot hold ±0.01 mm" if spread > 0.01 else ""),
-        ))  # fmt: skip
+        rows("position-accuracy", (1e3 * worst, text), holds=worst <= 0.05)
+        rows(
+            "repeatability",
+            (1e3 * spread, text, 1e3 * step, "; 8 bits cannot hold ±0.01 mm" if spread > 0.01 else ""),
+            holds=spread <= 0.01,
+        )
     p = PRESETS["a"]
     speeds = (CUTTING, RAPID)
     seen = axes.travelled(
@@ -703,17 +569,13 @@ def accuracy(trial: Trial) -> Findings:
     )  # fmt: skip
     for i, (v, text) in enumerate(zip(speeds, ("largest cutting speed", "rapid return"), strict=True)):
         reached = 0.06 * float((seen["x.position"][-1, i] - seen["x.position"][-501, i]) / 0.5)
-        rows.append(Row(
-            "§1", text, f"{0.06 * v:.0f} m/min", Estimate(reached, "m/min", digits=4),
-            judged(abs(reached / (0.06 * v) - 1) < 2e-3, INPUT),
-            f"lag {seen['axes_signals.error_x'][-1, i]:.2f} mm at Kv {_kv(KP, p):.0f} 1/s; the axes' limit is set to "
-            "10 m/min",
-        ))  # fmt: skip
-    return Findings(rows, [_approaches(errors=errors, names=list(choices))])
+        holds = abs(reached / (0.06 * v) - 1) < 2e-3
+        rows("speeds", (reached, 0.06 * v, seen["axes_signals.error_x"][-1, i], _kv(KP, p)), holds, claim=text)
+    return [_approaches(errors=errors, names=list(choices))]
 
 
-def _travel() -> tuple[str, str, str]:
-    """The machine's travel, the verdict, a note."""
+def _travel(rows: Rows) -> None:
+    """The machine's travel, and whether it refuses what is larger."""
     g = scenarios.Gantry()
     try:
         drawing_of(scenarios.Job(part="square", size=1200.0), (g.travel_x, g.travel_y))
@@ -721,8 +583,7 @@ def _travel() -> tuple[str, str, str]:
     except InvalidInput:
         refused = True
     fits = (g.travel_x, g.travel_y) == (1500.0, 1000.0)
-    note = "a setting; a square of 1200 mm is refused" if refused else "a square of 1200 mm is not refused"
-    return f"{g.travel_x:g} × {g.travel_y:g} mm", judged(fits and refused, INPUT), note
+    rows("travel", g, holds=fits and refused, case="refused" if refused else "not refused")
 
 
 @drawn("Wu §1", 3, sharey=True)

@@ -14,8 +14,9 @@ from ...envs.scenarios import Axis, Head, Scenario
 from ..measure import rollout
 from ..plots.palette import COLOURS, QUIET
 from . import fit_table1 as table1
-from .claims import Estimate, Evidence, Findings, Row, Trial, estimate, judged, study, weighed
-from .verdicts import FAILS, INPUT, PRESENT, SILENT, TREND
+from .claims import Rows, Trial, estimate, study
+from .pictures import Drawing
+from .verdicts import FAILS, TREND
 from .xi2023_sensor import pictured
 
 STATIC, DYNAMIC, SPEED = 0.001, 0.01, 500.0
@@ -66,36 +67,34 @@ def _flat(
 
 
 @study("xi2023", "Static accuracy of 0.001 mm")
-def static_accuracy(trial: Trial) -> Findings:
+def static_accuracy(trial: Trial, rows: Rows) -> list[Drawing]:
     """A level sheet and the sensor's noise, with and without interpolation."""
     found = {
         look: {h: _at_rest(h, look, trial.seeds) for h in HEIGHTS} for look in ("interpolate", "nearest")
     }  # fmt: skip
-    rows = []
     for look, runs in found.items():
         for h in (HEIGHTS[0], HEIGHTS[2], HEIGHTS[-1]):
             true, reported = runs[h]
             worst = 1e3 * max(float(np.median(reported)), float(np.median(true)))
-            rows.append(weighed(
-                "§4", f"RMS error at rest, set height {h:g} mm, {look}", f"{STATIC} mm", estimate(reported, "mm"),
-                Evidence("RMS of the true or the reported error, µm", worst, 1e3 * STATIC,
-                         "anywhere within an entry of the table, 0.01 mm/√12", 10.0 / np.sqrt(12.0)),
-                "reading between two entries, noise of 1 fF [A]" if look == "interpolate" else
-                "nearest entry: the reading says 0 anywhere within ±5 µm; where in there the head comes to rest "
-                "depends on the way (here from 0.05 mm above)",
-                estimate(true, "mm"),
-                instead="interpolation, which the paper does not mention" if look == "interpolate" else "",
-            ))  # fmt: skip
+            rows(
+                "static-accuracy",
+                (reported, h, look, STATIC),
+                error=worst,
+                guess=10.0 / np.sqrt(12.0),
+                tolerance=1e3 * STATIC,
+                case=look,
+                true=estimate(true, "mm"),
+            )
     noise = {n: np.median(_at_rest(1.0, "interpolate", trial.seeds, n)[0]) for n in (0.5e-3, 1e-3, 2e-3, 5e-3)}
-    rows.append(Row(
-        "§4", "capacitance noise that 0.001 mm allows at 1 mm", SILENT,
-        ", ".join(f"{1e3 * n:g} fF: {1e3 * e:.2f} µm" for n, e in noise.items()),
-        judged(noise[1e-3] <= STATIC, PRESENT),
-        "RMS of the true gap at rest; per sample of 1 ms, behind a trimmed mean of 5. The noise is assumed, usual "
-        "are 0.5–5 fF"
-        + ("; at the upper end the static accuracy does not hold" if noise[5e-3] > STATIC else ""),
-    ))  # fmt: skip
-    return Findings(rows, [_static(found)])
+    rows(
+        "allowed-noise",
+        (
+            ", ".join(f"{1e3 * n:g} fF: {1e3 * e:.2f} µm" for n, e in noise.items()),
+            "; at the upper end the static accuracy does not hold" if noise[5e-3] > STATIC else "",
+        ),
+        holds=noise[1e-3] <= STATIC,
+    )
+    return [_static(found)]
 
 
 def _at_rest(height: float, look: str, seeds: int, noise: float = 1e-3) -> tuple[np.ndarray, np.ndarray]:
@@ -126,57 +125,43 @@ def _static(ax: Axes, found: dict[str, dict[float, tuple[np.ndarray, np.ndarray]
 
 
 @study("xi2023", "Dynamic accuracy of 0.01 mm at 500 mm/s")
-def dynamic_accuracy(trial: Trial) -> Findings:
+def dynamic_accuracy(trial: Trial, rows: Rows) -> list[Drawing]:
     """500 mm/s as the limit of the Z axis, and as the feed over the sheet."""
     reached, rise = _fastest()
     gain = float(stacks.get("xi2023-improved").part("law").kv)
     slopes = {name: _slopes(name, trial.seeds) for name in FOLLOWERS}
     limits = {name: np.array([_limit(SURFACE_SPEEDS, e) for e in errors]) for name, errors in slopes.items()}
     p, fastest = table1.load(), SURFACE_SPEEDS[-1]
-    rows = [
-        Row("abstract", "500 mm/s, read as the Z axis' limit", "500 mm/s", Estimate(reached, "mm/s"),
-            judged(abs(reached / SPEED - 1) < 0.01, INPUT),
-            f"the limit is the paper's (lead 10 mm × 3000 rpm); reached after {rise:.0f} ms at 14 m/s²"),
-        Row("abstract", "0.01 mm while the surface moves at 500 mm/s under the nozzle", "0.01 mm",
-            Estimate(SPEED / gain, "mm"), judged(SPEED / gain <= DYNAMIC, TREND),
-            f"lag v/Kv of a P law with {gain:g} 1/s: the head would have left the set height; no gain that is stable "
-            "here comes near, so the two figures do not hold together in this reading"),
-        Row("abstract", "surface speed for 0.01 mm, closed form Kv · 0.01 mm", SILENT,
-            Estimate(gain * DYNAMIC, "mm/s"),
-            judged(abs(np.median(limits["xi2023-improved"]) / (gain * DYNAMIC) - 1) < 0.2, PRESENT),
-            f"gain {gain:g} 1/s; the simulation is in the next row"),
-    ]  # fmt: skip
+    rows("z-limit", (reached, rise), holds=abs(reached / SPEED - 1) < 0.01)
+    rows("z-accuracy", (SPEED / gain, gain), holds=SPEED / gain <= DYNAMIC)
+    holds = abs(np.median(limits["xi2023-improved"]) / (gain * DYNAMIC) - 1) < 0.2
+    rows("z-closed-form", (gain * DYNAMIC, gain), holds)
     still = _limit(SURFACE_SPEEDS, SURFACE_SPEEDS * 0.3)  # a head that stands still for the 0.3 s that count
     own = float(np.median(limits[OWN]))
     for name, what in FOLLOWERS.items():
         middle = float(np.median(limits[name]))
         foreign = "" if name.startswith("xi2023") else f"{name}, not the paper's law"
         # How much less of a slope is borne than the steepest usual sheet has; no printed figure says how steep it was.
-        evidence = Evidence(
-            "slope missing from 30 mm per metre, share", max(0.0, 1 - middle / USUAL[1]), 0.0,
-            "a head that stands still", max(0.0, 1 - still / USUAL[1]),
-        )  # fmt: skip
-        rows.append(weighed(
-            "abstract", f"500 mm/s, read as the feed: steepest slope within 0.01 mm, {name}", "500 mm/s, 0.01 mm",
-            f"more than {fastest:g} mm/s" if middle >= 0.999 * fastest else estimate(limits[name], "mm/s"), evidence,
-            f"{what}; largest error of the true gap while the surface falls at this speed, {middle / SPEED * 1e3:.3g} "
-            "mm per metre of sheet; sheets slope by 1–30 mm per metre [A]"
-            + (f". It says what the machine allows, not what the paper's law does: that holds 0.01 mm up to {own:.2g} "
-               "mm/s" if foreign else ""),
-            otherwise=TREND if middle >= USUAL[0] else FAILS, instead=foreign,
-        ))  # fmt: skip
+        rows(
+            "steepest-slope",
+            (
+                f"more than {fastest:g} mm/s" if middle >= 0.999 * fastest else estimate(limits[name], "mm/s"),
+                *(name, what, middle / SPEED * 1e3, own),
+            ),
+            error=max(0.0, 1 - middle / USUAL[1]),
+            guess=max(0.0, 1 - still / USUAL[1]),
+            otherwise=TREND if middle >= USUAL[0] else FAILS,
+            instead=foreign,
+            case="foreign" if foreign else "own",
+        )
     for length, usual in WAVES:
         found = {name: np.array([_limit(a, e) for e in errors]) for name, (a, errors) in _waves(length, trial).items()}
         first, last = (float(np.median(found[name])) for name in ("xi2023-improved", "observer"))
         wave = 1e3 * p.speed * length / (2 * np.pi * SPEED)
-        rows.append(Row(
-            "abstract", f"waviness of {length:g} mm that 0.01 mm allows at 500 mm/s", SILENT,
-            estimate(1e3 * found["xi2023-improved"], "µm"), judged(first >= usual, PRESENT),
-            f"amplitude, xi2023-improved; observer {1e3 * last:.3g} µm; sheets have up to {1e3 * usual:g} µm. "
-            f"Table 1 fits a surface at {p.speed:.2g} mm/s, a wave of {wave:.0f} "
-            "µm: next to a level sheet",
-        ))  # fmt: skip
-    return Findings(rows, [_dynamic(slopes, gain)])
+        rows(
+            "waviness", (1e3 * found["xi2023-improved"], length, 1e3 * last, 1e3 * usual, p, wave), holds=first >= usual
+        )
+    return [_dynamic(slopes, gain)]
 
 
 def _fastest() -> tuple[float, float]:

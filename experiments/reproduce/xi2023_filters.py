@@ -10,8 +10,8 @@ from ...envs.plant import filters, heads, idle, machine
 from ...envs.plant.controller import make_law
 from ...envs.plant.fleet import Fleet
 from ..plots.palette import COLOURS, QUIET
-from .claims import Estimate, Evidence, Findings, Row, Trial, judged, study, weighed
-from .verdicts import NAMED, PRESENT, SILENT, TREND
+from .claims import Rows, Trial, study
+from .pictures import Drawing
 from .xi2023_sensor import pictured
 
 REST = 3.6e6
@@ -80,7 +80,7 @@ STEP, IMPULSE = np.ones(40), np.eye(1, 40)[0]
 
 
 @study("xi2023", "Moving average, eq. 6")
-def moving_average(trial: Trial) -> Findings:
+def moving_average(trial: Trial, rows: Rows) -> list[Drawing]:
     """Eq. 6 as printed (centred) and as a buffer can run it (causal)."""
     x, params = noisy(0), [kind("mean", window=2 * k + 1) for k in HALVES]
     y = machine_filters(params, x)
@@ -98,27 +98,12 @@ def moving_average(trial: Trial) -> Findings:
     )
     sample = max(float(np.abs(x[k:-k] - centred(x, k)).max()) for k in HALVES)
     late, settled = _against_lag(5)
-    rows = [
-        weighed("eq. 6", "moving average for N = 3, 5, 9, 17", "y(n) = Σ x(n+i)/(2k+1)", Estimate(off, "Hz"),
-            Evidence("largest difference, Hz", off, ROUNDING, "the sample itself", sample),
-            "largest difference of the machine's filter from the printed sum, k samples later: the printed sum needs k "
-            "samples of the future, the printed buffer (newest in, oldest out) gives the same number k periods later"),
-        Row("eq. 6, Fig. 8", f"delay of the buffer for k = {', '.join(map(str, HALVES))}", SILENT,
-            ", ".join(f"{d:.3g}" for d in delays) + " samples",
-            judged(np.allclose(delays, HALVES, atol=1e-6), PRESENT),
-            "k samples: the centre of the machine's impulse response, in samples of 1 ms. As printed, centred, "
-            "it is 0"),
-        Row("§3.3", "weighted mean and lag filter, named as alternatives", f"{NAMED}, no equation",
-            Estimate(apart, "Hz"), judged(apart < ROUNDING, PRESENT),
-            "largest difference from scipy.signal.lfilter; weights (0.8 from sample to sample) and lag (2 ms) are "
-            "ours. The anti-impulse filter is named too; it bridges jumps off the trend"),
-        Row("§3.3", "“fast … and real-time” beside the other filters: a step, the moving average of 5 and a lag filter "
-            "that lets as much noise through", "“measures fast”",
-            f"95 % after {settled[0]} samples, the lag filter after {settled[1]}",
-            judged(settled[0] < settled[1], TREND),
-            f"on a ramp there is nothing between them: {late[0]:.3g} and {late[1]:.3g} samples late"),
-    ]  # fmt: skip
-    return Findings(rows, [_responses()])
+    rows("moving-average", off, error=off, guess=sample, tolerance=ROUNDING)
+    holds = np.allclose(delays, HALVES, atol=1e-6)
+    rows("buffer-delay", (", ".join(f"{d:.3g}" for d in delays), ", ".join(map(str, HALVES))), holds)
+    rows("named-filters", apart, holds=apart < ROUNDING)
+    rows("measures-fast", (settled, late), holds=settled[0] < settled[1])
+    return [_responses()]
 
 
 def _against_lag(n: int) -> tuple[list[float], list[int]]:
@@ -149,7 +134,7 @@ def _responses(*axes: Axes) -> None:
 
 
 @study("xi2023", "Improved filter, Fig. 9")
-def improved_filter(trial: Trial) -> Findings:
+def improved_filter(trial: Trial, rows: Rows) -> list[Drawing]:
     """The six steps, what they take out, and what not."""
     lengths = (3, 5, 9)
     x = noisy(1)
@@ -164,24 +149,11 @@ def improved_filter(trial: Trial) -> Findings:
     }
     ramp = _response(np.arange(1.0, 41.0))
     late = [float((ramp[-1] - value) / 1e3) for value in machine_filters(pair, ramp)[-1]]
-    rows = [
-        weighed("Fig. 9", "the six steps, N = 3, 5, 9", "(Σ − max − min)/(N − 2)", Estimate(off, "Hz"),
-            Evidence("largest difference, Hz", off, ROUNDING, "the moving average", untrimmed),
-            "largest difference of the machine's filter from the steps in plain Python, a "
-            "signal with noise and impulses, once the queue is full; the machine's starts full of its first reading"),
-        Row("§3.3", "an impulse of one sample, share that passes, N = 5", "“more accurate”",
-            f"{100 * leak[1][1]:.3g} %, moving average {100 * leak[1][0]:.3g} %",
-            judged(leak[1][1] < leak[1][0], TREND),
-            "a single impulse is the largest or smallest of its window and goes out with it"),
-        Row("§3.3", "an impulse of two samples, share that passes, N = 5", SILENT,
-            f"{100 * leak[2][1]:.3g} %, moving average {100 * leak[2][0]:.3g} %",
-            judged(leak[2][1] < leak[2][0], PRESENT),
-            "only one sample is trimmed at each end; what lasts longer, or a second impulse in the window, passes"),
-        Row("§3.3", "delay on a ramp, N = 5", SILENT,
-            f"{late[1]:.3g} samples, moving average {late[0]:.3g}", judged(abs(late[1] - late[0]) < 1e-6, PRESENT),
-            "trimming costs no delay, and saves none, against the moving average of the same N"),
-    ]  # fmt: skip
-    return Findings(rows, [_improved(pair)])
+    rows("six-steps", off, error=off, guess=untrimmed, tolerance=ROUNDING)
+    rows("one-sample", (100 * leak[1][1], 100 * leak[1][0]), holds=leak[1][1] < leak[1][0])
+    rows("two-samples", (100 * leak[2][1], 100 * leak[2][0]), holds=leak[2][1] < leak[2][0])
+    rows("ramp-delay", late, holds=abs(late[1] - late[0]) < 1e-6)
+    return [_improved(pair)]
 
 
 @pictured("Xi2023 Fig. 9")

@@ -6,15 +6,14 @@ from matplotlib.axes import Axes
 from ...envs.control.panel import CENTRE, LEVEL, Panel
 from ...envs.plant import supervisor
 from ..plots.palette import COLOURS, GRID, QUIET
-from .claims import Findings, Row, Trial, estimate, judged, study
-from .pictures import drawn
-from .verdicts import INPUT, NAMED, PRESENT, SILENT, TREND
+from .claims import Rows, Trial, study
+from .pictures import Drawing, drawn
 
 CONTROLLER = "xi2023-improved"
 
 
 @study("xi2023", "Operator functions")
-def operator(trial: Trial) -> Findings:
+def operator(trial: Trial, rows: Rows) -> list[Drawing]:
     """A shift at the panel, over seeds of the machine: home, centre, calibrate, follow."""
     homes, centres, usable, coarse, followed, speeds, fine, rough = ([] for _ in range(8))
     contacts = 0
@@ -56,28 +55,16 @@ def operator(trial: Trial) -> Findings:
                           color=QUIET, fontsize=8)  # fmt: skip
         axes.set(xlabel="time (s)", ylabel="head (mm)", ylim=(-3.0, 103.0))
 
-    rows = [
-        Row("§2.1", "home: the machine's zero afterwards against the true one, encoder off by ±5 mm before", NAMED,
-            estimate(homes, "µm"), judged(np.abs(homes).max() < 2.0, PRESENT)),
-        Row("§2.1", f"centre: distance from the rest position of {CENTRE:g} mm", NAMED, estimate(centres, "µm"),
-            judged(np.abs(centres).max() < 5.0, PRESENT)),
-        Row("§3.2", "calibrate over 10 mm at 10 mm/s: samples used", "1000", estimate(usable, digits=4),
-            judged(np.min(usable) >= 950, INPUT), "10 mm over 10 mm/s × 1 ms; what counts as an impulse is left out"),
-        Row("§2.1", "settable calibration speed: samples at 40 mm/s", NAMED, estimate(coarse, digits=4),
-            judged(np.max(coarse) < np.min(usable), PRESENT)),
-        Row("§3.2", "fewer valid points, lower accuracy: error of the table at 1 mm, 250 against 1000 points",
-            "“the closer to 1000, the higher the accuracy”",
-            f"{np.median(np.abs(rough)):.2f} against {np.median(np.abs(fine)):.2f} µm",
-            judged(np.median(np.abs(rough)) > np.median(np.abs(fine)), TREND),
-            "medians of the mean of reported − true over 0.3 s; the table's trend is fitted, so that little is lost"),
-        Row("§2.1", "follow at a settable height: gap − 1 mm on a level sheet after 0.5 s", NAMED,
-            estimate(followed, "µm"), judged(np.abs(followed).max() < 20.0, PRESENT)),
-        Row("§2.1", "settable follow speed of 20 mm/s: fastest motion on the way down from 50 mm", NAMED,
-            estimate(speeds, "mm/s"), judged(np.max(speeds) < 21.0, PRESENT)),
-        Row("§2.1", "contacts that are not part of a calibration", SILENT, f"{contacts}/{trial.seeds}",
-            judged(contacts == 0, PRESENT)),
-    ]  # fmt: skip
-    return Findings(rows, [operator()])
+    rows("home", homes, holds=np.abs(homes).max() < 2.0)
+    rows("centre", (centres, CENTRE), holds=np.abs(centres).max() < 5.0)
+    rows("calibrate", usable, holds=np.min(usable) >= 950)
+    rows("calibration-speed", coarse, holds=np.max(coarse) < np.min(usable))
+    holds = np.median(np.abs(rough)) > np.median(np.abs(fine))
+    rows("fewer-points", (np.median(np.abs(rough)), np.median(np.abs(fine))), holds)
+    rows("follow", followed, holds=np.abs(followed).max() < 20.0)
+    rows("follow-speed", speeds, holds=np.max(speeds) < 21.0)
+    rows("contacts", (contacts, trial.seeds), holds=contacts == 0)
+    return [operator()]
 
 
 def _bias(p: Panel) -> float:

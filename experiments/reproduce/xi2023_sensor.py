@@ -7,9 +7,9 @@ from matplotlib.axes import Axes
 
 from ...envs.plant import calibration, heads, sensor
 from ..plots.palette import COLOURS, QUIET
-from .claims import Estimate, Evidence, Findings, Row, Trial, estimate, judged, study, weighed
-from .pictures import drawn
-from .verdicts import CALIBRATED, FAILS, INPUT, NOT, PRESENT, SILENT, TREND
+from .claims import Rows, Trial, study
+from .pictures import Drawing, drawn
+from .verdicts import FAILS, TREND
 
 LOW, HIGH = 1.665, 4.053
 """MHz, the printed band."""
@@ -60,7 +60,7 @@ def exponent(p: sensor.Params, height: float) -> float:
 
 
 @study("xi2023", "Oscillator: eqs. 1–5 and the printed band")
-def oscillator(trial: Trial) -> Findings:
+def oscillator(trial: Trial, rows: Rows) -> list[Drawing]:
     """What band the equations give, and whether any components give the printed one."""
     eq3, eq1 = sensor.PRESETS["eq3"], sensor.PRESETS["eq1"]
     short = [1 / (1 + c * 3 / LARGEST) - 1 for c in (C_LEAST, C_MOST)]
@@ -76,35 +76,21 @@ def oscillator(trial: Trial) -> Findings:
     span = [capacitance(eq3, h) for h in (10.0, 0.1)]
     heights = np.geomspace(1e-3, 10, 2000)
     touch = heights[np.argmin([abs(capacitance(eq3, float(h)) - C_MOST) for h in heights])]
-    rows = [
-        Row("eqs. 1, 2", "Cs ≈ C5 for C5 of 10–50 pF, other capacitors below 1000 pF", "Cs ≈ C5",
-            f"Cs = C5 {_percent(short[0])} to {_percent(short[1])}",
-            judged(max(map(abs, short)) < 0.2, TREND),
-            "C2 = C3 = C4 = 1000 pF, the largest that are allowed; smaller ones are further off"),
-        Row("eq. 3", "one L1 for both ends of band and capacitance", "1.665–4.053 MHz, 10–50 pF",
-            f"L1 {top:.1f} µH at the upper end, {bottom:.1f} µH at the lower",
-            judged(abs(bottom / top - 1) < 0.01, TREND, NOT),
-            f"f ∝ 1/sqrt(C5) spans at most sqrt(50/10) = {most:.3f}; the printed band spans {ratio:.3f}. "
-            f"With {top:.1f} µH the lower end needs {c5_of(eq3._replace(inductance=top), LOW):.1f} pF"),
-        Row("eq. 1", "capacitors in series that give the band from 10–50 pF", "C2, C3, C4 below 1000 pF",
-            f"1/(C3+C1) + 1/(C2+C0) + 1/C4 = {series:.5f} 1/pF".replace("-", "−"), judged(series >= 0, TREND, NOT),
-            "it would have to be negative: capacitors in series narrow the band, and so does a stray one in parallel"),
-        Row("eq. 3", "band from 10–50 pF, preset eq3 (168 µH)", "1.665–4.053 MHz",
-            f"{band[0]:.3f}–{band[1]:.3f} MHz", judged(miss < 0.01, CALIBRATED, TREND),
-            f"the inductance in the middle misses either end by {100 * miss:.1f} %"),
-        Row("eq. 1", "band from 10–50 pF, preset eq1 (150 µH, three of 1000 pF)", "1.665–4.053 MHz",
-            f"{full[0]:.3f}–{full[1]:.3f} MHz", judged(off < 0.01, CALIBRATED, TREND),
-            f"components chosen for the printed band, which they give from {ends[1]:.1f}–{ends[0]:.1f} pF"),
-        weighed("eqs. 4, 5", "f ∝ sqrt(d): the frequency rises with the height", "exponent 0.5",
-            f"{slopes[0.1]:.3f} at 0.1 mm, {slopes[1.0]:.3f} at 1 mm",
-            Evidence("deviation of the exponent", 0.5 - min(slopes.values()), 0.05, "a frequency that stays", 0.5),
-            otherwise=TREND if min(slopes.values()) > 0 else FAILS,
-            note="a real head has a body capacitance of some 10 pF [A] in parallel and a fringe field; "
-            "plates alone would need 113 cm² for 10 pF at 10 mm"),
-        Row("§2.2", "C5 in use", "10–50 pF", f"{span[0]:.1f}–{span[1]:.1f} pF from 10 to 0.1 mm",
-            judged(span[1] > 45, CALIBRATED, TREND), f"50 pF is reached at {1e3 * touch:.0f} µm, next to contact"),
-    ]  # fmt: skip
-    return Findings(rows, [_band(top, bottom)])
+    rows("near-plates", (_percent(short[0]), _percent(short[1])), holds=max(map(abs, short)) < 0.2)
+    holds = abs(bottom / top - 1) < 0.01
+    rows("one-inductance", (top, bottom, most, ratio, c5_of(eq3._replace(inductance=top), LOW)), holds)
+    rows("series-capacitors", f"1/(C3+C1) + 1/(C2+C0) + 1/C4 = {series:.5f} 1/pF".replace("-", "−"), holds=series >= 0)
+    rows("band-eq3", (band, 100 * miss), holds=miss < 0.01)
+    rows("band-eq1", (full, ends), holds=off < 0.01)
+    rows(
+        "exponent",
+        (slopes[0.1], slopes[1.0]),
+        error=0.5 - min(slopes.values()),
+        guess=0.5,
+        otherwise=TREND if min(slopes.values()) > 0 else FAILS,
+    )
+    rows("capacitance-in-use", (span, 1e3 * touch), holds=span[1] > 45)
+    return [_band(top, bottom)]
 
 
 def _percent(share: float) -> str:
@@ -134,7 +120,7 @@ def _band(ax: Axes, top: float, bottom: float) -> None:
 
 
 @study("xi2023", "Calibration from 0 to 10 mm at 10 mm/s")
-def calibration_run(trial: Trial) -> Findings:
+def calibration_run(trial: Trial, rows: Rows) -> list[Drawing]:
     """The machine's calibration runs: points, spacing, and what fewer points cost."""
     found = [heads.run(sensor.EQ3, seed) for seed in range(trial.seeds)]
     counts = [int(((f > 0) & (h > 0) & (h <= calibration.SPAN)).sum()) for f, h in found]
@@ -144,24 +130,12 @@ def calibration_run(trial: Trial) -> Findings:
     falls = [float((np.diff(f[h > 0]) < 0).sum()) for f, h in found]
     risen = all((np.diff(t.frequency) > 0).all() for t in tables)
     refused = _refused(*found[0])
-    rows = [
-        Row("§3.2", "sampling points of a run", "1000", estimate(counts, digits=4),
-            judged(abs(np.median(counts) - 1000) <= 10, INPUT),
-            "10 mm over 10 mm/s × 1 ms; valid samples with the encoder between 0 and 10 mm"),
-        Row("§3.2", "their distance", "0.01 mm", estimate(gaps, "mm"),
-            judged(abs(np.median(gaps) / 0.01 - 1) < 0.01, INPUT),
-            "10 mm/s × 1 ms; slope of the encoder over the samples, above 0.5 mm where the head has reached its speed"),
-        Row("§3.2", "the more of the 1000 points, the more accurate", "“the closer to 1000”",
-            ", ".join(f"{n}: {1e3 * e:.1f} µm" for n, e in coarse.items()),
-            judged(list(coarse.values()) == sorted(coarse.values()), TREND),
-            f"largest error of the nearest entry, evenly thinned tables; {refused}"),
-        Row("§3.2, Fig. 7", "frequency rises with height, so that a search finds it", "a rising curve",
-            estimate(falls, "falls", digits=3),
-            judged(risen, TREND),
-            "neighbours of a raw run whose frequency falls, because counting noise is as large as the step; "
-            "the table made of it (fit, local mean, isotonic regression) rises everywhere"),
-    ]  # fmt: skip
-    return Findings(rows, [_calibration(*found[0], tables[0])])
+    rows("calibration-points", counts, holds=abs(np.median(counts) - 1000) <= 10)
+    rows("calibration-spacing", gaps, holds=abs(np.median(gaps) / 0.01 - 1) < 0.01)
+    holds = list(coarse.values()) == sorted(coarse.values())
+    rows("more-points", (", ".join(f"{n}: {1e3 * e:.1f} µm" for n, e in coarse.items()), refused), holds)
+    rows("rising-curve", falls, holds=risen)
+    return [_calibration(*found[0], tables[0])]
 
 
 def _nearest_error(entries: int) -> float:
@@ -200,7 +174,7 @@ def _calibration(left: Axes, right: Axes, frequency: np.ndarray, height: np.ndar
 
 
 @study("xi2023", "Look-up by binary search")
-def look_up(trial: Trial) -> Findings:
+def look_up(trial: Trial, rows: Rows) -> list[Drawing]:
     """The search against numpy's, and what is read between two entries."""
     table = heads.table(0)
     rng = np.random.default_rng(0)
@@ -218,21 +192,10 @@ def look_up(trial: Trial) -> Findings:
         float(max(abs(calibration.height(p, curve, grid, first, x)[0] - h) for x, h in zip(f, heights, strict=True)))
         for p in (calibration.Params(look_up=1.0), calibration.Params(look_up=0.0))
     ]
-    rows = [
-        weighed("§3.2", "look-up of the stored table by binary search", "“binary search”",
-            Estimate(100 * same, "% agree"),
-            Evidence("share of wrong entries", 1 - same, 0.0, "entry in proportion to the frequency",
-                     float((straight.astype(int) != right).mean())),
-            "4000 random frequencies against numpy.searchsorted; ten comparisons each"),
-        Row("§3.2", "error of the nearest entry of a table of 0.01 mm", SILENT, Estimate(1e3 * errors[0], "µm"),
-            judged(abs(errors[0] - 0.005) < 3e-4, PRESENT),
-            "largest error on an exact table, 0.1–9.9 mm: half the distance, at any height. Half of 0.01 mm exceeds "
-            "the static accuracy of 0.001 mm that is claimed"),
-        Row("§4", "0.001 mm static needs interpolation between entries", SILENT,
-            Estimate(1e3 * errors[1], "µm"), judged(errors[1] < 1e-3, PRESENT),
-            "largest error of a straight line between two entries of an exact table, 0.1–9.9 mm"),
-    ]  # fmt: skip
-    return Findings(rows, [_look_up(curve, grid)])
+    rows("binary-search", 100 * same, error=1 - same, guess=float((straight.astype(int) != right).mean()))
+    rows("nearest-entry", 1e3 * errors[0], holds=abs(errors[0] - 0.005) < 3e-4)
+    rows("interpolation", 1e3 * errors[1], holds=errors[1] < 1e-3)
+    return [_look_up(curve, grid)]
 
 
 @pictured("Xi2023 §3.2")

@@ -10,8 +10,8 @@ from ...envs.scenarios import Axis, Head, Scenario
 from ..measure import rollout
 from ..plots.palette import COLOURS, INK, QUIET
 from . import fit_table1 as table1
-from .claims import Estimate, Evidence, Findings, Row, Trial, estimate, judged, study, weighed
-from .verdicts import CALIBRATED, NOT, PRESENT, SILENT, TREND
+from .claims import Rows, Trial, estimate, study
+from .pictures import Drawing
 from .xi2023_sensor import pictured
 
 FITTED_WITHIN, HELD_OUT_WITHIN = 0.05, 0.12
@@ -22,11 +22,6 @@ LINE = "a straight line between the fitted points"
 
 RUNS = 8
 """Runs of Table 1 for each seed of the trial: the largest error of a run scatters by a tenth and more."""
-
-HELD_OUT = (
-    "held out of the fit; the two laws of the height that lead there have no physics, and their forms were chosen with "
-    "the whole table in sight"
-)
 
 HEIGHTS = tuple(table1.TABLE_1)
 FILTERS = tuple(table1.FILTERS)
@@ -46,11 +41,11 @@ def seeds_of(trial: Trial, runs: int = 1) -> range:
 
 
 @study("xi2023", "Table 1: largest error of the reported height, both filters")
-def table_1(trial: Trial) -> Findings:
+def table_1(trial: Trial, rows: Rows) -> list[Drawing]:
     """The ten numbers, fitted and held out, with the true gap beside them."""
     p, seeds = table1.load(), seeds_of(trial, RUNS)
     found = {(h, name): table1.largest(p, h, name, seeds) for name in FILTERS for h in HEIGHTS}
-    rows, off, line_off = [], [], []
+    off, line_off = [], []
     for (height, name), runs in found.items():
         reported, error = table1.TABLE_1[height][name]
         deviation = float(np.median(np.abs(runs.reported))) / error - 1
@@ -58,52 +53,42 @@ def table_1(trial: Trial) -> Findings:
         seen, true = estimate(np.abs(runs.reported), "mm", 4), estimate(runs.true, "mm", 4)
         note = f"{100 * deviation:+.1f} %, {len(seeds)} runs".replace("-", "−")
         if height in table1.FITTED:
-            verdict = judged(abs(deviation) <= FITTED_WITHIN, CALIBRATED, TREND)
-            rows.append(Row("Table 1", claim, printed, seen, verdict, f"fitted; {note}", true))
+            rows("fitted", (seen, note), abs(deviation) <= FITTED_WITHIN, claim=claim, paper=printed, true=true)
             continue
         line = table1.line(height, name) / error - 1
+        more = "no" if abs(line) <= abs(deviation) else "a little" if abs(line) <= 2 * abs(deviation) else "much"
         off.append(deviation)
         line_off.append(line)
-        rows.append(weighed(
-            "Table 1", claim, printed, seen,
-            Evidence("deviation, %", 100 * deviation, 100 * HELD_OUT_WITHIN, LINE, 100 * line),
-            f"{HELD_OUT}; {note}; {LINE} misses by {100 * line:+.1f} %, ".replace("-", "−")
-            + ("no more" if abs(line) <= abs(deviation) else "a little more" if abs(line) <= 2 * abs(deviation)
-               else "much more"),
-            true, TREND,
-        ))  # fmt: skip
+        rows(
+            "held-out",
+            (seen, note, f"{100 * line:+.1f}".replace("-", "−"), more),
+            error=100 * deviation,
+            guess=100 * line,
+            claim=claim,
+            paper=printed,
+            tolerance=100 * HELD_OUT_WITHIN,
+            true=true,
+        )
     together, line_together = (float(np.sqrt(np.mean(np.square(e)))) for e in (off, line_off))
-    rows.append(weighed(
-        "Table 1", f"the {len(off)} numbers held out of the fit, together", "Table 1 at 0.3 and 0.7 mm",
-        Estimate(100 * together, "% RMS deviation"),
-        Evidence("RMS deviation, %", 100 * together, 100 * FITTED_WITHIN, LINE, 100 * line_together),
-        f"the fit with its {len(table1.Parameters._fields)} parameters and a simulated machine comes to "
-        f"{together / line_together:.2f} of the error of {LINE}; so it predicts next to nothing of Table 1"
-        if together > 0.5 * line_together else f"{LINE}: {100 * line_together:.1f} %",
-        otherwise=TREND,
-    ))  # fmt: skip
+    rows(
+        "held-out-together",
+        (100 * together, len(off), len(table1.Parameters._fields), together / line_together, 100 * line_together),
+        error=100 * together,
+        guess=100 * line_together,
+        tolerance=100 * FITTED_WITHIN,
+        case="near" if together > 0.5 * line_together else "far",
+    )
     most = {n: max(float(np.median(np.abs(found[h, n].reported))) for h in HEIGHTS) for n in FILTERS}
     truly = {n: float(np.median([np.median(found[h, n].true) for h in HEIGHTS])) for n in FILTERS}
     said = {n: float(np.median([np.median(np.abs(found[h, n].reported)) for h in HEIGHTS])) for n in FILTERS}
     paper = {n: float(np.median([table1.TABLE_1[h][n][1] for h in HEIGHTS])) for n in FILTERS}
     above = {n: np.mean([(found[h, n].reported > 0).mean() for h in HEIGHTS]) for n in FILTERS}
     better, best = (e["moving average"] / e["improved"] for e in (said, truly))
-    rows += [
-        Row("§3.4", "largest error of all heights: moving average, improved", "0.03 mm, 0.01 mm",
-            " mm, ".join(f"{most[n]:.4f}" for n in FILTERS) + " mm",
-            judged(most["moving average"] < 0.035 and most["improved"] <= 0.01, CALIBRATED, TREND), "follows the fit"),
-        Row("§4", "the improved filter follows more accurately, by the factor",
-            f"{paper['moving average'] / paper['improved']:.2f}", f"{better:.2f}",
-            judged(best > 1.5, CALIBRATED, TREND),
-            "medians over the heights. Most of what the improved filter takes away is in the reading and never was in "
-            "the gap: the head hardly follows an impulse of one sample", f"{best:.2f}"),
-        Row("Table 1", "largest error lies above the set height", "4 of 5 (moving average), 3 of 5 (improved)",
-            ", ".join(f"{100 * above[n]:.0f} %" for n in FILTERS) + " of runs",
-            judged(above["moving average"] > 0.6, TREND),
-            "impulses of both signs are equally likely here, and those downwards weigh more: f(h) is steeper below the "
-            "set height, so a mean of frequencies is pulled down further than up"),
-    ]  # fmt: skip
-    return Findings(rows, [_table_1(found=found), _traces(p=p)])
+    holds = most["moving average"] < 0.035 and most["improved"] <= 0.01
+    rows("largest-errors", " mm, ".join(f"{most[n]:.4f}" for n in FILTERS), holds)
+    rows("improved-factor", (better, paper["moving average"] / paper["improved"]), holds=best > 1.5, true=f"{best:.2f}")
+    rows("error-side", ", ".join(f"{100 * above[n]:.0f} %" for n in FILTERS), holds=above["moving average"] > 0.6)
+    return [_table_1(found=found), _traces(p=p)]
 
 
 @pictured("Xi2023 Table 1", 2)
@@ -156,7 +141,7 @@ def _fall(first: float, last: float) -> str:
 
 
 @study("xi2023", "The error falls as the set height grows")
-def rising_height(trial: Trial) -> Findings:
+def rising_height(trial: Trial, rows: Rows) -> list[Drawing]:
     """Whether it does without the identified laws, and whether a higher set height responds faster."""
     p, seeds = table1.load(), seeds_of(trial)
     middle, loop = table1.impulse(p, MIDDLE), table1.gain(p, MIDDLE)
@@ -169,36 +154,27 @@ def rising_height(trial: Trial) -> Findings:
     for case, head in cases.items():
         curves[case] = {n: [_largest(p, h, n, seeds, head, loop) for h in HEIGHTS] for n in FILTERS}
     curves[IDENTIFIED] = {n: [np.abs(table1.largest(p, h, n, seeds).reported) for h in HEIGHTS] for n in FILTERS}
-    rows = []
     for name in FILTERS:
         printed = [table1.TABLE_1[h][name][1] for h in (HEIGHTS[0], HEIGHTS[-1])]
         for case, lines in curves.items():
             first, last = (float(np.median(lines[name][i])) for i in (0, -1))
-            identified = case == IDENTIFIED
-            rows.append(Row(
-                "§3.4", f"{name}, largest reported error from 0.1 to 0.9 mm: {case}", _fall(*printed),
-                _fall(first, last), judged(last < 0.97 * first, CALIBRATED if identified else TREND),
-                "fitted to this" if identified else
-                "a mean of frequencies is pulled further by an impulse downwards, where f(h) is steep; this fades with "
-                "the height" if last < 0.97 * first else
-                "noise weighs more where the curve is flat, and the lag v/Kv does not depend on the height",
-            ))  # fmt: skip
+            rows(
+                "error-falls",
+                (_fall(first, last), name, case),
+                holds=last < 0.97 * first,
+                paper=_fall(*printed),
+                case="identified" if case == IDENTIFIED else "falls" if last < 0.97 * first else "rises",
+            )
     columns = {n: np.array([table1.TABLE_1[h][n][1] for h in HEIGHTS]) for n in FILTERS}
     steps = {n: 100 * (e[1:] / e[:-1] - 1) for n, e in columns.items()}
-    rows.append(Row(
-        "§3.4", "the errors of Table 1 themselves", "“decreases gradually with the set height”",
+    rows(
+        "printed-errors",
         "; ".join(f"{n} {', '.join(f'{x:+.0f} %' for x in s)}" for n, s in steps.items()).replace("-", "−"),
-        judged(all((s < 0).all() for s in steps.values()), TREND, NOT),
-        "change from height to height, as printed: from 0.1 to 0.3 mm either column rises",
-    ))  # fmt: skip
+        holds=all((s < 0).all() for s in steps.values()),
+    )
     slow, fast = (_response_time(h, trial) for h in (0.1, 0.9))
-    rows.append(Row(
-        "§3.4", "“the higher the set height, the faster the system responds”", "faster; no number",
-        f"{slow:.1f} ms at 0.1 mm, {fast:.1f} ms at 0.9 mm", judged(fast < 0.95 * slow, TREND),
-        "time to 1/e of an error of 0.05 mm at one gain of 50 1/s: a table-linearised loop answers alike at any "
-        "height. The paper's reason needs a gain that grows with the height, which it does not mention",
-    ))  # fmt: skip
-    return Findings(rows, [_rising_height(curves=curves)])
+    rows("higher-faster", (slow, fast), holds=fast < 0.95 * slow)
+    return [_rising_height(curves=curves)]
 
 
 def _largest(
@@ -263,7 +239,7 @@ BANDS = (0.0, 0.005, 0.01, 0.02)
 
 
 @study("xi2023", "The reported height is mostly above the set height")
-def above_set_height(trial: Trial) -> Findings:
+def above_set_height(trial: Trial, rows: Rows) -> list[Drawing]:
     """How often it is, and what a raised set point or a one-sided dead band would make of it."""
     p, seeds = table1.load(), seeds_of(trial)
     record = table1.roll(p, MIDDLE, "improved", seeds)
@@ -275,26 +251,23 @@ def above_set_height(trial: Trial) -> Findings:
     banded = {band: _banded(p, band, seeds) for band in BANDS}
     enough = next((b for b, (share, _) in banded.items() if np.median(share) >= 100 * SHARE), None)
     most = banded[enough if enough is not None else BANDS[-1]]
-    rows = [
-        Row("§3.4", "reported height above the set height, P law as identified, 0.5 mm", "“in most cases”",
-            estimate(above, "% of the time"), judged(np.median(above) > 60, TREND),
-            "a P law has no side: its lag follows the wave, up as often as down"),
-        Row("§3.4", f"set point raised until {100 * SHARE:.0f} % lie above", SILENT,
-            estimate(1e3 * raised, "µm"), judged(np.median(cost) <= printed, PRESENT),
-            f"largest error then {1e3 * np.median(cost):.1f} µm against the printed {1e3 * printed:.1f} µm: with the "
-            "identified lag, a bias is not compatible with Table 1; a slower surface would make room for one, and the "
-            "paper prints too little to tell the two apart"),
-        Row("§3.4", "rests between set height and a dead band above it (plain Python)",
-            "“so that the head does not chatter around the set point”",
-            f"{100 * SHARE:.0f} % above from a band of {1e3 * enough:.0f} µm on" if enough is not None
+    rows("mostly-above", above, holds=np.median(above) > 60)
+    holds = np.median(cost) <= printed
+    rows("raised-set-point", (1e3 * raised, 100 * SHARE, 1e3 * np.median(cost), 1e3 * printed), holds)
+    rows(
+        "one-sided-band",
+        (
+            f"{100 * SHARE:.0f} % above from a band of {1e3 * enough:.0f} µm on"
+            if enough is not None
             else f"{np.median(most[0]):.0f} % above with {1e3 * BANDS[-1]:.0f} µm",
-            judged(enough is not None and np.median(most[1]) <= printed, TREND),
-            "by band: " + ", ".join(
+            ", ".join(
                 f"{1e3 * b:.0f} µm {np.median(s):.0f} %, largest error {1e3 * np.median(e):.1f} µm"
                 for b, (s, e) in banded.items()
-            ) + ". A law of this kind is what the sentence describes; its price is that error"),
-    ]  # fmt: skip
-    return Findings(rows, [_above(error, banded)])
+            ),
+        ),
+        holds=enough is not None and np.median(most[1]) <= printed,
+    )
+    return [_above(error, banded)]
 
 
 def _banded(p: table1.Parameters, band: float, seeds: range) -> tuple[np.ndarray, np.ndarray]:

@@ -1,6 +1,8 @@
 """The frame of a reproduction: what rows and intervals say, how a run resumes, and how a failure shows."""
 
 import json
+import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +13,17 @@ from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.experiments.cli import main
 from kerfgym.experiments.reproduce import claims, claims_page
 from kerfgym.experiments.reproduce.carry_out import reproduce
-from kerfgym.experiments.reproduce.claims import Estimate, Evidence, Findings, Row, Trial, estimate, judged, weighed
+from kerfgym.experiments.reproduce.claims import (
+    DOCUMENTS,
+    Estimate,
+    Evidence,
+    Row,
+    Rows,
+    Trial,
+    estimate,
+    judged,
+    weighed,
+)
 from kerfgym.experiments.reproduce.pictures import Drawing
 from kerfgym.experiments.reproduce.verdicts import (
     CALIBRATED,
@@ -155,19 +167,48 @@ def test_an_unknown_name_is_refused_with_the_nearest(capsys, tmp_path, monkeypat
     assert not (tmp_path / "runs").exists()
 
 
+# ------------------------------------------------------------------------------------------------ tables of claims
+
+
+def test_a_row_has_its_texts_from_the_documents_table_and_its_figures_from_the_run():
+    rows = Rows("wu")
+    rows("sampled-axis", ("2 nm", 7), error=2e-6, guess=1.0)
+    rows("servo", 4.0, holds=True)
+    rows("fig-5", ("an ellipse", "b", "cw"), holds=False, case="both")
+    first, second, third = rows
+    assert first.simulation == "a step of 1 mm: apart by 2 nm over 7 samples"
+    assert (first.verdict, first.evidence.measure) == (FAILS, "largest difference, mm")
+    assert (second.where, second.paper, second.verdict, str(second.simulation)) == ("§3", "4 ms", INPUT, "4 ms")
+    assert (third.claim, third.verdict) == ("case (b): cw", FAILS)
+    assert third.note == "the axis with the larger lag sets the diagonal"
+    with pytest.raises(ValueError, match="shorter"):
+        rows("sampled-axis", ("2 nm",), error=2e-6, guess=1.0)
+    with pytest.raises(ValueError, match="longer"):
+        rows("servo", (4.0, 5.0), holds=True)
+
+
+@pytest.mark.parametrize("document", DOCUMENTS)
+def test_every_entry_of_a_documents_table_is_a_row_of_its_studies(document):
+    folder = Path(claims.__file__).parent
+    code = "".join(file.read_text(encoding="utf-8") for file in folder.glob(f"{document}*.py"))
+    entries = tomllib.loads((folder / f"{document}.toml").read_text(encoding="utf-8"))
+    assert entries
+    assert [key for key in entries if f'"{key}"' not in code] == []
+
+
 # --------------------------------------------------------------------------------------------------------------- runs
 
 
 def test_a_run_writes_page_markdown_figures_and_record(shelf, tmp_path):
     @shelf("wu", "One of one's own")
-    def own(trial: Trial) -> Findings:
+    def own(trial: Trial, rows: Rows) -> list[Drawing]:
         figure = Figure(figsize=(2, 1))
         figure.subplots().plot([0, 1])
         row = weighed(
             "eq. 1", "gain | of it", "4.5", estimate(np.arange(trial.seeds), "mm"), GOOD, true="a < b"
         )  # fmt: skip
-        other = weighed("eq. 2", "by another law", "4.5", "4.5", GOOD, instead="the observer")
-        return Findings([row, other], [Drawing("line", figure, "A line (mm).", "Wu Fig. 0")])
+        rows += [row, weighed("eq. 2", "by another law", "4.5", "4.5", GOOD, instead="the observer")]
+        return [Drawing("line", figure, "A line (mm).", "Wu Fig. 0")]
 
     (part,) = reproduce(["wu"], tmp_path / "r", seeds=8, workers=1)
     assert part["rows"][0]["numbers"]["simulation"]["value"] == 3.5
@@ -193,12 +234,12 @@ def test_a_run_writes_page_markdown_figures_and_record(shelf, tmp_path):
 
 def test_a_study_that_fails_is_said_so_and_the_others_are_there(shelf, tmp_path, capsys):
     @shelf("wu", "Fails")
-    def fails(trial: Trial) -> Findings:
+    def fails(trial: Trial, rows: Rows) -> None:
         raise ValueError("no such thing")
 
     @shelf("wu", "Works")
-    def works(trial: Trial) -> Findings:
-        return Findings([weighed("eq. 1", "x", "1", "1", GOOD)])
+    def works(trial: Trial, rows: Rows) -> None:
+        rows.append(weighed("eq. 1", "x", "1", "1", GOOD))
 
     parts = reproduce([], tmp_path / "r", workers=1)
     assert [bool(part["error"]) for part in parts] == [True, False]
@@ -212,14 +253,12 @@ def test_a_run_that_was_interrupted_goes_on_with_what_is_there(shelf, tmp_path):
     calls = []
 
     @shelf("wu", "First")
-    def first(trial: Trial) -> Findings:
+    def first(trial: Trial, rows: Rows) -> None:
         calls.append("first")
-        return Findings([])
 
     @shelf("wu", "Second")
-    def second(trial: Trial) -> Findings:
+    def second(trial: Trial, rows: Rows) -> None:
         calls.append("second")
-        return Findings([])
 
     folder = tmp_path / "r"
     reproduce([], folder, workers=1)

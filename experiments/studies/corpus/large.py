@@ -5,7 +5,7 @@ import resource
 import tempfile
 import time
 from collections.abc import Callable
-from multiprocessing.connection import Connection
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -75,17 +75,13 @@ def main(name: str = "large", docs: bool = False) -> None:
         docs: write the table into docs/corpus.md, too.
     """
     campaign = pages.Campaign(MODULE, [], runs.open_folder(runs.named(name), overwrite=True))
-    context = multiprocessing.get_context("spawn")
     rows = []
-    with tempfile.TemporaryDirectory() as folder:
+    fresh = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), max_tasks_per_child=1)
+    with tempfile.TemporaryDirectory() as folder, fresh as pool:
         for title, draw in DRAWINGS.items():
             file = Path(folder) / "large.dxf"
             _drawn(draw, file)
-            receive, send = context.Pipe(duplex=False)
-            process = context.Process(target=_work, args=(file, send))
-            process.start()
-            rows.append([title, *receive.recv()])
-            process.join()
+            rows.append([title, *pool.submit(_work, file).result()])
     sheet = Sheet("Large drawings", ["drawing", "contours", "m", "read, s", "planned, s", "of a processor, s", "MB"])
     sheet.sections.append(rows)
     sheet.notes = ["one process each, without the import of libraries; of a processor: both together."]
@@ -101,7 +97,7 @@ def _drawn(draw: Callable[[Any, np.random.Generator], None], file: Path) -> None
     document.saveas(file)
 
 
-def _work(file: Path, send: Connection) -> None:
+def _work(file: Path) -> list[str]:
     import ezdxf.recover  # noqa: F401
     import shapely  # type: ignore[import-untyped]  # noqa: F401
     from scipy import interpolate, sparse, spatial  # noqa: F401
@@ -116,7 +112,7 @@ def _work(file: Path, send: Connection) -> None:
     done, cpu = time.perf_counter(), time.process_time() - cpu
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     figures = [f"{drawing.cut_length / 1000:.0f}", *(f"{s:.1f}" for s in (seen - begun, done - seen, cpu))]
-    send.send([str(len(drawing.pieces)), *figures, f"{memory:.0f}"])
+    return [str(len(drawing.pieces)), *figures, f"{memory:.0f}"]
 
 
 if __name__ == "__main__":

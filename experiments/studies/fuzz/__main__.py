@@ -7,7 +7,7 @@ import shutil
 import sys
 import tempfile
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -48,8 +48,8 @@ class Tally:
     name: str
     outcomes: collections.Counter[str] = field(default_factory=collections.Counter)
     problems: dict[str, list[int]] = field(default_factory=dict)
-    seconds: dict[int, float] = field(default_factory=dict)  # of the processor, by case
-    bytes: dict[int, int] = field(default_factory=dict)
+    seconds: dict[Any, float] = field(default_factory=dict)  # of the processor, by case
+    bytes: dict[Any, float] = field(default_factory=dict)
 
     @property
     def counts(self) -> tuple[int, ...]:
@@ -206,24 +206,20 @@ def fuzz(
                     shutil.rmtree(place, ignore_errors=True)
                     place.mkdir(parents=True)
                     case(name, numbers[0], seed, where.resolve(), place)
-    counts = {name: tally.counts for name, tally in tallies.items()}
-    counts["all"] = tuple(sum(column) for column in zip(*counts.values(), strict=True))
-    longest = {name: max(tally.seconds.values()) for name, tally in tallies.items()}
-    most = {name: max(tally.bytes.values()) for name, tally in tallies.items()}
-    longest["all"], most["all"] = max(longest.values()), max(most.values())
-    rows = [[name, *counts[name], f"{longest[name]:.1f}", f"{most[name] / 1e6:.0f}"] for name in counts]
+    whole = Tally("all")
+    for name, tally in tallies.items():
+        whole.outcomes.update(tally.outcomes)
+        for mine, every in ((tally.seconds, whole.seconds), (tally.bytes, whole.bytes)):
+            every.update({f"{name} case {number}": value for number, value in mine.items()})
+    rows = [
+        [each.name, *each.counts, f"{max(each.seconds.values()):.1f}", f"{max(each.bytes.values()) / 1e6:.0f}"]
+        for each in (*tallies.values(), whole)
+    ]
     print(table(["kind", "files", "results", "clear errors", "problems", "longest, s", "most memory, MB"], rows))
-    slow = _most({name: tally.seconds for name, tally in tallies.items()})
-    large = _most({name: tally.bytes for name, tally in tallies.items()})
+    slow, large = (sorted(of.items(), key=lambda one: -one[1])[:TOLD] for of in (whole.seconds, whole.bytes))
     print(f"slowest, s of the processor: {', '.join(f'{case} {seconds:.1f}' for case, seconds in slow)}")
     print(f"most memory, MB: {', '.join(f'{case} {size / 1e6:.0f}' for case, size in large)}")
-    return counts["all"][-1]
-
-
-def _most(each: Mapping[str, Mapping[int, float]]) -> list[tuple[str, float]]:
-    """The largest of all kinds, by «kind case»."""
-    every = [(f"{name} case {number}", value) for name, known in each.items() for number, value in known.items()]
-    return sorted(every, key=lambda one: -one[1])[:TOLD]
+    return whole.counts[-1]
 
 
 if __name__ == "__main__":
