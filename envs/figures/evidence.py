@@ -107,7 +107,7 @@ def pooled(runs: Any) -> str:
     """:func:`words` of the largest excess in a table of runs; empty if all lie inside or nothing is known of it."""
     if "extrapolated" not in runs or not len(runs) or not (runs["extrapolated"].to_numpy(float) > 0).any():
         return ""
-    return words({name: float(np.nanmax(runs[name].to_numpy(float))) for name in COLUMNS})
+    return words({name: float(np.nanmax(runs[name].to_numpy(float))) for name in COLUMNS if name in runs})
 
 
 def follows(runs: Any) -> bool:

@@ -10,6 +10,7 @@
 """
 
 import hashlib
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -30,10 +31,25 @@ FORMAT = 2
 PARTS = "parts"
 """Where a run that is not finished keeps what is done."""
 
+_TRACES = ("controller", "scenario", "seed", "time")
+
 TABLES = {
-    "following": ("traces", "sensitivity", "margins", "blame", "headroom", "detuned"), "jobs": ("traces", "plans"),
-}  # fmt: skip
-"""Tables of a grid of either kind, beside ``runs``; each may be absent."""
+    "following": {
+        "traces": (*_TRACES, "gap", "height", "mode", "scored", "set_height"),
+        "sensitivity": ("controller", "machine", "signal", "frequency", "magnitude", "peak_low", "peak_high"),
+        "margins": ("controller", "machine", "gain", "delay_ms"),
+        "blame": ("controller", "scenario", "stage", "unit", "share", "low", "high", "alone"),
+        "headroom": ("controller", "scenario", "informed", "rms", "informed_rms", "ratio", "low", "high"),
+        "detuned": ("controller", "parameter", "value", "side", "moved", "rms_true"),
+    },
+    "jobs": {
+        "traces": (*_TRACES, "error", "gap_error", "margin", "phase", "roughness", "dross"),
+        "plans": ("scenarios", "picture", "cuts", "warnings"),
+    },
+}
+"""Tables of a grid of either kind, beside ``runs``; each may be absent. The columns without which it tells nothing."""
+
+_RUNS = ("controller", "information", "scenario", "seed", "failed", "collision")
 
 KEPT = {"following": ("exempt", "summaries"), "jobs": ("metric", "reference", "labels", "materials", "summaries")}
 """What is in the results of either kind and in no table."""
@@ -199,10 +215,14 @@ def _grid(folder: Path, name: str, entry: Any, meta: dict[str, Any], notes: list
         frames = {table: _table(at, table, kept.get(table), notes) for table in TABLES[kind]}
         if "headroom" in frames:  # what version 0.1 called a bound is a reference
             frames["headroom"] = frames["headroom"].rename(columns={"bound": "informed", "bound_rms": "informed_rms"})
+        for table, columns in TABLES[kind].items():
+            if len(frames[table]) and (lacking := _lacking(frames[table], columns)):
+                notes.append(f"'{at / f'{table}.parquet'}' has no column {lacking}; it is left out.")
+                frames[table] = pd.DataFrame()
         rows = _table(at, "runs", kept.get("runs"), notes, needed=True)
-        lacking = [c for c in ("controller", "information", "scenario", "seed", "failed") if c not in rows]
+        lacking = _lacking(rows, (*_RUNS, str(entry["metric"]) if kind == "jobs" else Results.metric))
         if lacking or not len(rows):
-            raise InvalidInput(f"'{at / 'runs.parquet'}' has {'no column ' + lacking[0] if lacking else 'no rows'}")
+            raise InvalidInput(f"'{at / 'runs.parquet'}' has {f'no column {lacking}' if lacking else 'no rows'}")
         twice = rows.loc[rows.duplicated(["controller", "scenario", "seed"]), ["controller", "scenario", "seed"]]
         for controller, scenario, seed in twice.head(1).itertuples(index=False):
             raise InvalidInput(f"'{at / 'runs.parquet'}' has {controller} in {scenario} with seed {seed} twice")
@@ -215,6 +235,11 @@ def _grid(folder: Path, name: str, entry: Any, meta: dict[str, Any], notes: list
         if isinstance(error, InvalidInput):
             raise
         raise InvalidInput(f"the record of suite '{name}' in '{folder / 'run.json'}' lacks {error}") from None
+
+
+def _lacking(table: pd.DataFrame, columns: Iterable[str]) -> str:
+    """The first of some columns that a table does not have; empty if it has them all."""
+    return next((column for column in columns if column not in table), "")
 
 
 def _tuple(value: Any) -> Any:

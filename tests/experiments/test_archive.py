@@ -10,6 +10,7 @@ import pytest
 
 from kerfgym.envs.scenarios import load as scenario
 from kerfgym.experiments.benchmark.benchmarking import Grid, run_grids
+from kerfgym.experiments.results import archive
 from kerfgym.experiments.results.archive import load
 
 SHORT = (scenario("wavy").varied(duration=0.5), scenario("tip-up").varied(duration=0.5))
@@ -87,3 +88,23 @@ def test_a_job_without_its_range_in_iso_9013_has_a_dash_there(stored, tmp_path):
     assert list(summary["iso_taper"]) == ["–"] != list(known)
     rows.drop(columns="iso_taper").to_parquet(table)
     assert list(load(folder).grids["contour"].summary()["iso_taper"]) == ["–"]
+
+
+@pytest.mark.parametrize("suite", ["following", "contour"])
+def test_a_column_that_is_gone_takes_its_table_or_its_figures_with_it(stored, tmp_path, suite):
+    """With any of them gone there are still a summary and a sentence about it, or another suite."""
+    folder = tmp_path / "gone"
+    shutil.copytree(stored[0], folder)
+    for table in sorted((folder / suite).glob("*.parquet")):
+        whole = pd.read_parquet(table)
+        for column in whole if table.stem != "summary" else ():
+            whole.drop(columns=column).to_parquet(table)
+            found = load(folder)
+            needed = column in archive.TABLES["jobs" if suite == "contour" else "following"].get(table.stem, ())
+            if suite in found.grids:
+                assert column not in getattr(found.grids[suite], table.stem, ())
+                assert found.grids[suite].summary().index.size
+            if needed or suite not in found.grids:
+                assert any(f"has no column {column}" in note for note in found.meta["notes"]), (table.stem, column)
+        whole.to_parquet(table)
+    assert set(load(folder).grids) == {"following", "contour"}

@@ -132,10 +132,13 @@ def runs(folder: Path) -> None:
     short = (scenarios.load("wavy").varied(duration=0.4), scenarios.load("step").varied(duration=0.4))
     circle = (scenarios.load("contour-circle").varied(job={"size": 6.0, "pierce": False}),)
     wanted = [
-        grids.Grid("following", ("pid", "xi2023-tuned"), short, range(1000, 1003), ("wavy", "step")),
+        grids.Grid("following", ("pid", "xi2023-tuned", "preview-5ms"), short, range(1000, 1003), ("wavy", "step")),
         grids.Grid("contour", ("wu",), circle, range(1000, 1002), ("contour-circle",)),
     ]
-    run_grids(wanted, folder / "run", workers=1, with_ms=False, quiet=True, command=["kerfgym", "benchmark"])
+    run_grids(
+        wanted, folder / "run", workers=1, with_blame=True, with_detuned=True, quiet=True,
+        command=["kerfgym", "benchmark"],
+    )  # fmt: skip
     Task(**JOURNALED, url=str(folder / storage.JOURNAL)).work(1).run([])
     (folder / "words.json").write_text(json.dumps(Task(**JOURNALED).words), encoding="utf-8")
 
