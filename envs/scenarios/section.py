@@ -58,6 +58,8 @@ def fitting(kind: Any, value: Any, name: str) -> Any:
     if get_origin(kind) is Annotated:
         what, *_, quantity = inner
         if what in (int, float):
+            if isinstance(value, bool | str) and not quantity.choices:
+                raise InvalidInput(f"{name} = {value!r} is not a number; allowed: {quantity.range}")
             return what(quantity.check(value, name))
         try:
             value = as_number(value)
@@ -73,10 +75,14 @@ def fitting(kind: Any, value: Any, name: str) -> Any:
     if isinstance(value, dict) and isinstance(kind, type) and issubclass(kind, Section):
         return of_table(kind, value, name + ".")
     literal, plain = get_origin(kind) is Literal, get_origin(kind) or kind
-    if not (value in inner if literal else isinstance(value, plain)):
-        allowed = " or ".join(map(repr, inner)) if literal else plain.__name__
+    if not (value in inner if literal else isinstance(value, plain) and (plain is bool or not isinstance(value, bool))):
+        allowed = " or ".join(map(repr, inner)) if literal else _PLAIN.get(plain, f"a table ({plain.__name__})")
         raise InvalidInput(f"{name} = {value!r} is not allowed; allowed: {allowed}")
     return value
+
+
+_PLAIN = {str: "text", bool: "true or false", int: "a whole number", float: "a number", tuple: "an array"}
+"""What a value of such a kind is called where it is written."""
 
 
 def line_of(text: str, message: str) -> str:

@@ -98,5 +98,5 @@ def load(name: str | Path | Scenario) -> Scenario:
             return _shipped(group, str(name))
     if str(name).endswith(".toml") or files.is_file(name):
         return read(name)
-    known = [s for group in suites() for s in suite(group)]
+    known = dict.fromkeys(s for group in suites() for s in suite(group))
     raise InvalidInput(f"unknown scenario '{name}'; {did_you_mean(str(name), known)}, or a path to a TOML file")
