@@ -9,7 +9,7 @@ OLD = ("lanes", "quantity")
 
 _Z = ("plant/test_oracle.py",)
 _XY = ("plant/test_xy_oracle.py", "envs/test_jobs.py")
-_LAWS = ("baselines/test_every_controller.py", "baselines/test_laws.py")
+_LAWS = ("recorded/test_recorded.py", "baselines/test_every_controller.py", "baselines/test_laws.py")
 
 OWN: dict[str, tuple[str, ...]] = {
     "envs/plant/calibration": ("plant/test_calibration.py", *_Z),
