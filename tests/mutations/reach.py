@@ -9,7 +9,8 @@ OLD = ("lanes", "quantity")
 
 _Z = ("plant/test_oracle.py",)
 _XY = ("plant/test_xy_oracle.py", "envs/test_jobs.py")
-_LAWS = ("recorded/test_recorded.py", "baselines/test_every_controller.py", "baselines/test_laws.py")
+_EVERYTHING = ("recorded/test_recorded.py",)
+_LAWS = (*_EVERYTHING, "baselines/test_every_controller.py", "baselines/test_laws.py")
 
 OWN: dict[str, tuple[str, ...]] = {
     "envs/plant/calibration": ("plant/test_calibration.py", *_Z),
@@ -99,4 +100,4 @@ def modules(root: Path) -> list[str]:
 
 def tests_of(file: str) -> tuple[str, ...]:
     """Test files that can see a mistake in a module."""
-    return tuple(f"tests/{name}" for name in OWN[file.removesuffix(".py")])
+    return tuple(f"tests/{name}" for name in dict.fromkeys((*OWN[file.removesuffix(".py")], *_EVERYTHING)))

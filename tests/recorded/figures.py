@@ -1,4 +1,4 @@
-"""One run of every shipped controller and policy in a few scenarios, as ``figures.csv`` keeps it."""
+"""One run of every shipped controller and policy, filter and sequence, as ``figures.csv`` keeps it."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -8,12 +8,15 @@ import pandas as pd
 from kerfgym.envs import scenarios
 from kerfgym.envs.control import stack
 from kerfgym.envs.figures import metrics
+from kerfgym.envs.plant import filters
 from kerfgym.experiments.measure import rollout
 from kerfgym.experiments.results import jobs
+from kerfgym.tests.recorded import sequences
 
 FILE = Path(__file__).with_name("figures.csv")
 
 SEED = 1000
+"""Of the scenarios."""
 
 SCENARIOS = {
     "z": ("rough", "impulses", "step-flutter", "corners", "holes", "edge", "descent", "spatter-rough", "laps-rough"),
@@ -28,22 +31,32 @@ METRICS = {
     "process": ("contour_rms", "gap_rms", "time", "energy", "dross", "roughness", "kerf", "taper", "through"),
 }
 
-NAMES = sorted({*stack.names(), *stack.shelved()} - {"idle"})
+FILTERS = tuple(f"pid:filter.kind={kind},filter.window=9,filter.trim=2" for kind in filters.KINDS)
+
+NAMES = [*sorted({*stack.names(), *stack.shelved()} - {"idle"}), *FILTERS, *sequences.EVERY]
 
 
 def of(name: str) -> Iterator[dict[str, object]]:
-    """Rows of one controller: itself, its scenario, and a figure with its name."""
-    found = stack.resolve(name)
-    for scenario in map(scenarios.load, SCENARIOS[found.slot]):
-        if found.slot == "z":
-            values = metrics.evaluate(rollout.roll(scenario, found, SEED))
+    """Rows of one of them: itself, its scenario, and a figure with its name."""
+    for scenario, metric, value in _of_sequence(name) if name in sequences.EVERY else _of_controller(name):
+        yield {"name": name, "scenario": scenario, "metric": metric, "value": value}
+
+
+def _of_sequence(name: str) -> Iterator[tuple[str, str, float]]:
+    for metric, value in sequences.EVERY[name]().items():
+        yield "panel", metric, value
+
+
+def _of_controller(name: str) -> Iterator[tuple[str, str, float]]:
+    team = stack.team(name)
+    slot = stack.resolve(name.partition(":")[0]).slot
+    for scenario in map(scenarios.load, SCENARIOS[slot]):
+        if slot == "z":
+            values = metrics.evaluate(rollout.roll(scenario, team.z, SEED))
         else:
-            values = jobs.measured(scenario, stack.team(name), (SEED,))[0].to_dict("list")
-        for metric in METRICS[found.slot]:
-            yield {
-                "controller": name, "scenario": scenario.name, "seed": SEED, "metric": metric,
-                "value": float(values[metric][0]),
-            }  # fmt: skip
+            values = jobs.measured(scenario, team, (SEED,))[0].to_dict("list")
+        for metric in METRICS[slot]:
+            yield scenario.name, metric, float(values[metric][0])
 
 
 def every() -> pd.DataFrame:

@@ -1,4 +1,4 @@
-"""The figures of every shipped controller and policy are those that were recorded.
+"""The figures of everything shipped are those that were recorded.
 
 A change of structure leaves them; a change of the machine or of a law moves them, and then ``python -m
 kerfgym.tests.recorded`` writes them anew. No independent source: whether they are *right* is what the other tests ask.
@@ -18,12 +18,12 @@ NEAR = 1e-6
 
 @pytest.mark.parametrize("name", figures.NAMES)
 def test_figures_are_those_that_were_recorded(name):
-    was = RECORDED[RECORDED["controller"] == name].reset_index(drop=True)
+    was = RECORDED[RECORDED["name"] == name].reset_index(drop=True)
     now = pd.DataFrame(figures.of(name))
     pd.testing.assert_frame_equal(now.drop(columns="value"), was.drop(columns="value"))
     apart = ~np.isclose(now["value"], was["value"], rtol=NEAR, atol=0.0, equal_nan=True)
     assert not apart.any(), now.assign(was=was["value"])[apart].to_string()
 
 
-def test_nothing_recorded_is_of_a_controller_that_is_not_there():
-    assert sorted(RECORDED["controller"].unique()) == figures.NAMES
+def test_nothing_recorded_is_of_something_that_is_not_there():
+    assert list(RECORDED["name"].unique()) == figures.NAMES
