@@ -28,6 +28,9 @@ ABOUT = {
 DECLARED = ("Quantity",)
 """Calls that declare a number: unit, range, meaning and source. A number without a source is assumed."""
 
+TOML_TEXT = re.compile(r'"{3}.*?"{3}|"(?:[^"\\\n]|\\.)*"', re.DOTALL)
+"""A text in a file of numbers, of one line or several."""
+
 SHORT = 130
 """Characters of a text that is told whole."""
 
@@ -105,7 +108,7 @@ def in_words(file: str, text: str, found: list[Assumed]) -> Iterator[Assumed]:
 
 
 def _prose(file: str, text: str) -> Iterator[tuple[int, int, str]]:
-    """Strings of a module and blocks of comments: first and last line, text."""
+    """Strings and blocks of comments: first and last line, text."""
     if file.endswith(".py"):
         for node in ast.walk(ast.parse(text)):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
@@ -113,6 +116,9 @@ def _prose(file: str, text: str) -> Iterator[tuple[int, int, str]]:
         notes = comments(text)
     else:
         notes = {n: line[1:] for n, line in enumerate(text.split("\n"), start=1) if line.startswith("#")}
+        for said in TOML_TEXT.finditer(text):
+            first, last = (1 + text.count("\n", 0, at) for at in said.span())
+            yield first, last, said[0].strip('"').replace("\\\n", "")
     block: list[int] = []
     for line in [*sorted(notes), 0]:
         if block and line != block[-1] + 1:

@@ -113,7 +113,7 @@ def _moves_and_stops(rows: Rows) -> None:
 @study("wu", "The loop in the z domain")
 def z_domain(trial: Trial, rows: Rows) -> None:
     """A, B, C, D against scipy's zero-order hold, and the difference equation against the machine."""
-    t, off = 4e-3, {"A": 0.0, "sum": 0.0, "product": 0.0, "poles": 0.0}
+    t, off = 4e-3, {"first": 0.0, "sum": 0.0, "product": 0.0, "poles": 0.0}
     single, open_loop = np.inf, np.inf  # A of a drive with T1 alone; the cubic of the open loop
     for p in (*PRESETS.values(), xy_axes.Params(tau=0.003)):
         number, under, _ = signal.cont2discrete(
@@ -122,7 +122,7 @@ def z_domain(trial: Trial, rows: Rows) -> None:
         number = number.ravel()
         c, d = np.exp(-t / p.t1), np.exp(-t / p.t2)
         c1, c2 = (p.t1 - p.tau) / (p.t1 - p.t2), (p.tau - p.t2) / (p.t1 - p.t2)
-        off["A"] = max(off["A"], abs(number[1] - (1 - c1 * c - c2 * d)))
+        off["first"] = max(off["first"], abs(number[1] - (1 - c1 * c - c2 * d)))
         off["sum"] = max(off["sum"], abs(-number[2] - (c1 * d + c2 * c - c - d)))
         off["product"] = max(off["product"], abs(-number[2] - (c1 * d + c2 * c - c * d)))
         k = 0.7
@@ -141,7 +141,7 @@ def z_domain(trial: Trial, rows: Rows) -> None:
     left = np.convolve(ours, xy_axes.characteristic(p, k))[3 : len(ours)]
     right = np.convolve(error + ours, [0.0, k * a, -k * b, 0.0])[3 : len(ours)]
     apart = float(np.abs(left - right).max())
-    rows("z-domain-a", off, error=off["A"], guess=single)
+    rows("z-domain-a", off, error=off["first"], guess=single)
     rows("z-domain-b", off, holds=off["sum"] < 1e-12)
     rows("z-domain-b-corrected", off, holds=off["product"] < 1e-12)
     rows("characteristic-equation", off, error=off["poles"], guess=open_loop)

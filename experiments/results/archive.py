@@ -36,8 +36,8 @@ _TRACES = ("controller", "scenario", "seed", "time")
 TABLES = {
     "following": {
         "traces": (*_TRACES, "gap", "height", "mode", "scored", "set_height"),
-        "sensitivity": ("controller", "machine", "signal", "frequency", "magnitude", "peak_low", "peak_high"),
-        "margins": ("controller", "machine", "gain", "delay_ms"),
+        "sensitivity": ("controller", "frequency", "magnitude"),
+        "margins": ("controller",),
         "blame": ("controller", "scenario", "stage", "unit", "share", "low", "high", "alone"),
         "headroom": ("controller", "scenario", "informed", "rms", "informed_rms", "ratio", "low", "high"),
         "detuned": ("controller", "parameter", "value", "side", "moved", "rms_true"),

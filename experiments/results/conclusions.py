@@ -198,12 +198,10 @@ class Results:
         curves, room = self.curves, _of_machines(self.margins)
         parts = []
         if len(curves):
-            signal = (curves["signal"] if "signal" in curves else pd.Series("sine", index=curves.index)).rename(
-                "signal"
-            )
-            peaks = curves.groupby([*by, signal], sort=False)["magnitude"].max().unstack()
+            told = curves if "signal" in curves else curves.assign(signal="sine")  # earlier versions knew no other
+            peaks = told.groupby([*by, "signal"], sort=False)["magnitude"].max().unstack()
             parts.append(peaks.rename(columns={"sine": "ms", "noise": "ms_noise"}))
-            if "peak_low" in curves:
+            if {"signal", "peak_low", "peak_high"} <= set(curves):
                 ends = curves[curves["signal"] == "noise"].groupby(by, sort=False)[["peak_low", "peak_high"]].first()
                 parts.append(ends.rename(columns={"peak_low": "ms_noise_low", "peak_high": "ms_noise_high"}))
         if len(room):

@@ -45,7 +45,8 @@ def store(
         "core": ["wavy", "step"], "parameters": {name: {"law.kp": float(n)} for name, n in controllers.items()},
         "ledger": {name: {"simulated_steps": 7} for name in controllers},
     }  # fmt: skip
-    traces = frame[frame["seed"] == 1000][["controller", "scenario", "seed"]].assign(time=0.001, gap=1.0)
+    channels = {"time": 0.001, "gap": 1.0, "height": 1.0, "mode": 1.0, "scored": True, "set_height": 1.0}
+    traces = frame[frame["seed"] == 1000][["controller", "scenario", "seed"]].assign(**channels)
     peaks = pd.DataFrame({"controller": list(controllers), "frequency": 1.0, "magnitude": list(controllers.values())})
     results = Results(frame, traces, peaks, {**record, **own}, ("wavy", "step"), (), dict.fromkeys(scenarios, "s"))
     texts = {name: f'name = "{name}"\n' for name in scenarios} if texts is None else texts
