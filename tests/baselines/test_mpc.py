@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear, nnls
 
-from kerfgym.baselines import active_set, lqg, mpc
+from kerfgym.baselines import active_set, lqg, mpc, servo
 from kerfgym.envs.control.stack import resolve
 from kerfgym.envs.plant import machine, supervisor
 from kerfgym.envs.plant.controller import PERIOD, Sensed
@@ -97,6 +97,15 @@ def test_the_plans_hessian_and_unbounded_optimum_are_those_of_a_dense_least_squa
     best = -np.linalg.solve(h, forced.T @ weight @ free)
     plan = m[mpc.PLAN :][: 7 * n].reshape(7, n).T
     assert plan == pytest.approx(best, rel=1e-5, abs=1e-5 * abs(best).max())
+
+
+def test_no_sum_over_a_state_exceeds_what_says_whether_a_plan_is_needed():
+    rng = np.random.default_rng(3)
+    m, state = rng.uniform(0.1, 1.0, 9), servo.Relative(*rng.normal(size=7))
+    most = mpc.most_of(m, 1, state)
+    assert most == pytest.approx(m[1:8] @ np.abs(state))
+    signs = np.sign(state)  # the worst that coefficients of this size can have
+    assert most == pytest.approx((m[1:8] * signs) @ np.array(state))
 
 
 def test_where_no_bound_is_met_it_is_the_lqg():

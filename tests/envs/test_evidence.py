@@ -70,6 +70,13 @@ def test_each_setting_knows_by_how_much_it_lies_outside(command, setting, much):
     assert excess(command) == {setting: pytest.approx(much)}
 
 
+@pytest.mark.parametrize("setting", published.Excess._fields)
+def test_one_setting_outside_is_enough(setting):
+    nothing = published.Excess(*[0.0] * len(published.Excess._fields))
+    assert not published.outside(nothing)
+    assert published.outside(nothing._replace(**{setting: 0.01}))
+
+
 def test_an_ellipse_the_hat_gas_and_a_standoff_that_is_set_wrong_lie_outside():
     slower = DYNAMIC._replace(override=0.7)
     assert excess(slower._replace(y=0.15)) == {"ellipse": pytest.approx(0.15)}

@@ -170,6 +170,20 @@ def test_the_sheet_is_read_where_the_axes_are():
     assert channels is not None
 
 
+def test_a_recording_that_begins_later_holds_what_a_whole_one_holds_from_there_on():
+    kept = {}
+    for first in (0, 300):
+        fleet = workshop.fleet_for(FAST, team("wu-no-corners"), [1000])
+        fleet.advance(first)
+        cut = fleet.gantries.start_recording(500 - first, fleet.tick)
+        head = fleet.start_recording(500 - first)
+        fleet.advance(600 - first)  # beyond its end
+        kept[first] = cut, head
+    for whole, late in zip(kept[0], kept[300], strict=True):
+        assert np.ptp(late[:, 0]) > 0
+        assert np.array_equal(whole[300:], late)
+
+
 class Proportional:
     """The law of Xi2023 in plain Python."""
 

@@ -77,6 +77,7 @@ def windows(x: np.ndarray, n: int) -> np.ndarray:
 
 WINDOWED = {
     **{f"mean {n}": kind("mean", window=n) for n in (1, 2, 5, 64)},
+    "mean 9 with the trim of another kind": kind("mean", window=9, trim=3),
     **{
         f"improved {n} trim {t}": kind("improved", window=n, trim=t)
         for n, t in ((1, 0), (2, 0), (3, 1), (5, 0), (5, 1), (5, 2), (9, 3), (64, 1), (64, 31))

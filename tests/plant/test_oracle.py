@@ -9,9 +9,10 @@ import pytest
 
 from kerfgym.envs import scenarios
 from kerfgym.envs.control.stack import Stack, resolve
-from kerfgym.envs.plant import heads, supervisor
+from kerfgym.envs.plant import heads, machine, supervisor
 from kerfgym.envs.plant.fleet import Fleet
 from kerfgym.envs.scenarios import load, suite
+from kerfgym.experiments.measure.rollout import fleet_for
 from kerfgym.tests.oracle.z_machine import CLOCK, ZMachine
 
 PERIODS = 500
@@ -331,3 +332,16 @@ def test_what_the_oracle_does_not_know_it_refuses(changes, message):
     stack.install(fleet, [0, 1])
     with pytest.raises(NotImplementedError, match=message):
         ZMachine.like(fleet, scenarios.noise_keys(SEEDS[:2]), heads.POOL)
+
+
+@pytest.mark.parametrize("row", ["HEIGHTS", "RAW_HEIGHTS", "POSITIONS", "COMMANDS"])
+def test_a_machine_that_begins_anew_remembers_nothing_of_the_episode_before(row):
+    scenario, stack = load("rough"), resolve("pid")
+    fleet = fleet_for(scenario, stack, [1000, 1001])
+    length = int(machine.HISTORY_LAST) + 1
+    ring = fleet.slots(getattr(machine, row), length, 1)
+    for periods in (100, 101, 109):  # wherever in the ring it ends
+        fleet.advance(periods)
+        assert len(set(ring.tolist())) > 2
+        fleet.begin(np.arange(2), scenarios.noise_keys(np.array([1000, 1001], np.uint64)))
+        assert len(set(ring.tolist())) == 1
