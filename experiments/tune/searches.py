@@ -10,13 +10,18 @@ import os
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import tomli_w
 from joblib import Parallel, delayed
+from rich.console import Console
+from rich.table import Table
 
 from ... import baselines
 from ...envs.engine.quantity import InvalidInput
+from ...envs.figures import job_metrics, metrics
 from ...envs.safety import files
+from ..statistics.pooling import declared
 from ..store import runs, typed
 from . import controllers, crew, goals, outcome, staged
 from .study import Task
@@ -171,7 +176,32 @@ def preset_record(task: Task, tuned: dict[str, Any], before: dict[str, Any]) -> 
 
 
 def show(found: pd.DataFrame) -> None:
-    """Prints what the searches came to."""
-    if len(found):
-        print(found.drop(columns=["parameters", "controller", "sampler", "tune_seeds"]).to_string(index=False))
-        print(f"{found['simulated_steps'].sum():,} simulated steps, {found['cpu_seconds'].sum():,.0f} CPU-s")
+    """Prints what the searches came to on test seeds; ``searches.csv`` holds more."""
+    if not len(found):
+        return
+    limited, scores = np.isfinite(found["cap"]).any(), [c for c in found if str(c).removesuffix("_test") in SHOWN]
+    out = Table(title="what the searches found, on test seeds")
+    out.add_column("search")
+    for title in (
+        *(["Ms at most"] if limited else []),
+        *(declared(c.removesuffix("_test")).title for c in scores),
+        "Ms",
+        "trials",
+        "steps",
+        "CPU-s",
+    ):
+        out.add_column(title, justify="right")
+    for _, row in found.iterrows():
+        figures = [*([row["cap"]] if limited else []), *(row[c] for c in scores), row["ms"]]
+        counts = (f"{row[c]:,.0f}" for c in ("trials", "simulated_steps", "cpu_seconds"))
+        out.add_row(row["search"], *("–" if not _known(x) else f"{x:.4g}" for x in figures), *counts)
+    Console(width=max(Console().width, 100)).print(out)
+    print(f"{found['simulated_steps'].sum():,} simulated steps, {found['cpu_seconds'].sum():,.0f} CPU-s")
+
+
+SHOWN = {*metrics.METRICS, *job_metrics.METRICS}
+"""Metrics of which a table shows what a search came to."""
+
+
+def _known(x: Any) -> bool:
+    return x is not None and bool(np.isfinite(x))

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import optuna
+import pandas as pd
 import pytest
 from scipy import optimize
 
@@ -267,3 +268,17 @@ def test_several_caps_make_several_searches_side_by_side(pretended):
     gains = [json.loads(words)["law.kp"] for words in found["parameters"]]
     assert gains == sorted(gains)  # a looser cap allows more
     assert (found["ms"] <= found["cap"]).all()
+
+
+def test_what_the_searches_of_a_study_found_is_a_table_with_units(capsys):
+    row = {
+        "controller": "pid", "rms_true_test": 13.6967, "collisions_test": 0, "jitter_test": 0.365432, "trials": 6,
+        "simulated_steps": 5_376_000, "cpu_seconds": 1.76, "parameters": "{}", "sampler": "tpe", "tune_seeds": "0-1",
+    }  # fmt: skip
+    found = [{**row, "search": "pid-ms-2", "cap": 2.0, "ms": 1.8}, {**row, "search": "pid", "cap": np.inf, "ms": None}]
+    searches.show(pd.DataFrame(found))
+    told = capsys.readouterr().out
+    assert all(title in told for title in ("Ms at most", "rms_true, µm", "CPU-s", "10,752,000 simulated steps"))
+    limited, free = (line.split("│")[1:-1] for line in told.splitlines() if line.startswith("│"))
+    assert [cell.strip() for cell in limited] == ["pid-ms-2", "2", "13.7", "0.3654", "1.8", "6", "5,376,000", "2"]
+    assert [cell.strip() for cell in free] == ["pid", "–", "13.7", "0.3654", "–", "6", "5,376,000", "2"]
