@@ -9,7 +9,7 @@ import cmath
 import math
 from typing import NamedTuple
 
-from .gcode_parameters import Key, Parameters
+from .gcode_parameters import Parameters
 
 SYSTEMS = {"G54": 1, "G55": 2, "G56": 3, "G57": 4, "G58": 5, "G59": 6, "G59.1": 7, "G59.2": 8, "G59.3": 9}
 
@@ -153,11 +153,3 @@ class Frames:
         there = self.programmed(stored)
         x, y = (there if axis in axes else here for axis in "XY")
         return self.machine(Point(complex(x.xy.real, y.xy.imag), (there if "Z" in axes else here).z))
-
-
-def numbered_position(frames: Frames, key: Key, size: float) -> float | None:
-    """#5420 to #5422: where the machine is, in the programme's coordinates and its unit of ``size`` mm."""
-    if key not in (5420, 5421, 5422):
-        return None
-    here = frames.here()
-    return (here.xy.real, here.xy.imag, here.z)[key - 5420] / size

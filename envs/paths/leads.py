@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import geos as shapely
-from .curve import CHORD, Floats, Indices, Points, arc
+from .curve import CHORD, Floats, Indices, Points, arc, lengths
 from .room import Room
 from .starts import (
     ACROSS,
@@ -137,7 +137,7 @@ class _Search:
         self.pieces, self.corners, self.room = pieces, corners, room
         self.behind = LEAST_ANGLE + (ACROSS - LEAST_ANGLE) * joined.astype(np.float64)
         nesting = room.nesting
-        area, around = np.abs(nesting.area), np.array([np.hypot(*np.diff(p, axis=0).T).sum() for p in pieces])
+        area, around = np.abs(nesting.area), np.array([lengths(p).sum() for p in pieces])
         self.side = np.sign(nesting.area) * np.where(nesting.hole, 1.0, -1.0)
         # Of a circle 0.7 radii: up to there a hole is still wide.
         self.most = np.where(nesting.hole, np.minimum(length, 0.7 * area / (0.5 * around)), length)

@@ -121,7 +121,7 @@ class _Picture:
 
     def _target(self, node: Node) -> Node | None:
         """What a ``use`` refers to, if it is in the file."""
-        link = node.attributes.get("href", node.attributes.get("xlink:href", "")).strip()
+        link = _link(node)
         return self.named.get(link[1:]) if link.startswith("#") else None
 
     # The document
@@ -296,12 +296,15 @@ class _Picture:
     def _use(self, node: Node, place: Place) -> None:
         target = self._target(node)
         if target is None:
-            link = node.attributes.get("href", node.attributes.get("xlink:href", "")).strip()
-            raise node.wrong(f"href = '{link}' is nothing in this file")
+            raise node.wrong(f"href = '{_link(node)}' is nothing in this file")
         if target.tag == "symbol":
             return self._nested(target, place, node)
         x, y = node.length("x", place.width), node.length("y", place.height)
         return self._element(target, replace(place, matrix=place.matrix @ _moved(x, y)))
+
+
+def _link(node: Node) -> str:
+    return node.attributes.get("href", node.attributes.get("xlink:href", "")).strip()
 
 
 # Geometry
