@@ -73,11 +73,10 @@ class Block:
         if len(text) > LONGEST:
             raise InvalidInput(f"{where}: {len(text)} characters in a line; allowed: {LONGEST} without comments")
         found = PLAIN.findall(text)
-        if sum(len(letter) + len(number) for letter, number in found) == len(text) and not ORDER.match(text):
+        plain = sum(len(letter) + len(number) for letter, number in found) == len(text) and "o" not in text
+        if plain and all(letter != "n" for letter, _ in found[1:]):
             self.constant = [Word(a.upper(), float(n), a.upper() + n) for a, n in found if a != "n"]
-            if all(a != "n" for a, _ in found[1:]) and "o" not in text:
-                return
-            self.constant = None
+            return
         try:
             _Reader(self, where).read()
         except RecursionError:

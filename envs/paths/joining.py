@@ -151,13 +151,7 @@ def _chained(curves: list[Curve], nodes: npt.NDArray[np.int64]) -> tuple[list[Cu
         at.reverse()
     loose: list[Curve] = []
     unused = {i for at in edges.values() for i in at}
-    alone = {i for i in unused if len(edges[ends[i][0]]) == len(edges[ends[i][1]]) == 1}
-    unused -= alone
     for start in [n for n, at in edges.items() if len(at) % 2] + list(edges):
-        if edges[start] and (only := edges[start][-1]) in alone:  # of a drawing in lines mostly all
-            alone.remove(only)
-            loose.append(linked([curves[only] if ends[only][0] == start else curves[only].reversed()]))
-            continue
         loops, rest = _walk(start, edges, ends, unused)
         for trail, shut in [*((loop, True) for loop in loops), (rest, False)]:
             if trail:

@@ -142,10 +142,8 @@ class _Picture:
         sizes = [self._size(root, side) for side in ("width", "height")]
         if units is not None:
             name, scale = unit(units)
-            width, height = box[2:] if box else [s if s is not None else 0.0 for s in sizes]
-            corner = box[:2] if box else (0.0, 0.0)
-            fit = _moved(-corner[0], -corner[1])
-            return name, Place(_scaled(scale, -scale, 0.0, scale * height) @ fit, width, height)
+            x, y, width, height = box or (0.0, 0.0, *(s or 0.0 for s in sizes))
+            return name, Place(_scaled(scale, -scale, 0.0, scale * height) @ _moved(-x, -y), width, height)
         name = "px"
         if sizes == [None, None]:
             self._warn(root, "no usable size of the page, px read as 1/96 inch; --units reads them otherwise")

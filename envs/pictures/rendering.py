@@ -228,8 +228,6 @@ class Renderer:
         if solid.any():
             deep = math.ceil(middle[solid].max())
             for here, colour in ((solid & known, STEEL), (solid & ~known, UNKNOWN)):
-                if not here.any():
-                    continue
                 _fill(panel[:deep], np.where(here, middle, np.nan), np.full(len(middle), deep), colour)
                 panel[deep:, here] = _code(colour)[0]
         for wall in np.flatnonzero(solid[1:] != solid[:-1]):

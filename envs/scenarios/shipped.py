@@ -89,12 +89,10 @@ def load(name: str | Path | Scenario) -> Scenario:
     """
     if isinstance(name, Scenario):
         return name
-    group, _, own = str(name).partition("/")
-    if own and group in suites() and own in rules(group)["scenarios"]:
-        return _shipped(group, own)
     for group in suites():
-        if str(name) in rules(group)["scenarios"]:
-            return _shipped(group, str(name))
+        for own in rules(group)["scenarios"]:
+            if str(name) in (own, f"{group}/{own}"):
+                return _shipped(group, own)
     if str(name).endswith(".toml") or files.is_file(name):
         return read(name)
     known = dict.fromkeys(s for group in suites() for s in suite(group))
