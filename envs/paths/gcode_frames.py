@@ -131,8 +131,7 @@ class Frames:
         self.shift = shift
         self.stored[SHIFT - 1] = float(keep and shift != Point(0j, 0.0))
         if keep:
-            for i, value in enumerate((shift.xy.real, shift.xy.imag, shift.z)):
-                self.stored[SHIFT + i] = value
+            self._store(SHIFT, shift)
 
     def recall_shift(self) -> None:
         """G92.3."""
@@ -142,8 +141,10 @@ class Frames:
 
     def keep_home(self, name: str) -> None:
         """G28.1 or G30.1: here."""
-        for i, value in enumerate((self.at.xy.real, self.at.xy.imag, self.at.z)):
-            self.stored[HOME[name] + i] = value
+        self._store(HOME[name], self.at)
+
+    def _store(self, first: int, point: Point) -> None:
+        self.stored |= zip(range(first, first + 3), (point.xy.real, point.xy.imag, point.z), strict=True)
 
     def home(self, name: str, axes: set[str]) -> Point:
         """The place on the machine that G28 or G30 goes to; in ``axes`` of the programme only, or in all."""

@@ -210,11 +210,15 @@ class Machine(State):
             frames.recall_shift()
         given = self.axes(values)
         if "G4" in codes and not any(CODES[name].group == "motion" for name in codes):
-            self.need_none(line, values, "a dwell, G4")
+            for axis in AXES:
+                if axis in values:
+                    raise self.wrong(line, values[axis], "it stands with a dwell, G4")
         if "G10" in codes:
             self.data(line, codes["G10"], values, given)
         elif "G43.1" in codes or "G43.2" in codes:
-            self.tool_offset(codes, given)
+            # G43.1 gives the tool's offset in words; G43.2 adds that of a tool in the table, or one in words.
+            old, more = frames.tool, Point(0j, 0.0).but(given)
+            frames.tool = Point(old.xy + more.xy, old.z + more.z) if "G43.2" in codes else old.but(given)
         elif "G92" in codes or "G52" in codes:
             if not any(axis in values for axis in AXES):
                 raise self.wrong(line, codes.get("G92") or codes["G52"], "it needs an axis")
@@ -242,17 +246,6 @@ class Machine(State):
             )
         angle = values["R"].value if "R" in values else None
         self.frames.define(int(system), given, angle, here=kind == 20)
-
-    def tool_offset(self, codes: Codes, given: dict[str, float]) -> None:
-        """G43.1 gives the tool's offset in words; G43.2 adds that of a tool in the table, or one in words."""
-        old, more = self.frames.tool, Point(0j, 0.0).but(given)
-        self.frames.tool = Point(old.xy + more.xy, old.z + more.z) if "G43.2" in codes else old.but(given)
-
-    def need_none(self, line: Line, values: dict[str, Word], of: str) -> None:
-        """Axes that nothing of the line may use."""
-        for axis in AXES:
-            if axis in values:
-                raise self.wrong(line, values[axis], f"it stands with {of}")
 
     def stop(self, line: Line, codes: Codes, values: dict[str, Word]) -> bool:
         """M2, M30, M98 and M99; whether the programme ends."""

@@ -28,14 +28,11 @@ from ..plant.fleet import Fleet
 from ..plant.gantry import Recipe
 from ..scenarios import Scenario
 from ..scenarios.material import Material, material
+from ..scenarios.travel import PLAIN
 
 
 @functools.lru_cache(maxsize=32)
-def drawing_of(
-    job: scenarios.Job,
-    travel: tuple[float, float],
-    reading: scenarios.Reading = scenarios.Reading(),  # noqa: B008
-) -> Drawing:
+def drawing_of(job: scenarios.Job, travel: tuple[float, float], reading: scenarios.Reading = PLAIN) -> Drawing:
     """The drawing that a scenario's job cuts, moved so that it begins at x = y = 0, kerf compensated.
 
     Raises:
