@@ -23,10 +23,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ..envs.control import stack as stacks
 from ..envs.control.stack import Stack
-from ..envs.engine.quantity import InvalidInput, did_you_mean
+from ..envs.engine.quantity import InvalidInput, check_choice, did_you_mean
 from ..envs.safety import files
 from ..envs.tasks.all_tasks import TASKS
-from ..envs.tasks.episodes import check_choice
 from ..envs.tasks.task import OBSERVATIONS
 from .network import Layer, Memory, Network, Normaliser, run
 

@@ -75,6 +75,12 @@ def did_you_mean(name: str, allowed: Iterable[str]) -> str:
     return f"{hint}(known: {', '.join(known)})"
 
 
+def check_choice(value: str, allowed: Iterable[str], what: str) -> None:
+    """Raises :class:`InvalidInput` for a word that is not one of those allowed; the nearest is offered."""
+    if value not in allowed:
+        raise InvalidInput(f"unknown {what} '{value}'; {did_you_mean(str(value), allowed)}")
+
+
 def checked(cls: Any, values: dict[str, Any], where: str) -> Any:
     """An instance of a part's ``Params`` with ``values`` in place of defaults, every one checked.
 

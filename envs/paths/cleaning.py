@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from . import geos as shapely
 from .curve import Curve, line
+from .joining import together
 from .nesting import even_odd
 
 ON = 1e-3
@@ -68,9 +69,7 @@ def without_overlaps(curves: list[Curve]) -> tuple[list[Curve], Cleaned]:
     gone, new, count, length = set(), [], 0, 0.0
     for group in groups:
         mine, others = group[alone[owners[group]]], group[~alone[owners[group]]]
-        if not len(mine):
-            continue
-        if _bent(legs[group]):
+        if not len(mine) or _bent(legs[group]):
             continue
         pieces = _union(legs[mine], legs[others])
         saved = _length(legs[mine]) - sum(c.length for c in pieces)
@@ -140,11 +139,7 @@ def _parallel(angle: npt.NDArray[np.float64]) -> Iterator[tuple[npt.NDArray[np.i
 
 def _groups(pairs: npt.NDArray[np.int64], count: int) -> list[list[int]]:
     """Legs that hang together by pairs."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
-    graph = coo_matrix((np.ones(len(pairs)), tuple(pairs.T)), (count, count))
-    label = connected_components(graph, directed=False)[1]
+    label = together(pairs, count)
     groups: dict[int, list[int]] = defaultdict(list)
     for leg in np.unique(pairs).tolist():
         groups[int(label[leg])].append(leg)

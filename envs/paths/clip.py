@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from . import geos as shapely
-from .curve import EXACT, Curve, Points, turns
+from .curve import EXACT, Curve, Points, point_at, turns, way_along
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,14 +34,14 @@ class Clip:
             return [] if self.inverted else [curve]
         if not self.area.intersects(whole):
             return [curve] if self.inverted else []
-        places = np.append(0.0, np.cumsum(np.hypot(*np.diff(curve.points, axis=0).T)))
+        places = way_along(curve.points)
         cuts = self._crossings(curve.points, places)
         kept: list[Curve] = []
         for begin, end in zip(cuts[:-1], cuts[1:], strict=True):
             if end - begin <= EXACT:
                 continue
-            x, y = _at(curve.points, places, 0.5 * (begin + end))
-            if self.area.covers(shapely.Point(x, y)) != self.inverted:
+            middle = point_at(curve.points, places, 0.5 * (begin + end))
+            if self.area.covers(shapely.Point(*middle)) != self.inverted:
                 kept.append(_stretch(curve, places, begin, end))
         return kept
 
@@ -55,14 +55,11 @@ class Clip:
         return np.unique(found)
 
 
-def _at(points: Points, places: Points, place: float) -> tuple[float, float]:
-    return float(np.interp(place, places, points[:, 0])), float(np.interp(place, places, points[:, 1]))
-
-
 def _stretch(curve: Curve, places: Points, begin: float, end: float) -> Curve:
     """The part of a curve between two places along it, mm."""
     within = np.flatnonzero((places > begin + EXACT) & (places < end - EXACT))
-    points = np.array([_at(curve.points, places, begin), *curve.points[within], _at(curve.points, places, end)])
+    first, final = (point_at(curve.points, places, place) for place in (begin, end))
+    points = np.array([first, *curve.points[within], final])
     corners = np.flatnonzero(np.isin(within, curve.corners)) + 1
     z = points[:, 0] + 1j * points[:, 1]
     ahead, behind = z[1] - z[0], z[-1] - z[-2]

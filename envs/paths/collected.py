@@ -1,6 +1,7 @@
 """What a reader has found so far, within limits: no file may ask for more time or memory than a drawing is worth."""
 
 from collections import Counter
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -69,30 +70,16 @@ class Collected:
         Raises:
             InvalidInput: longer, finer or farther away than a drawing may be.
         """
-        into = self.engraved if role == "engrave" else self.curves
-        self._within_reach(
-            f"{kind} {which}".rstrip(), curve
-        )  # first: far away numbers cannot tell a circle from a point
-        if len(curve.points) < 2 or curve.length < EXACT:
-            self.skipped[f"{kind} of zero length"] += 1
-            return
-        self._within_limits(f"{kind} {which}".rstrip(), curve)
-        if (its_key := key(curve.points)) in into:
-            self.skipped[f"duplicate {kind}"] += 1
-            self.doubled += curve.length
-        else:
-            into[its_key] = curve
-            self.layers[layer] = None
-
-    def _within_reach(self, what: str, curve: Curve) -> None:
+        into, what = self.engraved if role == "engrave" else self.curves, f"{kind} {which}".rstrip()
         far = float(np.abs(curve.points).max(initial=0.0))
-        if far > FARTHEST:
+        if far > FARTHEST:  # first: far away numbers cannot tell a circle from a point
             raise InvalidInput(
                 f"{self.where}: {what} reaches {far:g} mm away from the origin, out of range; "
                 f"allowed: {FARTHEST:g} mm ({FARTHEST / 1e6:g} km); is the unit right?"
             )
-
-    def _within_limits(self, what: str, curve: Curve) -> None:
+        if len(curve.points) < 2 or curve.length < EXACT:
+            self.skipped[f"{kind} of zero length"] += 1
+            return
         self.points += len(curve.points)
         self.length += curve.length
         if self.points > MOST_POINTS:
@@ -104,6 +91,12 @@ class Collected:
                 f"{self.where}: more than {LENGTH_RANGE[1]:g} mm to cut up to {what}, out of range; allowed: "
                 f"{LENGTH_RANGE[0]:g} to {LENGTH_RANGE[1]:g} mm; is the unit right?"
             )
+        if (its_key := key(curve.points)) in into:
+            self.skipped[f"duplicate {kind}"] += 1
+            self.doubled += curve.length
+        else:
+            into[its_key] = curve
+            self.layers[layer] = None
 
     def warn(self, kind: str, one: str = "") -> None:
         """Notes a warning: a sentence, and what it is about this time."""
@@ -113,15 +106,15 @@ class Collected:
 
     def warnings(self) -> list[str]:
         """A line for each kind of warning."""
-        lines = []
-        for kind, each in self.told.items():
-            more = f" and {len(each) - TOLD} more" if len(each) > TOLD else ""
-            lines.append(f"{kind}: {'; '.join(list(each)[:TOLD])}{more}" if each else kind)
-        return lines
+        return [f"{kind}: {some(each)}" if each else kind for kind, each in self.told.items()]
 
 
 def listed(counts: Counter[str] | dict[str, int]) -> str:
     """«LINE (3), TEXT (1)», for messages."""
-    shown = [f"{what} ({n})" for what, n in list(counts.items())[:SHOWN]]
-    more = f" and {len(counts) - SHOWN} more" if len(counts) > SHOWN else ""
-    return ", ".join(shown) + more if shown else "nothing"
+    return some((f"{what} ({n})" for what, n in counts.items()), SHOWN, ", ") or "nothing"
+
+
+def some(items: Iterable[str], most: int = TOLD, between: str = "; ") -> str:
+    """The first of ``items``, and how many more there are, for messages."""
+    every = list(items)
+    return between.join(every[:most]) + (f" and {len(every) - most} more" if len(every) > most else "")

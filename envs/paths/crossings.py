@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import geos as shapely
-from .curve import Indices, Points
+from .curve import Indices, Points, way_along
 from .joining import GAP
 from .overlaps import NEAR
 from .pieces import short_runs
@@ -187,7 +187,7 @@ def _with_themselves(pieces: Sequence[Points], closed: Sequence[bool]) -> list[M
 def _own_crossing(ring: Points) -> tuple[float, float] | None:
     """Where a closed polyline first meets itself after more than :data:`SHORTEST` on either way round."""
     legs = np.stack([ring[:-1], ring[1:]], axis=1)
-    way = np.append(0.0, np.cumsum(np.hypot(*np.diff(ring, axis=0).T)))
+    way = way_along(ring)
     lines = shapely.linestrings(legs)
     tree = shapely.STRtree(lines)
     for at in range(0, len(lines), RUN_OF_LEGS):

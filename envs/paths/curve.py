@@ -250,6 +250,21 @@ def linked(curves: Iterable[Curve], closed: bool = False) -> Curve:
     return Curve(left, np.unique(place), curves[0].start, curves[-1].end, closed)
 
 
+def lengths(points: Points) -> Floats:
+    """mm of each segment of a polyline."""
+    return np.hypot(*np.diff(points, axis=0).T)
+
+
+def way_along(points: Points) -> Floats:
+    """mm from the beginning of a polyline to each of its points."""
+    return np.append(0.0, np.cumsum(lengths(points)))
+
+
+def point_at(points: Points, way: Floats, place: float) -> Points:
+    """Where a polyline is at ``place`` mm; ``way``: see :func:`way_along`."""
+    return np.array([np.interp(place, way, points[:, k]) for k in (0, 1)])
+
+
 def key(points: Points) -> bytes:
     """The same for two polylines that run through the same points, in either direction."""
     grid = np.round(points / EXACT) + 0.0  # no −0, whose bytes differ

@@ -13,7 +13,7 @@ from . import report
 from .cleaning import Cleaned, TooMany, without_doubles, without_overlaps
 from .collected import LENGTH_RANGE, Collected, listed
 from .crossings import Meetings, meetings
-from .curve import Curve, Indices, Points
+from .curve import Curve, Indices, Points, lengths
 from .joining import Joints, joined
 from .order import ordered
 from .overlaps import without_curves_on_others
@@ -83,7 +83,7 @@ class Drawing:
     @property
     def cut_length(self) -> float:
         """mm with the beam on."""
-        return float(sum(np.hypot(*np.diff(p, axis=0).T).sum() for p in self.pieces))
+        return float(sum(lengths(p).sum() for p in self.pieces))
 
     @property
     def move_length(self) -> float:

@@ -105,18 +105,13 @@ class Driven:
 
     def bends(self) -> tuple[Floats, Floats]:
         """Largest curvature, 1/mm, and largest change of curvature, 1/mm², of each span."""
-        span = np.arange(len(self.first))[:, None] + np.zeros((1, NODES + 1), np.int64)
-        place = self._place(span, np.arange(NODES + 1)[None, :] / NODES + 0.0 * span)
+        place = self._place(np.arange(len(self.first))[:, None], np.arange(NODES + 1)[None, :] / NODES)
         return np.abs(place.curvature).max(axis=1), np.abs(place.curvature_rate).max(axis=1)
 
     def kinks(self) -> tuple[Points, Points]:
         """Unit tangents before and after each corner."""
-        before = self._derivative(self.corners - 1, np.ones(len(self.corners)), 1)
-        after = self._derivative(self.corners, np.zeros(len(self.corners)), 1)
-        return before / np.hypot(*before.T)[:, None], after / np.hypot(*after.T)[:, None]
-
-    def _derivative(self, span: Indices, t: Floats, order: int) -> Points:
-        return np.stack(list(self._derivatives(span, t)[order]), axis=-1)
+        before = self._place(self.corners - 1, np.ones(len(self.corners)))
+        return before.tangent, self._place(self.corners, np.zeros(len(self.corners))).tangent
 
     def _derivatives(self, span: Indices, t: Floats) -> list[Floats]:
         """The spline and its derivatives of order 1 to 3 at ``t`` of ``span``: x and y of each."""

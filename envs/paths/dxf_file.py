@@ -3,12 +3,13 @@
 import io
 import logging
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from ..engine.quantity import InvalidInput
-from .collected import MOST_ENTITIES, TOLD
+from .collected import MOST_ENTITIES, some
 
 SUBCLASS = {
     "LWPOLYLINE": "AcDbPolyline", "SPLINE": "AcDbSpline", "MTEXT": "AcDbMText", "MESH": "AcDbSubMesh",
@@ -57,7 +58,8 @@ def document_of(file: Path) -> tuple[Any, list[str]]:
     import ezdxf  # slow
     from ezdxf import recover
 
-    if sum(1 for _ in DRAWN.finditer(file.read_bytes())) > MOST_ENTITIES:  # before ezdxf takes seconds for them
+    data = file.read_bytes()
+    if sum(1 for _ in DRAWN.finditer(data)) > MOST_ENTITIES:  # before ezdxf takes seconds for them
         raise InvalidInput(f"{file}: more than {MOST_ENTITIES} entities; allowed: no more")
     logging.getLogger("ezdxf").setLevel(logging.CRITICAL)  # what it says there is said here
     try:
@@ -66,8 +68,7 @@ def document_of(file: Path) -> tuple[Any, list[str]]:
         return document, []
     except Exception as error:  # damaged files raise whatever the damage leads to
         first = _plain(error)
-    data = file.read_bytes()
-    repairs: list[tuple[str, Callable[[], Any]]] = [("", lambda: recover.readfile(file))]
+    repairs = [("", data)]
     unread: list[str] = []
     if not data.startswith(BINARY):
         tags, unread, commas = _tags(data)
@@ -75,16 +76,11 @@ def document_of(file: Path) -> tuple[Any, list[str]]:
             repairs.clear()  # ezdxf would take what is no number as 0
         if commas:
             unread.insert(0, f"numbers with a comma in place of a point are read as meant ({commas})")
-        repairs += [
-            ("", lambda: recover.read(_written(tags))),
-            (
-                ", without its tables, so that layers and line types are unknown",
-                lambda: recover.read(_written(_bare(tags))),
-            ),
-        ]
-    for loss, repair in repairs:
+        repairs.append(("", _written(tags)))
+        repairs.append((", without its tables, so that layers and line types are unknown", _written(_bare(tags))))
+    for loss, text in repairs:
         try:
-            document, auditor = repair()
+            document, auditor = recover.read(io.BytesIO(text))
             drawn = len(document.modelspace())
         except Exception:
             continue
@@ -115,32 +111,29 @@ def _tags(data: bytes) -> tuple[list[Tag], list[str], int]:
             i += 1  # out of step: the next line may be a code
             continue
         value = lines[i + 1].strip()
-        if COMMA.fullmatch(value) and not _is_value(int(code), value):
+        kind = _kind(int(code))
+        if COMMA.fullmatch(value) and not _is_value(kind, value):
             value, commas = value.replace(",", "."), commas + 1
             lines[i + 1] = value
-        if _is_value(int(code), value):
-            tags.append((code, lines[i + 1]))
-        elif any(low <= int(code) <= high for low, high in WHOLE):
-            tags.append((code, "0"))  # a flag or a count; a coordinate that is none must not become one
-        else:
+        sound = _is_value(kind, value)
+        if not sound and kind is float:  # a flag or a count that is none may be 0, a coordinate may not
             broken.add(len(tags))
-            tags.append((code, "0"))
+        tags.append((code, lines[i + 1] if sound else "0"))
         places.append(i + 1)
         i += 2
     if tags and tags[-1] != ("0", "EOF"):
         tags += [("0", "ENDSEC"), ("0", "EOF")]
-    sound, left_out = _sound(tags, places, broken)
-    return _marked(_versioned(sound)), left_out, commas
+    tags, left_out = _sound(tags, places, broken)
+    return _marked(_versioned(tags)), left_out, commas
 
 
 def _sound(tags: list[Tag], places: list[int], broken: set[int]) -> tuple[list[Tag], list[str]]:
     """Without entities that have ``broken`` numbers, and a polyline's with one vertex that has; and which they are."""
     if not broken:
         return tags, []
-    starts = [i for i, (code, _) in enumerate(tags) if code == "0"]
-    out: list[Tag] = tags[: starts[0]] if starts else []
+    group_of = [(begin, end, tags[begin][1].strip()) for begin, end in _groups(tags)]
+    out: list[Tag] = tags[: group_of[0][0]] if group_of else []
     left_out: list[str] = []
-    group_of = [(b, e, tags[b][1].strip()) for b, e in zip(starts, [*starts[1:], len(tags)], strict=True)]
     k = 0
     while k < len(group_of):
         begin, end, kind = group_of[k]
@@ -153,27 +146,33 @@ def _sound(tags: list[Tag], places: list[int], broken: set[int]) -> tuple[list[T
             out += tags[begin:end]
         else:
             left_out.append(f"{kind} in line {places[begin]}")
-    told = "; ".join(left_out[:TOLD]) + (f" and {len(left_out) - TOLD} more" if len(left_out) > TOLD else "")
-    return out, [f"what has numbers that cannot be read is left out: {told}"] if left_out else []
+    return out, [f"what has numbers that cannot be read is left out: {some(left_out)}"] if left_out else []
 
 
-def _is_value(code: int, value: str) -> bool:
+def _kind(code: int) -> Callable[[str], Any]:
+    """What a group code's values are: int, float or str."""
+    ranges: tuple[tuple[Callable[[str], Any], Any], ...] = ((int, WHOLE), (float, REAL))
+    return next((kind for kind, known in ranges if any(low <= code <= high for low, high in known)), str)
+
+
+def _is_value(kind: Callable[[str], Any], value: str) -> bool:
     """Whether a value is of the kind that its code asks for."""
-    whole = any(low <= code <= high for low, high in WHOLE)
-    if not whole and not any(low <= code <= high for low, high in REAL):
-        return True
     try:
-        (int if whole else float)(value)
+        kind(value)
     except ValueError:
         return False
     return True
 
 
+def _groups(tags: list[Tag]) -> Iterator[tuple[int, int]]:
+    """Where each entity, or whatever else begins with code 0, begins and ends."""
+    return pairwise([*(i for i, (code, _) in enumerate(tags) if code == "0"), len(tags)])
+
+
 def _marked(tags: list[Tag]) -> list[Tag]:
     """With the markers of :data:`SUBCLASS` where they are missing."""
-    starts = [i for i, (code, _) in enumerate(tags) if code == "0"]
     out: list[Tag] = []
-    for begin, end in zip(starts, [*starts[1:], len(tags)], strict=True):
+    for begin, end in _groups(tags):
         group = tags[begin:end]
         marker = SUBCLASS.get(group[0][1].strip())
         if marker and not any(code == "100" and value.strip() == marker for code, value in group):
@@ -199,9 +198,8 @@ def _bare(tags: list[Tag]) -> list[Tag]:
     return out
 
 
-def _written(tags: list[Tag]) -> io.BytesIO:
-    text = "".join(f"{code}\n{value}\n" for code, value in tags)
-    return io.BytesIO(text.encode("utf-8", "surrogateescape"))
+def _written(tags: list[Tag]) -> bytes:
+    return "".join(f"{code}\n{value}\n" for code, value in tags).encode("utf-8", "surrogateescape")
 
 
 def _versioned(tags: list[Tag]) -> list[Tag]:

@@ -6,6 +6,7 @@ lies on layer 0 of a block lies on the layer of that place.
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 from . import colours
@@ -52,7 +53,7 @@ class Layers:
         self._frozen = {name for name, layer in self.table.items() if layer.is_frozen()}
         self._hidden = self._frozen | {name for name, layer in self.table.items() if layer.is_off()}
         self._unplotted = {name for name, layer in self.table.items() if not attribute(layer, "plot", 1)} | {UNPLOTTED}
-        self._drawn: dict[str, tuple[str, int, int | None]] = {}
+        self._of = cache(self._drawn)  # thousands of entities ask for few layers
         self.broken = {ltype.dxf.name.upper(): _is_broken(ltype) for ltype in document.linetypes}
 
     def names(self, entities: Iterable[Any]) -> list[str]:
@@ -73,15 +74,13 @@ class Layers:
             linetype = own[0]
         return Look(layer, self._colour(entity, own, around), linetype)
 
-    def _of(self, layer: str) -> tuple[str, int, int | None]:
-        """Line type, colour's index and exact colour of a layer, which thousands of entities ask for."""
-        if layer not in self._drawn:
-            own = self.table.get(layer.casefold())
-            self._drawn[layer] = ("CONTINUOUS", WHITE, None) if own is None else (
-                str(attribute(own, "linetype", "CONTINUOUS")).upper(), abs(own.dxf.color),
-                attribute(own, "true_color", None),
-            )  # fmt: skip
-        return self._drawn[layer]
+    def _drawn(self, layer: str) -> tuple[str, int, int | None]:
+        """Line type, colour's index and exact colour of a layer."""
+        own = self.table.get(layer.casefold())
+        if own is None:
+            return "CONTINUOUS", WHITE, None
+        linetype = str(attribute(own, "linetype", "CONTINUOUS")).upper()
+        return linetype, abs(own.dxf.color), attribute(own, "true_color", None)
 
     def _colour(self, entity: Any, layer: tuple[str, int, int | None], around: Look) -> str:
         index, exact = attribute(entity, "color", BYLAYER), attribute(entity, "true_color", None)

@@ -1,6 +1,7 @@
 """DXF: every entity that the model space shows, also in blocks, as curves on the sheet."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -95,7 +96,7 @@ class Walk:
             self._insert(entity, replace(place, look=look))
         elif self.layers.unplotted(look.layer) and not named:
             skipped[f"{kind} on layer '{look.layer}', which is not plotted"] += 1
-        elif (role := self._role(look)) == "ignore":
+        elif (role := merged(self.layer_choice.role(look.layer), self.colour_choice.role(look.colour))) == "ignore":
             skipped[f"{kind} {self._why(look)}"] += 1
         elif kind == "MLINE":
             self._exploded(entity, replace(place, look=look))
@@ -109,9 +110,6 @@ class Walk:
         else:
             self._draw(entity, place, look, role)
 
-    def _role(self, look: Look) -> str:
-        return merged(self.layer_choice.role(look.layer), self.colour_choice.role(look.colour))
-
     def _why(self, look: Look) -> str:
         by_layer = self.layer_choice.role(look.layer) == "ignore"
         return f"on layer '{look.layer}'" if by_layer else f"of colour {look.colour}"
@@ -119,14 +117,9 @@ class Walk:
     # What is there
 
     def _draw(self, entity: Any, place: Place, look: Look, role: str) -> None:
-        kind = entity.dxftype()
-        try:
-            for curve in self._curves(entity, kind, place.frame):
+        with self._readable(entity):
+            for curve in self._curves(entity, entity.dxftype(), place.frame):
                 self._clipped(entity, curve, place.clips, look.layer, role)
-        except InvalidInput:
-            raise
-        except Exception as error:  # a damaged entity raises whatever the damage leads to
-            self._unreadable(entity, error)
 
     def _curves(self, entity: Any, kind: str, frame: Frame) -> list[Curve]:
         if kind in TEXTS:
@@ -145,19 +138,24 @@ class Walk:
         for piece in pieces:
             self.found.add(kind, piece, layer, role, which)
 
-    def _unreadable(self, entity: Any, error: Exception) -> None:
-        self.found.skipped[f"{entity.dxftype()} that cannot be read"] += 1
-        problem = " ".join(str(error).split()) or type(error).__name__
-        self.found.warn("entities that cannot be read are left out", f"{entity}: {problem}")
+    @contextmanager
+    def _readable(self, entity: Any) -> Iterator[None]:
+        """Leaves an entity out that cannot be read."""
+        try:
+            yield
+        except InvalidInput:
+            raise
+        except Exception as error:  # a damaged entity raises whatever the damage leads to
+            self.found.skipped[f"{entity.dxftype()} that cannot be read"] += 1
+            problem = " ".join(str(error).split()) or type(error).__name__
+            self.found.warn("entities that cannot be read are left out", f"{entity}: {problem}")
 
     def _exploded(self, entity: Any, place: Place) -> None:
         """What an entity that CAD draws in lines of its own consists of."""
-        try:
+        parts: list[Any] = []
+        with self._readable(entity):
             parts = list(entity.virtual_entities())
-        except Exception as error:
-            self._unreadable(entity, error)
-        else:
-            self.space(parts, place)
+        self.space(parts, place)
 
     # Blocks
 
@@ -173,17 +171,13 @@ class Walk:
             self.found.skipped["INSERT of another drawing"] += 1
             self.found.warn("other drawings (XREF) are not read; bind them to cut them", f"'{other}'")
             return
-        try:
-            frames = self._grid(insert, place.frame)
-            clips = self._clips(insert, name, place)
-        except InvalidInput:
-            raise
-        except Exception as error:
-            self._unreadable(insert, error)
-            return
-        for frame in frames:
-            self.space(block, replace(place, frame=frame, clips=clips))
-        self.space(insert.attribs, place)
+        within: list[tuple[Any, Place]] = []
+        with self._readable(insert):
+            frames, clips = self._grid(insert, place.frame), self._clips(insert, name, place)
+            within += [(block, replace(place, frame=frame, clips=clips)) for frame in frames]
+            within.append((insert.attribs, place))
+        for entities, where in within:
+            self.space(entities, where)
 
     def _grid(self, insert: Any, frame: Frame) -> list[Frame]:
         """The axes of the block in each of its places; rows and columns lie apart as they are, whatever the scale."""

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..engine.quantity import InvalidInput
-from .curve import Floats, Indices, Points
+from .curve import Floats, Indices, Points, lengths
 from .drawing import Drawing
 from .driven import Driven
 
@@ -26,7 +26,7 @@ def of_piece(drawing: Drawing, number: int, feed: float, most: float) -> Floats 
         return None
     legs = drawing.leg_feeds[number]
     legs = np.minimum(np.where(np.isfinite(legs), legs, feed), most)
-    seconds = float((np.hypot(*np.diff(drawing.pieces[number], axis=0).T) / legs).sum())
+    seconds = float((lengths(drawing.pieces[number]) / legs).sum())
     if seconds > LONGEST:
         raise InvalidInput(
             f"the programmed feed, {60.0 * legs.min():g} mm/min at its least, takes {seconds:.0f} s; allowed: "
@@ -39,11 +39,15 @@ def breaks(points: Points, corners: Indices, legs: Floats | None) -> Indices:
     """``corners``, and the vertices of straight lines where the feed changes: there it changes just there."""
     if legs is None:
         return corners
-    steps = np.diff(points, axis=0)
-    a, b = steps[:-1], steps[1:]
-    turn = np.abs(np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], (a * b).sum(axis=1)))
+    turn = np.abs(turns(np.diff(points, axis=0)))
     changes = np.flatnonzero((legs[1:] != legs[:-1]) & (turn < STRAIGHT)) + 1
     return np.union1d(corners, changes).astype(np.int64)
+
+
+def turns(legs: Floats) -> Floats:
+    """Change of direction from leg to leg, rad, left positive."""
+    a, b = legs[:-1], legs[1:]
+    return np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], (a * b).sum(axis=1))
 
 
 def of_spans(curve: Driven, legs: Floats) -> Floats:

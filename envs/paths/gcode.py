@@ -13,6 +13,7 @@ import numpy as np
 
 from ..engine.quantity import InvalidInput
 from .choice import Reading
+from .collected import some
 from .drawing import Drawing, drawing, unit
 from .gcode_beam import Piece, repeats
 from .gcode_machine import Machine
@@ -43,7 +44,7 @@ def read_gcode(path: str | Path, asked: Reading = Reading()) -> Drawing:  # noqa
     pieces = machine.beam.pieces()
     _tell(machine, pieces)
     feeds = [piece.mean_feed for piece in pieces]
-    notes = [f"{text} (line {_lines(lines)})" for text, lines in machine.listed.items()]
+    notes = [f"{text} (line {some(map(str, lines), 3, ', ')})" for text, lines in machine.listed.items()]
     found = drawing(
         file, file.stem, [piece.curve for piece in pieces], " and ".join(machine.used) or machine.modes.units,
         skipped=machine.skipped, feeds=feeds if np.isfinite(feeds).any() else None,
@@ -58,25 +59,16 @@ def _tell(machine: Machine, pieces: list[Piece]) -> None:
     listed = machine.listed
     rule = machine.beam.rule()
     if rule and pieces:
-        listed.setdefault(rule, []).append(pieces[0].line)
-    if pieces and pieces[0].line in machine.motion.unplaced:
-        at = machine.motion.unplaced[pieces[0].line]
+        listed[rule].append(pieces[0].line)
+    if pieces and (at := machine.motion.unplaced.get(pieces[0].line)) is not None:
         text = f"the first cut begins at X{at.real:g} Y{at.imag:g} mm without having been sent there"
-        listed.setdefault(text, []).append(pieces[0].line)
-    if not any("feed is left open" in text for text in listed):
-        for piece in pieces:
-            if np.isnan(piece.feeds).any():
-                listed.setdefault("no F before it; the feed is left open", []).append(piece.line)
-                break
+        listed[text].append(pieces[0].line)
+    first = next((piece.line for piece in pieces if np.isnan(piece.feeds).any()), None)
+    if first is not None and not any("feed is left open" in text for text in listed):
+        listed["no F before it; the feed is left open"].append(first)
     for before, line in repeats(pieces):
-        listed.setdefault(f"the cut from line {before} is made again", []).append(line)
+        listed[f"the cut from line {before} is made again"].append(line)
     unset = sorted(machine.programme.parameters.unset)
     if unset:
         names = ", ".join(f"#{n}" for n in unset[:5]) + (" …" if len(unset) > 5 else "")
-        listed.setdefault(f"{names}: read before a value was set; they count as 0", []).append(0)
-
-
-def _lines(numbers: list[int]) -> str:
-    """«3, 5, 8 and 12 more»."""
-    shown = ", ".join(map(str, numbers[:3]))
-    return shown if len(numbers) <= 3 else f"{shown} and {len(numbers) - 3} more"
+        listed[f"{names}: read before a value was set; they count as 0"].append(0)

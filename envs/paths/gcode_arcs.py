@@ -89,15 +89,10 @@ class Turn:
         return np.unique(np.concatenate([[0.0], inner[(inner > 1e-9) & (inner < 1 - 1e-9)], [1.0]]))
 
 
-def flat(plane: str, point: Point) -> complex:
-    """A point in a plane's own two axes."""
+def in_plane(plane: str, point: Point) -> tuple[complex, float]:
+    """A point in a plane's own two axes, and the third coordinate."""
     x, y, z = point.xy.real, point.xy.imag, point.z
-    return {"G17": complex(x, y), "G18": complex(z, x), "G19": complex(y, z)}[plane]
-
-
-def height(plane: str, point: Point) -> float:
-    """The third coordinate of a plane."""
-    return {"G17": point.z, "G18": point.xy.imag, "G19": point.xy.real}[plane]
+    return {"G17": (complex(x, y), z), "G18": (complex(z, x), y), "G19": (complex(y, z), x)}[plane]
 
 
 def swept(a: complex, b: complex, sense: float) -> float:

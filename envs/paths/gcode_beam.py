@@ -11,11 +11,13 @@ RS274/NGC knows no beam. Which words switch it depends on what the programme use
 
 import math
 from dataclasses import dataclass, replace
+from functools import cache
+from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
 
-from .curve import Curve, Floats, key, linked, polyline
+from .curve import Curve, Floats, key, lengths, linked, polyline
 
 HEIGHT, TORCH = 2, 3
 """Outputs of QtPlasmaC: height control off, torch off."""
@@ -61,7 +63,7 @@ class Piece(NamedTuple):
     def mean_feed(self) -> float:
         """mm/s, length over time where a feed is programmed; nan where none is."""
         known = np.isfinite(self.feeds)
-        steps = np.hypot(*np.diff(self.curve.points, axis=0).T)[known]
+        steps = lengths(self.curve.points)[known]
         return float(steps.sum() / (steps / self.feeds[known]).sum()) if known.any() else math.nan
 
 
@@ -110,53 +112,29 @@ class Beam:
 
     def pieces(self) -> list[Piece]:
         """What is cut, in order; a piece ends where the beam goes off or a rapid move goes elsewhere."""
-        found: list[Piece] = []
-        run: list[Stroke] = []
-        states: dict[Switches, bool] = {}
-        for stroke in [*self.strokes, None]:
-            if stroke is not None and stroke.switches not in states:
-                states[stroke.switches] = self.on(stroke.switches)
-            if stroke is not None and states[stroke.switches]:
-                run.append(stroke)
-            elif run:
-                found.append(_piece(run))
-                run = []
-        return found
+        on = cache(self.on)
+        runs = groupby(self.strokes, lambda stroke: stroke is not None and on(stroke.switches))
+        return [_piece([stroke for stroke in run if stroke]) for cut, run in runs if cut]
 
 
 def repeats(pieces: list[Piece]) -> list[tuple[int, int]]:
     """Lines of pieces that are cut where another has been cut before, each behind that one's."""
-    seen: dict[bytes, int] = {}
-    first: dict[bytes, int] = {}
-    again = []
-    for i, piece in enumerate(pieces):
-        name = key(piece.curve.points)
-        if seen.setdefault(name, i) != i:
-            again.append((first[name], piece.line))
-        else:
-            first[name] = piece.line
-    return again
+    first: dict[bytes, Piece] = {}
+    pairs = [(first.setdefault(key(piece.curve.points), piece), piece) for piece in pieces]
+    return [(before.line, piece.line) for before, piece in pairs if before is not piece]
 
 
 def _piece(strokes: list[Stroke]) -> Piece:
     curves: list[Curve] = []
-    straights: list[complex] = []
-    for stroke in strokes:
-        if stroke.curve is None:
-            straights += [stroke.end] if straights else [stroke.start, stroke.end]
-            continue
-        if straights:
-            curves.append(polyline(straights))
-            straights = []
-        curves.append(stroke.curve)
-    if straights:
-        curves.append(polyline(straights))
+    for straight, run in groupby(strokes, lambda stroke: stroke.curve is None):
+        some = list(run)
+        lines = [polyline([some[0].start, *(stroke.end for stroke in some)])] if straight else []
+        curves += lines or [stroke.curve for stroke in some if stroke.curve]
     curve = linked(curves)
     if float(np.hypot(*(curve.points[-1] - curve.points[0]))) <= SHUT < curve.length:
         curve = linked(curves, closed=True)
-    lengths = [abs(s.end - s.start) if s.curve is None else s.curve.length for s in strokes]
-    ends = np.cumsum(lengths)
-    steps = np.hypot(*np.diff(curve.points, axis=0).T)
+    ends = np.cumsum([abs(s.end - s.start) if s.curve is None else s.curve.length for s in strokes])
+    steps = lengths(curve.points)
     middles = np.cumsum(steps) - 0.5 * steps
     of = np.minimum(np.searchsorted(ends, middles), len(strokes) - 1)
     return Piece(strokes[0].line, curve, np.array([s.feed for s in strokes])[of])

@@ -20,7 +20,6 @@ class Code(NamedTuple):
     refused: str = ""
 
 
-MOTION = ("G0", "G1", "G2", "G3")
 CYCLES = ("G73", "G81", "G82", "G83", "G84", "G85", "G86", "G87", "G88", "G89", "G74")
 
 _COMPENSATION = "cutter compensation is not computed; let the CAM system offset the path"

@@ -90,10 +90,7 @@ class Programme:
                     f"{self.where}: the programme does not end: {MOST_LINES} lines were run again in loops and "
                     "subroutines; allowed: that many"
                 )
-            block = self.file.blocks.get(self.at)
-            if block is None:
-                block = Block(self.file.lines[self.at], self.where, self.at + 1)
-                self.file.blocks[self.at] = block
+            block = self._block()
             if block.order is not None:
                 self._order(block)
                 continue
@@ -103,6 +100,13 @@ class Programme:
                 yield Line(self.at, words, f"{self.file.path}, line {self.at}", len(self.calls))
             if self.at >= len(self.file.lines) and self.calls:
                 raise self._wrong(self.file.lines[self.at - 1].strip(), "the file ends within a subroutine", -1)
+
+    def _block(self) -> Block:
+        """The line that comes next, which is read when it is first run."""
+        blocks = self.file.blocks
+        if self.at not in blocks:
+            blocks[self.at] = Block(self.file.lines[self.at], self.where, self.at + 1)
+        return blocks[self.at]
 
     # O words
 
@@ -169,7 +173,7 @@ class Programme:
             self.at = self.file.labels.places[self.at].next
             if self.at == place.end:
                 break
-            block = self.file.blocks.setdefault(self.at, Block(self.file.lines[self.at], self.where, self.at + 1))
+            block = self._block()
             if block.order is None or block.order.keyword == "else":
                 break
         self.at += 1
@@ -221,7 +225,7 @@ class Programme:
         self.calls.pop()
         self.file, self.at, self.counts = call.file, call.at, call.counts
 
-    def call_number(self, line: Line, number: float, times: float) -> None:
+    def call_number(self, number: float, times: float) -> None:
         """M98: the subprogramme behind a bare O number, so many times.
 
         Raises:

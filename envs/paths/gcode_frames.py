@@ -9,7 +9,7 @@ import cmath
 import math
 from typing import NamedTuple
 
-from .gcode_parameters import Key, Parameters
+from .gcode_parameters import Parameters
 
 SYSTEMS = {"G54": 1, "G55": 2, "G56": 3, "G57": 4, "G58": 5, "G59": 6, "G59.1": 7, "G59.2": 8, "G59.3": 9}
 
@@ -131,8 +131,7 @@ class Frames:
         self.shift = shift
         self.stored[SHIFT - 1] = float(keep and shift != Point(0j, 0.0))
         if keep:
-            for i, value in enumerate((shift.xy.real, shift.xy.imag, shift.z)):
-                self.stored[SHIFT + i] = value
+            self._store(SHIFT, shift)
 
     def recall_shift(self) -> None:
         """G92.3."""
@@ -142,8 +141,10 @@ class Frames:
 
     def keep_home(self, name: str) -> None:
         """G28.1 or G30.1: here."""
-        for i, value in enumerate((self.at.xy.real, self.at.xy.imag, self.at.z)):
-            self.stored[HOME[name] + i] = value
+        self._store(HOME[name], self.at)
+
+    def _store(self, first: int, point: Point) -> None:
+        self.stored |= zip(range(first, first + 3), (point.xy.real, point.xy.imag, point.z), strict=True)
 
     def home(self, name: str, axes: set[str]) -> Point:
         """The place on the machine that G28 or G30 goes to; in ``axes`` of the programme only, or in all."""
@@ -153,11 +154,3 @@ class Frames:
         there = self.programmed(stored)
         x, y = (there if axis in axes else here for axis in "XY")
         return self.machine(Point(complex(x.xy.real, y.xy.imag), (there if "Z" in axes else here).z))
-
-
-def numbered_position(frames: Frames, key: Key, size: float) -> float | None:
-    """#5420 to #5422: where the machine is, in the programme's coordinates and its unit of ``size`` mm."""
-    if key not in (5420, 5421, 5422):
-        return None
-    here = frames.here()
-    return (here.xy.real, here.xy.imag, here.z)[key - 5420] / size

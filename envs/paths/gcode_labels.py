@@ -39,9 +39,7 @@ class Labels:
             if "o" in line or "O" in line:
                 compact = "".join(_bare(line).split()).lower()
                 if match := LABELLED.match(compact):
-                    name = match[1]
-                    label = name[1:-1] if name[0] == "<" else name.lstrip("0") or "0" if name.isdigit() else name
-                    self._line(i, label, match[2], compact[match.end() :])
+                    self._line(i, label_of(match[1]), match[2], compact[match.end() :])
         for keyword, label, starts in self._open:
             if keyword != "if":
                 self.problems[starts[0]] = f"o<{label}> {keyword} has no {OPENING[keyword]}"
@@ -60,7 +58,7 @@ class Labels:
                 if not rest:
                     self.bare.setdefault(label, i)
             case "while" if within and within[:2] == ("do", label):
-                self._close(i, keyword)
+                self._close(i)
             case "sub" if any(k == "sub" for k, *_ in self._open):
                 self.problems[i] = "a subroutine within another, or one without its endsub before"
             case "sub" if label in self.subs:
@@ -72,7 +70,7 @@ class Labels:
             case "elseif" | "else" if within and within[:2] == ("if", label):
                 within[2].append(i)
             case "endsub" | "endif" | "endwhile" | "endrepeat" if closing == (keyword, label):
-                self._close(i, keyword)
+                self._close(i)
             case "break" | "continue":
                 loops = [starts[0] for k, name, starts in self._open if k in LOOPS and name == label]
                 if loops:
@@ -98,11 +96,16 @@ class Labels:
                     "endif, while, endwhile, do, break, continue, repeat, endrepeat"
                 )
 
-    def _close(self, i: int, keyword: str) -> None:
+    def _close(self, i: int) -> None:
         opened, _, lines = self._open.pop()
         for line, following in zip(lines, [*lines[1:], i], strict=True):
             self.places[line] = Place(opened, lines[0], i, following)
         self.places[i] = Place(f"end {opened}", lines[0], i, -1)
+
+
+def label_of(name: str) -> str:
+    """What an O word's name, ``<name>``, a number or an expression, is compared by."""
+    return name[1:-1] if name[0] == "<" else name.lstrip("0") or "0" if name.isdigit() else name
 
 
 def _bare(line: str) -> str:

@@ -9,10 +9,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-from .gcode_codes import AXES, CODES, CYCLES, HARMLESS, MOTION, READ
+from .gcode_codes import AXES, CODES, CYCLES, HARMLESS, READ
 from .gcode_flow import Line
 from .gcode_frames import SYSTEMS, Point
-from .gcode_modes import Modes
+from .gcode_modes import SET_BY, Modes
 from .gcode_motion import Motion
 from .gcode_state import State
 from .gcode_words import Word
@@ -168,23 +168,10 @@ class Machine(State):
                 raise self.wrong(line, codes["M72"], "no M70 or M73 of this subroutine is before it")
             self.restore(self.kept[depth])
             modes = self.modes
+        self.told = self.told or "G20" in codes or "G21" in codes
         for name in codes:
-            match name:
-                case "G17" | "G18" | "G19":
-                    modes.plane = name
-                case "G20" | "G21":
-                    modes.units, self.told = ("inches" if name == "G20" else "mm"), True
-                case "G90" | "G91":
-                    modes.absolute = name == "G90"
-                case "G90.1" | "G91.1":
-                    modes.absolute_centre = name == "G90.1"
-                case "G98" | "G99":
-                    modes.retract_old = name == "G98"
-                case "G7" | "G8":
-                    modes.diameter = name == "G7"
-                case "G80":
-                    modes.motion = ""
-        for name in codes:
+            if name in SET_BY:
+                setattr(modes, *SET_BY[name])
             if name in SYSTEMS:
                 system = SYSTEMS[name]
                 if system != self.frames.system and not self.frames.knows(system):
@@ -193,7 +180,7 @@ class Machine(State):
                     )
                 self.frames.load(system)
         for name in codes:
-            if name in MOTION or name in CYCLES or name in ("G5", "G5.1", "G5.2", "G5.3"):
+            if CODES[name].group == "motion":
                 if name in CYCLES and modes.motion not in CYCLES:
                     modes.old_z, modes.cycle = self.frames.here().z, {}
                 modes.motion = name
@@ -223,11 +210,15 @@ class Machine(State):
             frames.recall_shift()
         given = self.axes(values)
         if "G4" in codes and not any(CODES[name].group == "motion" for name in codes):
-            self.need_none(line, values, "a dwell, G4")
+            for axis in AXES:
+                if axis in values:
+                    raise self.wrong(line, values[axis], "it stands with a dwell, G4")
         if "G10" in codes:
             self.data(line, codes["G10"], values, given)
         elif "G43.1" in codes or "G43.2" in codes:
-            self.tool_offset(line, codes, values, given)
+            # G43.1 gives the tool's offset in words; G43.2 adds that of a tool in the table, or one in words.
+            old, more = frames.tool, Point(0j, 0.0).but(given)
+            frames.tool = Point(old.xy + more.xy, old.z + more.z) if "G43.2" in codes else old.but(given)
         elif "G92" in codes or "G52" in codes:
             if not any(axis in values for axis in AXES):
                 raise self.wrong(line, codes.get("G92") or codes["G52"], "it needs an axis")
@@ -256,23 +247,12 @@ class Machine(State):
         angle = values["R"].value if "R" in values else None
         self.frames.define(int(system), given, angle, here=kind == 20)
 
-    def tool_offset(self, line: Line, codes: Codes, values: dict[str, Word], given: dict[str, float]) -> None:
-        """G43.1 gives the tool's offset in words; G43.2 adds that of a tool in the table, or one in words."""
-        old, more = self.frames.tool, Point(0j, 0.0).but(given)
-        self.frames.tool = Point(old.xy + more.xy, old.z + more.z) if "G43.2" in codes else old.but(given)
-
-    def need_none(self, line: Line, values: dict[str, Word], of: str) -> None:
-        """Axes that nothing of the line may use."""
-        for axis in AXES:
-            if axis in values:
-                raise self.wrong(line, values[axis], f"it stands with {of}")
-
     def stop(self, line: Line, codes: Codes, values: dict[str, Word]) -> bool:
         """M2, M30, M98 and M99; whether the programme ends."""
         if "M98" in codes:
             if "P" not in values:
                 raise self.wrong(line, codes["M98"], "it needs P")
-            self.programme.call_number(line, values["P"].value, values["L"].value if "L" in values else 1.0)
+            self.programme.call_number(values["P"].value, values["L"].value if "L" in values else 1.0)
         if "M99" in codes:
             return not self.programme.back_to_caller()
         return "M2" in codes or "M30" in codes

@@ -2,11 +2,20 @@
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 from .drawing import UNITS
 from .gcode_beam import Switches
-from .gcode_frames import Frames, numbered_position
+from .gcode_frames import Frames
 from .gcode_parameters import Key
+
+SET_BY: dict[str, tuple[str, Any]] = {
+    **{name: ("plane", name) for name in ("G17", "G18", "G19")}, "G20": ("units", "inches"), "G21": ("units", "mm"),
+    "G90": ("absolute", True), "G91": ("absolute", False), "G90.1": ("absolute_centre", True),
+    "G91.1": ("absolute_centre", False), "G98": ("retract_old", True), "G99": ("retract_old", False),
+    "G7": ("diameter", True), "G8": ("diameter", False), "G80": ("motion", ""),
+}  # fmt: skip
+"""What each word makes of which mode."""
 
 
 @dataclass
@@ -34,10 +43,11 @@ class Modes:
 
     def told(self, key: Key, frames: Frames) -> float | None:
         """What the interpreter tells of itself; None where it is not asked for that."""
-        if isinstance(key, int):
-            return self.tool if key == 5400 else numbered_position(frames, key, self.size)
-        name = key[1:-1]
         here = frames.here()
+        x, y, z = (each / self.size for each in (here.xy.real, here.xy.imag, here.z))
+        if isinstance(key, int):
+            return {5400: self.tool, 5420: x, 5421: y, 5422: z}.get(key)
+        name = key[1:-1]
         flags = {
             "_imperial": self.units == "inches", "_metric": self.units != "inches", "_absolute": self.absolute,
             "_incremental": not self.absolute, "_inverse_time": self.feed_mode == "G93",
@@ -50,8 +60,7 @@ class Modes:
         if name in flags:
             return float(flags[name])
         numbers = {
-            "_x": here.xy.real / self.size, "_y": here.xy.imag / self.size, "_z": here.z / self.size,
-            **dict.fromkeys(("_a", "_b", "_c", "_u", "_v", "_w"), 0.0),
+            "_x": x, "_y": y, "_z": z, **dict.fromkeys(("_a", "_b", "_c", "_u", "_v", "_w"), 0.0),
             "_abs_x": frames.at.xy.real / self.size, "_abs_y": frames.at.xy.imag / self.size,
             "_abs_z": frames.at.z / self.size,
             "_feed": 0.0 if math.isnan(self.feed) else self.feed / (1.0 if self.feed_mode == "G93" else self.size),

@@ -5,13 +5,12 @@ counts along the way in space. Other axes may be named, but not moved.
 """
 
 import math
-from typing import NamedTuple
 
 from ..engine.quantity import InvalidInput
 from .collected import FARTHEST
 from .curve import EXACT, Curve
 from .drawing import LENGTH_RANGE
-from .gcode_arcs import LEAST, PLANES, SLACK, Turn, bezier, by_radius, flat, height, nurbs, slack, swept
+from .gcode_arcs import LEAST, PLANES, SLACK, Turn, bezier, by_radius, in_plane, nurbs, slack, swept
 from .gcode_beam import Stroke
 from .gcode_codes import AXES, CYCLES, STAY
 from .gcode_flow import Line
@@ -34,13 +33,6 @@ GUARD = 4.0
 """Times the longest journey, at which reading stops early."""
 
 
-class Control(NamedTuple):
-    """A control point of G5.2, in the programme's plane, and its weight."""
-
-    at: complex
-    weight: float
-
-
 class Motion:
     """The motion of ``machine``."""
 
@@ -52,7 +44,8 @@ class Motion:
         self.way = self.points = 0.0
         self.moves = 0
         self.last_pull: complex | None = None  # from the end of the last G5 to its control point
-        self.control: list[Control] = []
+        self.control: list[complex] = []  # points of G5.2, in the programme's plane, and their weights
+        self.weights: list[float] = []
         self.order = 3
 
     def move(self, line: Line, codes: dict[str, Word], values: Values) -> None:
@@ -197,8 +190,7 @@ class Motion:
         """A feed move that goes nowhere in the plane."""
         m = self.m
         if ("X" in values or "Y" in values or m.modes.motion != "G1") and m.beam.on(m.modes.switches):
-            what = f"{m.modes.motion} of zero length"
-            m.skipped[what] = m.skipped.get(what, 0) + 1
+            m.skipped[f"{m.modes.motion} of zero length"] += 1
 
     def check_place(self, line: Line, end: Point) -> None:
         """Whether the place is one that numbers can tell."""
@@ -239,7 +231,7 @@ class Motion:
         if wrong:
             raise m.wrong(line, values[wrong], f"an arc in the plane of {modes.plane} has no {wrong}")
         sense = 1.0 if modes.motion == "G3" else -1.0
-        a, b = flat(modes.plane, start), flat(modes.plane, end)
+        (a, low), (b, high) = in_plane(modes.plane, start), in_plane(modes.plane, end)
         if "R" in values:
             if any(letter in values for letter in "IJK"):
                 raise m.wrong(line, values["R"], "an arc has either R or I and J")
@@ -249,10 +241,7 @@ class Motion:
         angle = swept(a - middle, b - middle, sense)
         if abs(b - a) < EXACT or abs(angle) <= FULL:
             angle = sense * 2 * math.pi
-        turn = Turn(
-            modes.plane, a, b, middle, angle + sense * 2 * math.pi * (turns - 1), height(modes.plane, start),
-            height(modes.plane, end) - height(modes.plane, start),
-        )  # fmt: skip
+        turn = Turn(modes.plane, a, b, middle, angle + sense * 2 * math.pi * (turns - 1), low, high - low)
         self.points += turn.points
         if not self.points <= MOST_POINTS:
             raise m.wrong(line, values.get("P", word), f"the arcs up to here have more than {MOST_POINTS:g} points")
@@ -341,13 +330,14 @@ class Motion:
         if not self.control:
             self.order = 3
             first = weight if weight and not both else 1.0
-            self.control.append(Control(m.frames.here().xy, first))
+            self.control, self.weights = [m.frames.here().xy], [first]
         if "L" in values:
             self.order = max(self.order, min(int(values["L"].value), 20))
         if both:
             if weight is None or not weight > 0.0:
                 raise m.wrong(line, values["X"], "a control point needs a weight P above 0")
-            self.control.append(Control(self.target(line, values).xy, weight))
+            self.control.append(self.target(line, values).xy)
+            self.weights.append(weight)
         elif "X" in values or "Y" in values:
             raise m.wrong(line, values.get("X") or values["Y"], "a control point needs X and Y")
 
@@ -363,8 +353,8 @@ class Motion:
         if self.points > MOST_POINTS:
             raise m.wrong(line, word, "the curves up to here have too many points")
         m.used.setdefault(m.modes.units)
-        curve = nurbs([c.at for c in control], [c.weight for c in control], self.order)
-        end = m.frames.machine(Point(control[-1].at, m.frames.here().z))
+        curve = nurbs(control, self.weights, self.order)
+        end = m.frames.machine(Point(control[-1], m.frames.here().z))
         self.along(line, values, curve, end)
         m.modes.motion = ""
 
@@ -389,5 +379,4 @@ class Motion:
         for _ in range(times):
             there = self.target(line, flat_values)
             self.travel(line, frames.machine(Point(there.xy, z)))
-        what = f"{modes.motion} (drilled hole)"
-        m.skipped[what] = m.skipped.get(what, 0) + times
+        m.skipped[f"{modes.motion} (drilled hole)"] += times

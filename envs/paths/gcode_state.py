@@ -1,5 +1,6 @@
 """The state that a programme leads through: what its words have set, and what is to be told of it."""
 
+from collections import Counter, defaultdict
 from pathlib import Path
 
 from ..engine.quantity import InvalidInput
@@ -20,22 +21,19 @@ class State:
         self.programme = Programme(file, self.known)
         self.frames = Frames(self.programme.parameters)
         self.beam = Beam()
-        self.listed: dict[str, list[int]] = {}
-        self.skipped: dict[str, int] = {}
+        self.listed: defaultdict[str, list[int]] = defaultdict(list)
+        self.skipped: Counter[str] = Counter()
         self.used: dict[str, None] = {}
         self.feed_word: tuple[Line, Word] | None = None
 
     def known(self, key: Key) -> float | None:
         """What the machine tells of itself when a parameter is read."""
-        if key == "<_value>":
-            return self.programme.value
-        if key == "<_value_returned>":
-            return float(self.programme.returned)
-        if key == "<_call_level>":
-            return float(len(self.programme.calls))
-        if key == "<_line>":
-            return float(self.programme.at + 1)
-        return self.modes.told(key, self.frames)
+        run = self.programme
+        own = {
+            "<_value>": run.value, "<_value_returned>": float(run.returned), "<_call_level>": float(len(run.calls)),
+            "<_line>": float(run.at + 1),
+        }  # fmt: skip
+        return own[key] if isinstance(key, str) and key in own else self.modes.told(key, self.frames)
 
     def wrong(self, line: Line, word: Word | str, problem: str) -> InvalidInput:
         """An error about a word of a line."""
@@ -44,7 +42,7 @@ class State:
 
     def note(self, line: Line, text: str) -> None:
         """Lists a line under a warning."""
-        lines = self.listed.setdefault(text, [])
+        lines = self.listed[text]
         if line.number not in lines[-1:]:
             lines.append(line.number)
 

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from ..engine.quantity import InvalidInput
 from .gcode_arithmetic import FUNCTIONS, LEVELS, Evaluator, angle, chained, computed
+from .gcode_labels import label_of
 from .gcode_parameters import Key, Parameters, check
 
 NUMBER = re.compile(r"\d+\.?\d*|\.\d+")
@@ -20,7 +21,7 @@ NAME = re.compile(r"<([^<>]*)>")
 PLAIN = re.compile(r"([a-z$@^])([+-]?(?:\d+\.?\d*|\.\d+))")
 ORDER = re.compile(r"(?:n[\d.]+)?o(?=[\d<\[#])")
 COMMENT = re.compile(r"[(;)]")
-LABEL = re.compile(r"\d+")
+LABEL = re.compile(r"<[^<>]*>|\d+")
 LETTERS = frozenset("abcdefghijklmnpqrstuvwxyz$@^")
 KEYWORDS = (
     "endsub", "endif", "endwhile", "endrepeat", "elseif", "else", "sub", "call", "return", "if", "while", "do",
@@ -72,11 +73,10 @@ class Block:
         if len(text) > LONGEST:
             raise InvalidInput(f"{where}: {len(text)} characters in a line; allowed: {LONGEST} without comments")
         found = PLAIN.findall(text)
-        if sum(len(letter) + len(number) for letter, number in found) == len(text) and not ORDER.match(text):
+        plain = sum(len(letter) + len(number) for letter, number in found) == len(text) and "o" not in text
+        if plain and all(letter != "n" for letter, _ in found[1:]):
             self.constant = [Word(a.upper(), float(n), a.upper() + n) for a, n in found if a != "n"]
-            if all(a != "n" for a, _ in found[1:]) and "o" not in text:
-                return
-            self.constant = None
+            return
         try:
             _Reader(self, where).read()
         except RecursionError:
@@ -174,13 +174,9 @@ class _Reader:
     def order(self) -> Order:
         start = self.text.index("o", self.at)
         self.at = start + 1
-        if match := NAME.match(self.text, self.at):
+        if match := LABEL.match(self.text, self.at):
             self.at = match.end()
-            label = match[1]
-            name = lambda _: label  # noqa: E731
-        elif match := LABEL.match(self.text, self.at):
-            self.at = match.end()
-            label = match[0].lstrip("0") or "0"
+            label = label_of(match[0])
             name = lambda _: label  # noqa: E731
         else:
             number = self.value("O")
@@ -286,9 +282,7 @@ class _Reader:
         return computed("ATAN", angle, self.where, over, self.bracket())
 
     def exists(self) -> Evaluator:
-        if not self.take("[#"):
-            raise self.wrong("EXISTS", "it reads EXISTS[#<name>]")
-        name = self.name()
-        if not self.take("]"):
+        name = self.name() if self.take("[#") else None
+        if name is None or not self.take("]"):
             raise self.wrong("EXISTS", "it reads EXISTS[#<name>]")
         return lambda p: float(p.exists(name(p)))

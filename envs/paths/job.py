@@ -6,12 +6,11 @@ feed override of 1.
 """
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from ..engine.quantity import InvalidInput
-from .curve import Floats, Indices, Points
+from .curve import Floats, Indices, Points, lengths
 from .drawing import Drawing
 from .feeds import breaks, of_piece
 from .lift import duration, leap, rise
@@ -122,7 +121,7 @@ class _Tape:
     """What a job is made of so far."""
 
     def __init__(self, start: Floats) -> None:
-        self.rows: list[dict[str, Any]] = []
+        self.rows: list[tuple[Floats, ...]] = []  # positions, tangents, phase, beam, lift
         self.count = 0  # samples
         self.here, self.lift, self.tangent = np.asarray(start, float), 0.0, np.array([1.0, 0.0])
 
@@ -155,11 +154,11 @@ class _Tape:
         self.move(positions, tangents, RAPID, 0.0, heights)
 
     def _add(self, positions: Floats, tangents: Floats, phase: int, beam: float, lift: Floats) -> None:
-        if len(positions) == 0:
-            return
-        self.rows.append({"at": positions, "t": tangents, "phase": phase, "beam": beam, "lift": lift})
-        self.here, self.tangent, self.lift = positions[-1], tangents[-1], float(lift[-1])
-        self.count += len(positions)
+        count = len(positions)
+        if count:
+            self.rows.append((positions, tangents, np.full(count, float(phase)), np.full(count, beam), lift))
+            self.here, self.tangent, self.lift = positions[-1], tangents[-1], float(lift[-1])
+            self.count += count
 
 
 def plan(drawing: Drawing, settings: Settings) -> Job:
@@ -232,8 +231,7 @@ def _feeds(route: Route, s: Settings) -> tuple[list[float], list[str]]:
 def _mean(route: Route, feeds: list[float]) -> float:
     if len(set(feeds)) == 1:
         return feeds[0]
-    lengths = [np.hypot(*np.diff(cut.path, axis=0).T).sum() for cut in route.cuts]
-    return float(np.average(feeds, weights=lengths))
+    return float(np.average(feeds, weights=[lengths(cut.path).sum() for cut in route.cuts]))
 
 
 def _check_duration(route: Route, feeds: list[float], s: Settings) -> None:
@@ -242,9 +240,9 @@ def _check_duration(route: Route, feeds: list[float], s: Settings) -> None:
     Raises:
         InvalidInput: the job takes longer than :data:`LONGEST`.
     """
-    lengths = [sum(np.hypot(*np.diff(p, axis=0).T).sum() for p in (cut.way, cut.path)) for cut in route.cuts]
+    ways = [sum(lengths(p).sum() for p in (cut.way, cut.path)) for cut in route.cuts]
     pierces = len(route.cuts) * (SETTLE + sum(seconds for _, seconds in s.pierce))
-    seconds = float(np.divide(lengths, feeds).sum()) + route.move_length / s.rapid + pierces
+    seconds = float(np.divide(ways, feeds).sum()) + route.move_length / s.rapid + pierces
     if seconds > LONGEST:
         raise InvalidInput(
             f"'{route.drawing.name}': a job of at least {seconds:.0f} s ({len(route.cuts)} cuts, "
@@ -255,16 +253,12 @@ def _check_duration(route: Route, feeds: list[float], s: Settings) -> None:
 
 def _job(route: Route, settings: Settings, tape: _Tape, contours: Indices, feed: float, warnings: list[str]) -> Job:
     drawing = route.drawing
-    at, t = (np.concatenate([row[key] for row in tape.rows]) for key in ("at", "t"))
-    phase, beam = (
-        np.concatenate([np.full(len(row["at"]), float(row[key])) for row in tape.rows]) for key in ("phase", "beam")
-    )
-    lift = np.concatenate([row["lift"] for row in tape.rows])
-    steps = np.append(0.0, np.hypot(*np.diff(at, axis=0).T))
+    at, t, phase, beam, lift = map(np.concatenate, zip(*tape.rows, strict=True))
+    steps = np.append(0.0, lengths(at))
     cutting = (phase == LEAD_IN) | (phase == CUT)
     speed = np.append(steps[1:], 0.0) / MILLISECOND
     velocity = np.diff(at, axis=0, prepend=at[:1]) / MILLISECOND
-    acceleration = np.append(np.hypot(*np.diff(velocity, axis=0).T) / MILLISECOND, 0.0)
+    acceleration = np.append(lengths(velocity) / MILLISECOND, 0.0)
     speed_room = settings.most_speed / np.maximum(speed, 1e-3)
     acceleration_room = np.sqrt(settings.most_acceleration / np.maximum(acceleration, 1e-3))
     most = np.clip(np.minimum(speed_room, acceleration_room), 1.0, 3.0)

@@ -62,15 +62,21 @@ def _ends(curves: list[Curve]) -> Points:
 
 def _same(points: Points) -> Indices:
     """A number for each point, the same for points within :data:`EXACT` of each other."""
-    from scipy.sparse import coo_matrix  # slow, as the readers of files are
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import KDTree
+    from scipy.spatial import KDTree  # slow, as the readers of files are
 
     # Thousands of ends in one place are one point here, or their pairs would fill the memory.
     cells, which = np.unique(np.round(points / EXACT), axis=0, return_inverse=True)
     pairs = KDTree(cells).query_pairs(1.5, output_type="ndarray")
-    graph = coo_matrix((np.ones(len(pairs)), tuple(pairs.T)), (len(cells), len(cells)))
-    return connected_components(graph, directed=False)[1].astype(np.int64)[which.ravel()]
+    return together(pairs, len(cells))[which.ravel()]
+
+
+def together(pairs: Indices, count: int) -> Indices:
+    """A number for each of ``count`` things, the same for those that hang together by ``pairs``, shape (n, 2)."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    graph = coo_matrix((np.ones(len(pairs)), tuple(pairs.T)), (count, count))
+    return connected_components(graph, directed=False)[1].astype(np.int64)
 
 
 def _matched(curves: list[Curve], ends: Points, tolerance: float) -> list[tuple[int, int, float]]:
@@ -145,13 +151,7 @@ def _chained(curves: list[Curve], nodes: npt.NDArray[np.int64]) -> tuple[list[Cu
         at.reverse()
     loose: list[Curve] = []
     unused = {i for at in edges.values() for i in at}
-    alone = {i for i in unused if len(edges[ends[i][0]]) == len(edges[ends[i][1]]) == 1}
-    unused -= alone
     for start in [n for n, at in edges.items() if len(at) % 2] + list(edges):
-        if edges[start] and (only := edges[start][-1]) in alone:  # of a drawing in lines mostly all
-            alone.remove(only)
-            loose.append(linked([curves[only] if ends[only][0] == start else curves[only].reversed()]))
-            continue
         loops, rest = _walk(start, edges, ends, unused)
         for trail, shut in [*((loop, True) for loop in loops), (rest, False)]:
             if trail:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .curve import Floats, Indices, Points
+from .curve import Floats, Indices, Points, point_at, way_along
 from .starts import begun
 
 SHARE = 0.25
@@ -52,7 +52,7 @@ def runs(piece: Points, corners: Indices, count: int, gap: float) -> list[Run]:
         count: 1 or more.
         gap: mm along the contour.
     """
-    way = np.append(0.0, np.cumsum(np.hypot(*np.diff(piece, axis=0).T)))
+    way = way_along(piece)
     whole = way[-1]
     ends = [0.0]  # of the gaps
     sharp = np.sort(np.append(way[corners], [0.0, whole]))
@@ -63,7 +63,7 @@ def runs(piece: Points, corners: Indices, count: int, gap: float) -> list[Run]:
     out = []
     for a, b in zip(starts, stops, strict=True):
         inner = np.flatnonzero((way > a + 1e-9) & (way < b - 1e-9))
-        points = np.concatenate([[_at(piece, way, a)], piece[inner], [_at(piece, way, b)]])
+        points = np.concatenate([[point_at(piece, way, a)], piece[inner], [point_at(piece, way, b)]])
         place = np.searchsorted(inner, corners)
         there = (place < len(inner)) & (np.append(inner, -1)[np.minimum(place, len(inner))] == corners)
         out.append(Run(points, place[there] + 1))
@@ -72,12 +72,12 @@ def runs(piece: Points, corners: Indices, count: int, gap: float) -> list[Run]:
 
 def away_from_corners(piece: Points, corners: Indices, gap: float) -> tuple[Points, Indices]:
     """A closed contour begun where the gap behind its start is clear of corners, as near as can be to its own start."""
-    way = np.append(0.0, np.cumsum(np.hypot(*np.diff(piece, axis=0).T)))
+    way = way_along(piece)
     sharp = np.sort(np.append(way[corners], [0.0, way[-1]]))
     whole = way[-1]
     at = _aside(0.0, np.concatenate([sharp - whole, sharp, sharp + whole]), gap, ASIDE * whole) % whole
     leg = int(np.clip(np.searchsorted(way, at, side="right") - 1, 0, len(piece) - 2))
-    return begun(piece, corners, leg, _at(piece, way, at))
+    return begun(piece, corners, leg, point_at(piece, way, at))
 
 
 def _aside(end: float, sharp: Floats, gap: float, most: float) -> float:
@@ -89,7 +89,3 @@ def _aside(end: float, sharp: Floats, gap: float, most: float) -> float:
     apart = np.abs(middle[:, None] - sharp[None, :]).min(axis=1)
     free = np.flatnonzero(apart >= 1.5 * gap)
     return float(end + steps[free[0]]) if len(free) else end
-
-
-def _at(piece: Points, way: Floats, s: float) -> Points:
-    return np.array([np.interp(s, way, piece[:, k]) for k in (0, 1)])

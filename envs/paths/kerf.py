@@ -22,11 +22,11 @@ _SHARE = 0.002
 """mm between an offset corner's arc and its chords."""
 
 
-def compensated(drawing: Drawing, kerf: float, mitre: bool = False) -> Drawing:
+def compensated(drawing: Drawing, kerf: float) -> Drawing:
     """The drawing with every closed contour moved by half of ``kerf`` mm away from the part.
 
     Contours that lie within an odd number of others are holes. Loops are taken away; corners outside the part are
-    rounded, or mitred. The drawing's warnings tell what did not come out as drawn.
+    rounded. The drawing's warnings tell what did not come out as drawn.
 
     Raises:
         InvalidInput: a negative kerf, or a programme.
@@ -52,7 +52,7 @@ def compensated(drawing: Drawing, kerf: float, mitre: bool = False) -> Drawing:
             told.setdefault(f"{what}: it is cut as drawn, without compensation", []).append(i)
             rings = [piece]
         else:
-            rings, trouble = _moved(shape, piece, -0.5 * kerf if nesting.hole[i] else 0.5 * kerf, mitre)
+            rings, trouble = _moved(shape, piece, -0.5 * kerf if nesting.hole[i] else 0.5 * kerf)
             if trouble:
                 told.setdefault(f"{trouble} at a kerf of {kerf:g} mm", []).append(i)
         moved += rings
@@ -68,10 +68,10 @@ def compensated(drawing: Drawing, kerf: float, mitre: bool = False) -> Drawing:
     )  # fmt: skip
 
 
-def _moved(shape: Any, piece: Points, away: float, mitre: bool) -> tuple[list[Points], str]:
+def _moved(shape: Any, piece: Points, away: float) -> tuple[list[Points], str]:
     """The outline of ``shape`` moved by ``away`` mm, in as many pieces as it has then, and what went wrong."""
     quarter = max(4, int(np.ceil(np.pi / 4 / np.arccos(max(1.0 - _SHARE / abs(away), 0.0)))))
-    grown = shape.buffer(away, quad_segs=quarter, join_style="mitre" if mitre else "round")
+    grown = shape.buffer(away, quad_segs=quarter)
     if grown.is_empty:
         return [], "vanishes: it is left out"
     parts = list(getattr(grown, "geoms", [grown]))

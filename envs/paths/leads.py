@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import geos as shapely
-from .curve import CHORD, Floats, Indices, Points, arc
+from .curve import CHORD, Floats, Indices, Points, arc, lengths
 from .room import Room
 from .starts import (
     ACROSS,
@@ -94,15 +94,21 @@ def leads(
     if not len(wanted):
         return found
     search = _Search(pieces, corners, room, length, joined)
+    stages = (
+        search.first,
+        lambda left: search.as_drawn(left, search.keep),
+        lambda left: search.elsewhere(left, SPREAD, search.keep),
+        lambda left: search.as_drawn(left, search.nearer),
+        lambda left: search.elsewhere(left, DENSE, search.nearer),
+        search.from_the_middle,
+    )
     left = wanted
-    for stage in (search.first, search.as_drawn, search.elsewhere, search.anywhere, search.from_the_middle):
-        if stage not in (search.first, search.as_drawn) and not room.worth_asking:
+    for number, stage in enumerate(stages):
+        if not len(left) or (number > 1 and not room.worth_asking):
             break
         for own, lead in stage(left).items():
             found[own] = lead
         left = np.array([i for i in left if found[i].how == "none"], np.int64)
-        if not len(left):
-            break
     for i in left:
         found[i] = Lead(pieces[i][:1], pieces[i], corners[i], "on the contour")
     return found
@@ -137,13 +143,15 @@ class _Search:
         self.pieces, self.corners, self.room = pieces, corners, room
         self.behind = LEAST_ANGLE + (ACROSS - LEAST_ANGLE) * joined.astype(np.float64)
         nesting = room.nesting
-        area, around = np.abs(nesting.area), np.array([np.hypot(*np.diff(p, axis=0).T).sum() for p in pieces])
+        area, around = np.abs(nesting.area), np.array([lengths(p).sum() for p in pieces])
         self.side = np.sign(nesting.area) * np.where(nesting.hole, 1.0, -1.0)
         # Of a circle 0.7 radii: up to there a hole is still wide.
         self.most = np.where(nesting.hole, np.minimum(length, 0.7 * area / (0.5 * around)), length)
         # Of a long slot 0.6 of half its width, of a circle 0.3 of its radius.
         narrow = np.clip(0.6 * area / around, room.half, PIERCE * room.half)
         self.keep = np.where(nesting.hole, narrow, PIERCE * room.half)
+        self.nearer = np.full(len(pieces), room.half)
+        self.least = max(room.half, SHORTEST)  # mm, of a way
 
     def first(self, left: Indices) -> dict[int, Lead]:
         """The first way of all contours alone, which mostly does: at a right angle, as long as asked for."""
@@ -152,20 +160,9 @@ class _Search:
         good = np.flatnonzero(self.room.clear(left, ways, self.keep[left]))
         return {int(left[k]): self._lead(starts, int(k), ways[k, [0, -1]], "drawn") for k in good}
 
-    def as_drawn(self, left: Indices) -> dict[int, Lead]:
-        """Where the drawing begins the contours."""
-        return self._best(drawn(left, self.pieces, self.side[left]), STRAIGHT, self.keep)
-
-    def elsewhere(self, left: Indices) -> dict[int, Lead]:
-        """At other starts."""
-        return self._others(left, SPREAD, self.keep)
-
-    def anywhere(self, left: Indices) -> dict[int, Lead]:
-        """At all starts, nearer to edges."""
-        keep = np.full(len(self.keep), self.room.half)
-        found = self._best(drawn(left, self.pieces, self.side[left]), STRAIGHT, keep)
-        rest = np.array([i for i in left if i not in found], np.int64)
-        return found | self._others(rest, DENSE, keep)
+    def as_drawn(self, left: Indices, keep: Floats) -> dict[int, Lead]:
+        """Where the drawing begins the contours; ``keep``: mm from the pierce points to every edge."""
+        return self._best(drawn(left, self.pieces, self.side[left]), STRAIGHT, keep)
 
     def from_the_middle(self, left: Indices) -> dict[int, Lead]:
         """From the middle of the largest circle within a hole to where it touches."""
@@ -188,10 +185,9 @@ class _Search:
         every = np.arange(len(own))
         found = self._best(starts, BEHIND_JOINTS, self.keep, "drawn", every)
         left = np.array([k for k in every if k not in found], np.int64)
-        keep = np.full(len(self.keep), self.room.half)
-        return found | self._best(starts.some(left), BEHIND_JOINTS, keep, "drawn", left) if len(left) else found
+        return found | self._best(starts.some(left), BEHIND_JOINTS, self.nearer, "drawn", left)
 
-    def _others(self, left: Indices, many: tuple[int, int], keep: Floats) -> dict[int, Lead]:
+    def elsewhere(self, left: Indices, many: tuple[int, int], keep: Floats) -> dict[int, Lead]:
         """From other starts, ``many`` of them if there are not too many contours."""
         found: dict[int, Lead] = {}
         share = STARTS / (len(left) * (many[0] + 2 * many[1])) if len(left) else 1.0
@@ -220,10 +216,10 @@ class _Search:
             towards, wide = starts.towards(angle, self.behind[own])
             length = self._length(starts, towards, most)
             tried.append((straight(starts, towards, length), np.zeros(len(own))))
-            fits.append(wide & (length >= self._least))
+            fits.append(wide & (length >= self.least))
         radius = self._length(starts, starts.normal, 0.5 * most)
         tried.append((arcs(starts, radius), radius))
-        fits.append((radius >= self._least) & (self.behind[own] < ACROSS))
+        fits.append((radius >= self.least) & (self.behind[own] < ACROSS))
         ways, radii = (np.stack(q, axis=1) for q in zip(*tried, strict=True))  # by start, then by way
         which = np.flatnonzero(np.stack(fits, axis=1).ravel())
         flat, start = ways.reshape(-1, *ways.shape[2:]), which // len(tried)
@@ -237,11 +233,6 @@ class _Search:
             full = np.hypot(*(way[0] - way[-1])) > 0.999 * most[at]
             found[int(key[at])] = self._lead(starts, at, way, how or ("arc" if r else "drawn" if full else "shorter"))
         return found
-
-    @property
-    def _least(self) -> float:
-        """mm, of a way."""
-        return max(self.room.half, SHORTEST)
 
     def _length(self, starts: Starts, towards: Points, most: Floats) -> Floats:
         """mm: as far as wanted, or half as far as the next contour."""

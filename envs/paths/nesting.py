@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from ..plant.path import SPACING
 from . import geos as shapely
-from .curve import Indices, Points
+from .curve import Indices, Points, lengths
 
 GAP = SPACING
 """mm by which a contour may reach beyond the one that it lies within."""
@@ -147,7 +147,7 @@ def enclosed(points: Points) -> float:
 def around_it(points: Points) -> tuple[float, float]:
     """mm² that a closed polyline goes around, counter-clockwise less clockwise, and its length, mm."""
     x, y = (points - points[0]).T
-    return float(x[:-1] @ y[1:] - x[1:] @ y[:-1]) / 2.0, float(np.hypot(*np.diff(points, axis=0).T).sum())
+    return float(x[:-1] @ y[1:] - x[1:] @ y[:-1]) / 2.0, float(lengths(points).sum())
 
 
 def even_odd(points: Points) -> float:

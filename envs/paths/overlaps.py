@@ -8,7 +8,7 @@ import numpy as np
 
 from . import geos as shapely
 from .cleaning import MOST_PAIRS, ON, Cleaned, TooMany
-from .curve import CHORD, Curve
+from .curve import CHORD, Curve, point_at, way_along
 from .pieces import short_runs
 
 NEAR = 2.0 * CHORD + ON
@@ -40,7 +40,8 @@ def without_curves_on_others(curves: list[Curve]) -> tuple[list[Curve], Cleaned]
     pairs: list[tuple[int, int]] = []
     for at in range(0, len(opened), BLOCK):
         some = opened[at : at + BLOCK]
-        middles = shapely.points(np.array([_middle(curves[i]) for i in some]))
+        ways = [(curves[i].points, way_along(curves[i].points)) for i in some]
+        middles = shapely.points(np.array([point_at(points, way, 0.5 * way[-1]) for points, way in ways]))
         which, run = tree.query(middles, predicate="dwithin", distance=NEAR)
         found = np.unique(np.column_stack([some[which], bent[owners[run]]]), axis=0)
         pairs += [(a, b) for a, b in found.tolist() if a != b]
@@ -69,9 +70,3 @@ def lies_on(one: Curve, other: Curve) -> bool:
     if (other.points[0] == other.points[-1]).all():  # it may pass where the other begins
         steps = (steps + 0.5 * line.length) % line.length - 0.5 * line.length
     return bool(abs(abs(steps.sum()) - own.length) <= ADVANCE * own.length)
-
-
-def _middle(curve: Curve) -> np.ndarray:
-    """The point halfway along a curve."""
-    way = np.append(0.0, np.cumsum(np.hypot(*np.diff(curve.points, axis=0).T)))
-    return np.array([np.interp(0.5 * way[-1], way, curve.points[:, k]) for k in (0, 1)])

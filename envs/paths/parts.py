@@ -23,8 +23,8 @@ def _arc(x: float, y: float, radius: float, start: float, stop: float) -> Points
     return np.stack([x + radius * np.cos(angle), y + radius * np.sin(angle)], axis=1)
 
 
-def _ring(x: float, y: float, radius: float, clockwise: bool = False) -> Points:
-    return _arc(x, y, radius, 0.0, -2 * np.pi if clockwise else 2 * np.pi)
+def _ring(x: float, y: float, radius: float) -> Points:
+    return _arc(x, y, radius, 0.0, 2 * np.pi)
 
 
 def _box(x: float, y: float, width: float, height: float) -> Points:

@@ -20,9 +20,9 @@ import numpy as np
 
 from ..engine.quantity import InvalidInput
 from . import scurve
-from .curve import CHORD, Floats, Indices
+from .curve import CHORD, Floats, Indices, lengths
 from .driven import Driven, joined, smooth
-from .feeds import of_spans
+from .feeds import of_spans, turns
 
 MILLISECOND = 1e-3
 
@@ -70,7 +70,7 @@ def stretches(points: Floats, corners: Indices | None = None) -> list[Driven]:
         raise InvalidInput("the path has coordinates that are not numbers")
     sharp = np.zeros(len(p), bool)
     sharp[corners_of(p) if corners is None else corners] = True
-    kept = np.append(True, np.hypot(*np.diff(p, axis=0).T) > 1e-9)
+    kept = np.append(True, lengths(p) > 1e-9)
     p, sharp = p[kept], sharp[kept]
     if len(p) < 2:
         raise InvalidInput("the path has no length")
@@ -90,12 +90,6 @@ def corners_of(points: Floats) -> Indices:
     return np.flatnonzero((np.abs(turn) * shorter > 10.0 * CHORD) | (np.abs(turn) > 1.0)) + 1
 
 
-def turns(legs: Floats) -> Floats:
-    """Change of direction from leg to leg, rad, left positive."""
-    a, b = legs[:-1], legs[1:]
-    return np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], (a * b).sum(axis=1))
-
-
 def timed(path: list[Driven], feed: float, limits: Limits, legs: Floats | None = None) -> tuple[Floats, Floats, Floats]:
     """Positions (n, 2), unit tangents (n, 2) and way (n,), one each millisecond, from rest to rest.
 
@@ -104,32 +98,29 @@ def timed(path: list[Driven], feed: float, limits: Limits, legs: Floats | None =
     Raises:
         InvalidInput: feed not above 0, or above the limit of speed.
     """
-    curve = joined(path)
-    if legs is not None:
-        most = of_spans(curve, legs)
-        check_feed(float(most.max()), limits)
-        return _sampled(curve, plan(curve, replace(limits, speed=float(most.max())), most))
-    check_feed(feed, limits)
-    return _sampled(curve, plan(curve, replace(limits, speed=feed)))
+    curve, most, limits = _asked(path, feed, limits, legs)
+    return _sampled(curve, plan(curve, limits, most))
 
 
 def at_constant_feed(
     path: list[Driven], feed: float, limits: Limits, legs: Floats | None = None
 ) -> tuple[Floats, Floats, Floats]:
     """The same without acceleration, deceleration or care for corners (Wu's uncorrected case)."""
+    curve, most, _ = _asked(path, feed, limits, legs)
+    ways, speeds = (np.array([curve.length]), np.array([feed])) if most is None else (np.diff(curve.starts), most)
+    return _sampled(curve, scurve.steps(ways, speeds))
+
+
+def _asked(
+    path: list[Driven], feed: float, limits: Limits, legs: Floats | None
+) -> tuple[Driven, Floats | None, Limits]:
+    """The curve, mm/s of each of its spans (None: ``feed`` everywhere), and the limits up to the highest of them."""
     curve = joined(path)
-    if legs is not None:
-        most = of_spans(curve, legs)
-        check_feed(float(most.max()), limits)
-        return _sampled(curve, scurve.steps(np.diff(curve.starts), most))
-    check_feed(feed, limits)
-    return _sampled(curve, scurve.steady(curve.length, feed))
-
-
-def check_feed(feed: float, limits: Limits) -> None:
-    """Raises :class:`InvalidInput` for a feed that is not above 0 or beyond the limit, mm/s."""
-    if not 0.0 < feed <= limits.speed * (1 + 1e-9):
-        raise InvalidInput(f"feed = {feed:g} mm/s is out of range; above 0, at most {limits.speed:g} mm/s")
+    most = None if legs is None else of_spans(curve, legs)
+    highest = feed if most is None else float(most.max())
+    if not 0.0 < highest <= limits.speed * (1 + 1e-9):
+        raise InvalidInput(f"feed = {highest:g} mm/s is out of range; above 0, at most {limits.speed:g} mm/s")
+    return curve, most, replace(limits, speed=highest)
 
 
 def _sampled(curve: Driven, motion: scurve.Motion) -> tuple[Floats, Floats, Floats]:

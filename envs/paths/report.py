@@ -2,15 +2,11 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 
-import numpy as np
-
 from .cleaning import Cleaned
+from .collected import TOLD, some
 from .crossings import Meeting, Meetings
-from .curve import Points
+from .curve import Points, lengths
 from .joining import GAP, Gap, Joints
-
-TOLD = 5
-"""Places that are listed; further ones are counted."""
 
 LARGE = 0.1 * GAP
 """mm, a gap beyond what the rounding of a file's numbers leaves."""
@@ -77,12 +73,11 @@ def _many(count: int, one: str, several: str) -> str:
 
 def _places(gaps: Sequence[Gap]) -> str:
     """«0.043 mm at (10.000, 5.000)», several."""
-    more = f" and {len(gaps) - TOLD} more" if len(gaps) > TOLD else ""
-    return "; ".join(f"{gap:.3f} mm at ({x:.3f}, {y:.3f})" for x, y, gap in gaps[:TOLD]) + more
+    return some(f"{gap:.3f} mm at ({x:.3f}, {y:.3f})" for x, y, gap in gaps)
 
 
 def _engraved(pieces: Sequence[Points]) -> Iterator[str]:
     if pieces:
-        length = sum(float(np.hypot(*np.diff(piece, axis=0).T).sum()) for piece in pieces)
+        length = sum(float(lengths(piece).sum()) for piece in pieces)
         what = _many(len(pieces), "contour", "contours")
         yield f"{what}, {length:.1f} mm, to be engraved: this machine only cuts, so kept out of the job"

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from ..engine.quantity import InvalidInput
-from .curve import Indices, Points
+from .curve import Indices, Points, lengths
 from .drawing import Drawing
 from .joints import away_from_corners, joints, runs
 from .leads import leads, restarts
@@ -83,7 +83,7 @@ class Route:
     @property
     def cut_length(self) -> float:
         """mm with the beam on, lead-ins included."""
-        return float(sum(np.hypot(*np.diff(p, axis=0).T).sum() for cut in self.cuts for p in (cut.way, cut.path)))
+        return float(sum(lengths(p).sum() for cut in self.cuts for p in (cut.way, cut.path)))
 
     @property
     def move_length(self) -> float:
@@ -110,7 +110,7 @@ def routed(drawing: Drawing, cutting: Cutting) -> Route:
     if cutting.joints or cutting.joint_spacing:
         outlines = np.flatnonzero((nesting.area != 0) & ~nesting.hole)
         for k in outlines.tolist():
-            length = float(np.hypot(*np.diff(pieces[k], axis=0).T).sum())
+            length = float(lengths(pieces[k]).sum())
             count[k] = joints(length, cutting.joints, cutting.joint_spacing, gap)
         few = [k for k in outlines.tolist() if count[k] < max(cutting.joints, 1)]
         wanted = cutting.joints or "its"
@@ -154,10 +154,10 @@ def _without_repeats(drawing: Drawing) -> Drawing:
     pieces, every = list(drawing.pieces), list(drawing.corners)
     sizes = np.array([len(p) for p in pieces])
     owners = np.repeat(np.arange(len(pieces)), sizes)
-    repeated = ~(np.hypot(*np.diff(np.concatenate(pieces), axis=0).T) > REPEAT) & (owners[1:] == owners[:-1])
+    repeated = ~(lengths(np.concatenate(pieces)) > REPEAT) & (owners[1:] == owners[:-1])
     for i in np.unique(owners[1:][repeated]).tolist():
         piece, corners = drawing.pieces[i], drawing.corners[i]
-        kept = np.append(True, np.hypot(*np.diff(piece, axis=0).T) > REPEAT)
+        kept = np.append(True, lengths(piece) > REPEAT)
         if kept.sum() < 2:
             continue
         sharp = np.zeros(len(piece), bool)

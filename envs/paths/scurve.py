@@ -102,14 +102,8 @@ def blocks(v0: Floats, v1: Floats, top: Floats, ways: Floats, acceleration: Floa
     return Motion(t, s, v, a, jerks, float(ways.sum()))
 
 
-def steady(way: float, speed: float) -> Motion:
-    """Constant speed, there at once and gone at once."""
-    zero = np.zeros(1)
-    return Motion(np.array([0.0, way / speed]), zero, np.full(1, speed), zero, zero, way)
-
-
 def steps(ways: Floats, speeds: Floats) -> Motion:
-    """One constant speed after the other, each for its way."""
+    """One constant speed after the other, each for its way, there at once and gone at once."""
     s, zero = np.insert(np.cumsum(ways), 0, 0.0), np.zeros(len(ways))
     t = np.insert(np.cumsum(ways / speeds), 0, 0.0)
     return Motion(t, s[:-1], np.asarray(speeds, float), zero, zero, float(s[-1]))

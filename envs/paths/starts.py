@@ -152,18 +152,14 @@ def arcs(starts: Starts, radius: Floats) -> Floats:
 
 def begun(piece: Points, corners: Indices, leg: int, at: Points) -> tuple[Points, Indices]:
     """A closed contour from the point ``at`` of its segment ``leg`` on, and its corners there."""
-    last = len(piece) - 1
-    if np.hypot(*(at - piece[leg])) <= EXACT:
-        if leg == 0:
-            return piece, corners
-        points, before = piece[:-1], np.zeros(0)
-    else:
-        points, before = np.insert(piece[:-1], leg + 1, at, axis=0), np.zeros(1)
-        leg += 1
-    sharp = np.zeros(last, bool)
+    new = np.hypot(*(at - piece[leg])) > EXACT
+    if leg == 0 and not new:
+        return piece, corners
+    points, sharp = piece[:-1], np.zeros(len(piece) - 1, bool)
     sharp[corners] = True
     sharp[0] |= len(corners_of(piece[[-2, 0, 1]])) > 0
-    if len(before):
-        sharp = np.insert(sharp, leg, False)
+    if new:
+        leg += 1
+        points, sharp = np.insert(points, leg, at, axis=0), np.insert(sharp, leg, False)
     points, sharp = np.roll(points, -leg, axis=0), np.roll(sharp, -leg)
     return np.concatenate([points, points[:1]]), np.flatnonzero(sharp)

@@ -121,7 +121,7 @@ class _Picture:
 
     def _target(self, node: Node) -> Node | None:
         """What a ``use`` refers to, if it is in the file."""
-        link = node.attributes.get("href", node.attributes.get("xlink:href", "")).strip()
+        link = _link(node)
         return self.named.get(link[1:]) if link.startswith("#") else None
 
     # The document
@@ -142,10 +142,8 @@ class _Picture:
         sizes = [self._size(root, side) for side in ("width", "height")]
         if units is not None:
             name, scale = unit(units)
-            width, height = box[2:] if box else [s if s is not None else 0.0 for s in sizes]
-            corner = box[:2] if box else (0.0, 0.0)
-            fit = _moved(-corner[0], -corner[1])
-            return name, Place(_scaled(scale, -scale, 0.0, scale * height) @ fit, width, height)
+            x, y, width, height = box or (0.0, 0.0, *(s or 0.0 for s in sizes))
+            return name, Place(_scaled(scale, -scale, 0.0, scale * height) @ _moved(-x, -y), width, height)
         name = "px"
         if sizes == [None, None]:
             self._warn(root, "no usable size of the page, px read as 1/96 inch; --units reads them otherwise")
@@ -296,12 +294,15 @@ class _Picture:
     def _use(self, node: Node, place: Place) -> None:
         target = self._target(node)
         if target is None:
-            link = node.attributes.get("href", node.attributes.get("xlink:href", "")).strip()
-            raise node.wrong(f"href = '{link}' is nothing in this file")
+            raise node.wrong(f"href = '{_link(node)}' is nothing in this file")
         if target.tag == "symbol":
             return self._nested(target, place, node)
         x, y = node.length("x", place.width), node.length("y", place.height)
         return self._element(target, replace(place, matrix=place.matrix @ _moved(x, y)))
+
+
+def _link(node: Node) -> str:
+    return node.attributes.get("href", node.attributes.get("xlink:href", "")).strip()
 
 
 # Geometry

@@ -7,6 +7,7 @@ what they make together, such as ``path.fold``; rules that depend on where an el
 import re
 from collections import defaultdict
 from dataclasses import dataclass, replace
+from itertools import count
 
 from .svg_tree import Node
 
@@ -50,7 +51,7 @@ def apply(root: Node) -> list[tuple[Node, str]]:
     """Writes what the style sheets within ``root`` say into the elements; returns selectors not understood."""
     by_key: dict[str, list[tuple[int, Rule]]] = defaultdict(list)
     unknown: list[tuple[Node, str]] = []
-    order = 0
+    order = count()
     for sheet in root.all():
         if sheet.tag == "style" and len(sheet.text) > LONGEST:
             unknown.append((sheet, f"all of {len(sheet.text)} characters"))
@@ -58,8 +59,7 @@ def apply(root: Node) -> list[tuple[Node, str]]:
             found, other = _rules(sheet.text)
             unknown += [(sheet, selector) for selector in other]
             for rule in found:
-                order += 1
-                by_key[rule.key].append((order, rule))
+                by_key[rule.key].append((next(order), rule))
     if not by_key:
         return unknown
     for rules in by_key.values():

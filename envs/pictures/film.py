@@ -12,13 +12,6 @@ from ..plant.fleet import Fleet
 from ..scenarios import Scenario
 
 
-def begin(fleet: Fleet, scenario: Scenario, base: stacks.Stack, seed: int) -> None:
-    """Starts the episode of a scenario seed on a fleet of one."""
-    scenarios.prepare(fleet, scenario, 0, seed)
-    base.install(fleet, 0)
-    fleet.begin(0, scenarios.noise_keys(seed))
-
-
 class Film:
     """Keeps what a frame shows: the past second, and the sheet ahead, which a scout machine travels first."""
 
@@ -32,7 +25,9 @@ class Film:
         self._trace: deque = deque(maxlen=1000)
         self._sheet: deque = deque(maxlen=2 * self.AHEAD_MS)
         self._scout = Fleet(1, stacks.get("idle").law, heads.POOL)
-        begin(self._scout, scenario, stacks.get("idle"), seed)
+        scenarios.prepare(self._scout, scenario, 0, seed)
+        stacks.get("idle").install(self._scout, 0)
+        self._scout.begin(0, scenarios.noise_keys(seed))
         self._scout.set("job.request", 0, supervisor.STOP)
         self._scout.set("start.gap", 0, 9.0)
         for _ in range(self.AHEAD_MS):

@@ -1,12 +1,13 @@
 """The part with its kerf, coloured by what the cut was like, and the spot where it is now."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw
 
-from ..engine.quantity import InvalidInput, did_you_mean
+from ..engine.quantity import check_choice
 from .letters import font
 
 Floats = npt.NDArray[np.float64]
@@ -72,8 +73,7 @@ def picture(kerf: Kerf, colour: str = "standoff", limits: tuple[float, float] | 
     Raises:
         InvalidInput: unknown quantity.
     """
-    if colour not in QUANTITIES:
-        raise InvalidInput(f"unknown quantity '{colour}'; {did_you_mean(colour, QUANTITIES)}")
+    check_choice(colour, QUANTITIES, "quantity")
     quantity = QUANTITIES[colour]
     values = quantity.factor * kerf.values[colour]
     low, high = limits or limits_of(values[kerf.cutting], quantity)
@@ -88,12 +88,11 @@ def picture(kerf: Kerf, colour: str = "standoff", limits: tuple[float, float] | 
     steps = np.append(0.0, np.cumsum(np.hypot(*np.diff(way, axis=0).T)))
     marks = np.unique(np.searchsorted(steps, np.arange(0.0, steps[-1] + 4.0, 4.0)).clip(0, len(way) - 1))
     shades = _shades(values, low, high, quantity.signed)
-    for a, b in zip(marks[:-1].tolist(), marks[1:].tolist(), strict=True):
-        line = [tuple(way[a].tolist()), tuple(way[b].tolist())]
+    lines = [(b, [tuple(way[a].tolist()), tuple(way[b].tolist())]) for a, b in pairwise(marks.tolist())]
+    for b, line in lines:
         if not kerf.cutting[b]:
             draw.line(line, fill=_RAPID, width=_SCALE)
-    for a, b in zip(marks[:-1].tolist(), marks[1:].tolist(), strict=True):
-        line = [tuple(way[a].tolist()), tuple(way[b].tolist())]
+    for b, line in lines:
         if kerf.cutting[b]:
             draw.line(line, fill=_EDGE if kerf.through[b] else _INK, width=_SCALE * (6 if kerf.through[b] else 8))
             draw.line(line, fill=tuple(shades[b].tolist()), width=_SCALE * 4)

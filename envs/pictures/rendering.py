@@ -228,8 +228,6 @@ class Renderer:
         if solid.any():
             deep = math.ceil(middle[solid].max())
             for here, colour in ((solid & known, STEEL), (solid & ~known, UNKNOWN)):
-                if not here.any():
-                    continue
                 _fill(panel[:deep], np.where(here, middle, np.nan), np.full(len(middle), deep), colour)
                 panel[deep:, here] = _code(colour)[0]
         for wall in np.flatnonzero(solid[1:] != solid[:-1]):
@@ -283,7 +281,9 @@ class Renderer:
         if tip > surface:  # in a hole: the arrow stands beside the body
             at -= round((BODY - FACE) * self._x_scale)
         for row in (tip, surface):
-            _mark(panel, at - self._x(8), face, row, TRUE, 0.8, max(1.0, k))
+            line = panel[:, max(0, at - self._x(8)) : face]
+            level = np.full(line.shape[1], row)
+            _stroke(line, level, level, max(1.0, k), TRUE, 0.8)
         inside = below - above > 3 * length
         across = np.abs(np.arange(-wing, wing + 1)) / wing * length
         narrow, none = panel[:, at - wing : at + wing + 1], np.zeros(2 * wing + 1)
@@ -378,9 +378,9 @@ class _Letters:
         self._font = font(size * self.FINE)
         self._middle = 0.36 * size  # of digits and capitals, above the baseline
         self._above, self._below = size, math.ceil(0.4 * size)
-        self._letters: dict[tuple[str, int], Floats] = {}
-        self._lines: dict[tuple[str, int, str, str], tuple[Pixels, int, int]] = {}
-        self._widths: dict[str, float] = {}
+        self._line = functools.lru_cache(self.KEPT)(self._written)
+        self._letter = functools.cache(self._drawn)
+        self._advance = functools.cache(lambda letter: self._font.getlength(letter) / self.FINE)
 
     def width(self, text: str) -> float:
         """px."""
@@ -406,12 +406,7 @@ class _Letters:
         """
         width = self.width(text)
         left, start = divmod(round((x - align * width) * self.FINE), self.FINE)
-        key = text, start, colour, ground
-        if key not in self._lines:
-            if len(self._lines) >= self.KEPT:
-                self._lines.clear()
-            self._lines[key] = self._line(*key)
-        line, right, down = self._lines[key]
+        line, right, down = self._line(text, start, colour, ground)
         left, top = left + right, round(y + self._middle) + down
         a, b = max(0, -top), min(len(line), len(page) - top)
         c, d = max(0, -left), min(line.shape[1], page.shape[1] - left)
@@ -419,7 +414,7 @@ class _Letters:
             page[top + a : top + b, left + c : left + d] = line[a:b, c:d]
         return x + (1 - align) * width
 
-    def _line(self, text: str, start: int, colour: str, ground: str) -> tuple[Pixels, int, int]:
+    def _written(self, text: str, start: int, colour: str, ground: str) -> tuple[Pixels, int, int]:
         """A line without the blank around it, and where that begins from origin − ``start`` / ``FINE``, px."""
         letters, pen = [], start / self.FINE
         for letter in text:
@@ -436,18 +431,8 @@ class _Letters:
         line = _mix(np.full(cover.shape, _code(ground)[0]), cover, colour)
         return line, int(columns[0]) - self.PAD, int(rows[0]) - self._above
 
-    def _advance(self, letter: str) -> float:
-        if letter not in self._widths:
-            self._widths[letter] = self._font.getlength(letter) / self.FINE
-        return self._widths[letter]
-
-    def _letter(self, letter: str, start: int) -> Floats:
+    def _drawn(self, letter: str, start: int) -> Floats:
         """Coverage of a letter whose origin is ``PAD`` + ``start`` / ``FINE`` px from the left."""
-        if (letter, start) not in self._letters:
-            self._letters[letter, start] = self._draw(letter, start)
-        return self._letters[letter, start]
-
-    def _draw(self, letter: str, start: int) -> Floats:
         from PIL import Image, ImageDraw
 
         width, height = math.ceil(self._advance(letter)) + 2 * self.PAD, self._above + self._below
@@ -525,19 +510,9 @@ def _envelope(x: Floats, y: Floats, columns: int, thickness: float) -> tuple[Flo
     return low, high
 
 
-def _stroke(area: Pixels, y0: Floats, y1: Floats, thickness: float, colour: str) -> None:
+def _stroke(area: Pixels, y0: Floats, y1: Floats, thickness: float, colour: str, opacity: float = 1.0) -> None:
     """A curve that runs from ``y0`` to ``y1`` in each column, px; NaN: not there."""
-    _fill(area, np.minimum(y0, y1) - thickness / 2, np.maximum(y0, y1) + thickness / 2, colour)
-
-
-def _mark(
-    area: Pixels, left: int, right: int, y: float, colour: str, opacity: float = 1.0, thickness: float = 1.0
-) -> None:
-    """A level line, px."""
-    low, high = max(0.0, y - thickness / 2), min(float(len(area)), y + thickness / 2)
-    for row in range(int(low), math.ceil(high)):
-        part = area[row, max(0, left) : right]
-        part[:] = _mix(part, np.float32(opacity * (min(row + 1, high) - max(row, low))), colour)
+    _fill(area, np.minimum(y0, y1) - thickness / 2, np.maximum(y0, y1) + thickness / 2, colour, opacity)
 
 
 def _fill(area: Pixels, low: Floats, high: Floats, colour: str, opacity: float = 1.0) -> None:

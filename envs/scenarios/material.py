@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..engine.quantity import InvalidInput, did_you_mean
+from ..engine.quantity import InvalidInput, check_choice, did_you_mean
 from ..plant import cut
 from ..safety import files
 
@@ -40,8 +40,7 @@ class Material:
     @functools.cached_property
     def kerf(self) -> float:
         """mm, width of the kerf at the top with the recipe, by the model of the cut."""
-        beam = cut.beam(self.params, self.power, 0.0, 0.0, 0.0, 0.0, 0.0)
-        return float(cut.step(self.params, beam, cut.fresh(), self.feed, 0.0, 0.0, 1e-3)[1].kerf_top)
+        return float(_figures(self.params, self.power, self.feed).kerf_top)
 
     @property
     def label(self) -> str:
@@ -67,8 +66,7 @@ def material(name: str, thickness: float | None = None) -> Material:
     Raises:
         InvalidInput: unknown name (the nearest is offered), or a thickness it does not come in.
     """
-    if name not in names():
-        raise InvalidInput(f"unknown material '{name}'; {did_you_mean(name, names())}")
+    check_choice(name, names(), "material")
     return of_file(FOLDER / f"{name}.toml", thickness)
 
 
@@ -125,13 +123,14 @@ def _numbers(values: Any, what: str) -> Any:
 def power_for(params: cut.Params, feed: float, margin: float) -> float:
     """W that give the melt margin at a feed in mm/s, without dither."""
 
-    def reached(power: float) -> float:
-        return cut.step(params, cut.beam(params, power, 0.0, 0.0, 0.0, 0.0, 0.0), cut.fresh(), feed, 0.0, 0.0, 1e-3)[
-            1
-        ].margin
-
-    none, one = reached(0.0), reached(1000.0)  # the margin is linear in the power
+    none, one = (_figures(params, power, feed).margin for power in (0.0, 1000.0))  # it is linear in the power
     return float(1000.0 * (margin - none) / (one - none))
+
+
+def _figures(params: cut.Params, power: float, feed: float) -> cut.Figures:
+    """The first millisecond of a cut, without dither."""
+    beam = cut.beam(params, power, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return cut.step(params, beam, cut.fresh(), feed, 0.0, 0.0, 1e-3)[1]
 
 
 def _read(file: Path) -> dict[str, Any]:

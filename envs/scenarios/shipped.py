@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from ..engine.quantity import InvalidInput, did_you_mean
+from ..engine.quantity import InvalidInput, check_choice, did_you_mean
 from ..safety import files
 from .reading import read
 from .schema import Scenario
@@ -25,8 +25,7 @@ def suite(name: str) -> dict[str, Scenario]:
     Raises:
         InvalidInput: no suite of that name; the nearest is offered.
     """
-    if name not in suites():
-        raise InvalidInput(f"unknown suite '{name}'; {did_you_mean(name, suites())}")
+    check_choice(name, suites(), "suite")
     return dict(_suite(name))
 
 
@@ -90,12 +89,10 @@ def load(name: str | Path | Scenario) -> Scenario:
     """
     if isinstance(name, Scenario):
         return name
-    group, _, own = str(name).partition("/")
-    if own and group in suites() and own in rules(group)["scenarios"]:
-        return _shipped(group, own)
     for group in suites():
-        if str(name) in rules(group)["scenarios"]:
-            return _shipped(group, str(name))
+        for own in rules(group)["scenarios"]:
+            if str(name) in (own, f"{group}/{own}"):
+                return _shipped(group, own)
     if str(name).endswith(".toml") or files.is_file(name):
         return read(name)
     known = dict.fromkeys(s for group in suites() for s in suite(group))

@@ -12,10 +12,10 @@ import numpy as np
 
 from .. import scenarios
 from ..control import stack as stacks
-from ..engine.quantity import InvalidInput
+from ..engine.quantity import InvalidInput, check_choice
 from ..pictures.kerf_picture import QUANTITIES
 from . import workshop
-from .episodes import Episodes, check_choice, chosen, weights_of
+from .episodes import Episodes, chosen, weights_of
 from .interface import LARGEST_TRIM, LONGEST_WINDOW
 from .task import OBSERVATIONS, Task
 
@@ -100,8 +100,10 @@ class Batch(Episodes):
         """Starts the episodes of these scenario seeds; the other machines are left alone."""
         which = self.meet(machines, seeds)
         for index in np.unique(which).tolist():
-            mine = which == index
-            self._prepare(index, machines[mine], seeds[mine])
+            mine = machines[which == index]
+            again = bool((self._prepared[mine] == index).all())
+            workshop.prepare(self.fleet, self.scenarios[index], self.base, mine, seeds[which == index], again)
+            self._prepared[mine] = index
         if self._changes_filter:  # the last episode may have done so
             self.fleet.put_filter(machines, self.base.z.part("filter"))
         self.fleet.begin(machines, scenarios.noise_keys(seeds))
@@ -111,11 +113,6 @@ class Batch(Episodes):
                 seed = int(self.scenario_seeds[i])
                 self._films[i] = workshop.film_of(self.scenario(i), self.base, seed, self.colour)
                 self._films[i].take(self.fleet, i)
-
-    def _prepare(self, index: int, machines: np.ndarray, seeds: np.ndarray) -> None:
-        again = bool((self._prepared[machines] == index).all())
-        workshop.prepare(self.fleet, self.scenarios[index], self.base, machines, seeds, again)
-        self._prepared[machines] = index
 
     def restart(self, machines: np.ndarray) -> None:
         """Starts the next episodes of the machines' sequences."""

@@ -7,7 +7,7 @@ import numpy as np
 from .. import scenarios
 from ..engine.deck import refuse_copy
 from ..engine.lanes import mix
-from ..engine.quantity import InvalidInput, did_you_mean
+from ..engine.quantity import InvalidInput, check_choice
 from ..safety import files
 from ..scenarios import Scenario
 
@@ -118,22 +118,15 @@ def chosen(scenario: Any, changes: dict[str, Any] | None) -> list[Scenario]:
 
 def check_render_mode(mode: str | None, allowed: list[str]) -> None:
     """Raises :class:`InvalidInput` for a way of rendering that does not exist."""
-    if mode is not None and mode not in allowed:
-        raise InvalidInput(f"unknown render_mode '{mode}'; {did_you_mean(str(mode), allowed)}")
+    if mode is not None:
+        check_choice(mode, allowed, "render_mode")
 
 
 def check_options(options: dict[str, Any] | None, *allowed: str) -> dict[str, Any]:
     """The options of a ``reset``; raises :class:`InvalidInput` for one that does not exist."""
     for key in options or {}:
-        if key not in allowed:
-            raise InvalidInput(f"unknown option '{key}'; {did_you_mean(key, allowed)}")
+        check_choice(key, allowed, "option")
     return options or {}
-
-
-def check_choice(value: str, allowed: Any, what: str) -> None:
-    """Raises :class:`InvalidInput` for a word that is not one of those allowed."""
-    if value not in allowed:
-        raise InvalidInput(f"unknown {what} '{value}'; {did_you_mean(str(value), allowed)}")
 
 
 def weights_of(reward: dict[str, float] | None, default: Any) -> Any:
@@ -143,8 +136,7 @@ def weights_of(reward: dict[str, float] | None, default: Any) -> Any:
         InvalidInput: unknown term, or a weight that is negative or not finite.
     """
     for name, value in (reward or {}).items():
-        if name not in default._fields:
-            raise InvalidInput(f"unknown reward term '{name}'; {did_you_mean(name, default._fields)}")
+        check_choice(name, default._fields, "reward term")
         number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
         if not number or not 0 <= value < np.inf:
             raise InvalidInput(f"reward.{name} = {files.shown(value)} is out of range; allowed: 0 and up")

@@ -7,7 +7,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from ..engine.deck import refuse_copy
-from ..engine.quantity import InvalidInput, did_you_mean
+from ..engine.quantity import InvalidInput, check_choice
 from .batch import Batch
 from .episodes import check_options, check_render_mode
 from .single import SingleEnv
@@ -32,7 +32,9 @@ class KernelVectorEnv(VectorEnv):
     ) -> None:
         self.batch = make_batch(self.SINGLE, num_envs, num_threads, render_mode, arguments)
         self.num_envs, self.render_mode = num_envs, render_mode
-        self.autoreset_mode = _mode(autoreset_mode)
+        if not isinstance(autoreset_mode, AutoresetMode):
+            check_choice(autoreset_mode, [mode.value for mode in AutoresetMode], "autoreset_mode")
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.single_action_space, self.single_observation_space = self.batch.action_space, self.batch.observation_space
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -94,7 +96,7 @@ class KernelVectorEnv(VectorEnv):
             return self._same_step()
         return (
             batch.observations.copy(), batch.rewards.copy(), batch.terminated.copy(), batch.truncated.copy(),
-            self._info(self._all()),
+            self._info(),
         )  # fmt: skip
 
     def render(self) -> tuple[Any, ...] | None:
@@ -118,15 +120,13 @@ class KernelVectorEnv(VectorEnv):
         final = {"final_obs": last, "_final_obs": over, "final_info": self._info(over), "_final_info": over}
         batch.restart(machines)
         self._begin(machines)
-        return batch.observations.copy(), rewards, terminated, truncated, {**self._info(self._all()), **final}
+        return batch.observations.copy(), rewards, terminated, truncated, {**self._info(), **final}
 
-    def _info(self, mask: np.ndarray) -> dict[str, Any]:
-        """Gymnasium's rule: zero for the environments that the mask leaves out."""
+    def _info(self, mask: np.ndarray | None = None) -> dict[str, Any]:
+        """Gymnasium's rule: zero for the environments that the mask leaves out; None: it leaves none out."""
+        mask = np.ones(self.num_envs, bool) if mask is None else mask
         values = np.where(mask, self.batch.infos, 0.0)
         return dict(zip(self._names, (*values, *(mask,) * len(values)), strict=True))
-
-    def _all(self) -> np.ndarray:
-        return np.ones(self.num_envs, bool)
 
     def _masked(self, mask: Any) -> np.ndarray:
         if not isinstance(mask, np.ndarray) or mask.dtype != bool or mask.shape != (self.num_envs,):
@@ -150,18 +150,8 @@ def make_batch(
             raise InvalidInput(f"{name} = {value!r}; a whole number, at least 1")
     known = [name for name in single.__init__.__annotations__ if name not in ("return", "render_mode")]
     for name in arguments:
-        if name not in known:
-            raise InvalidInput(f"unknown argument '{name}'; {did_you_mean(name, known)}")
+        check_choice(name, known, "argument")
     batch = Batch(single.TASK, int(num_envs), **arguments, threads=int(num_threads))
     if render_mode:
         batch.keep_pictures()
     return batch
-
-
-def _mode(mode: str | AutoresetMode) -> AutoresetMode:
-    if isinstance(mode, AutoresetMode):
-        return mode
-    known = [m.value for m in AutoresetMode]
-    if mode not in known:
-        raise InvalidInput(f"unknown autoreset_mode '{mode}'; {did_you_mean(str(mode), known)}")
-    return AutoresetMode(mode)

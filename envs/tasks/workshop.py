@@ -28,14 +28,11 @@ from ..plant.fleet import Fleet
 from ..plant.gantry import Recipe
 from ..scenarios import Scenario
 from ..scenarios.material import Material, material
+from ..scenarios.travel import PLAIN
 
 
 @functools.lru_cache(maxsize=32)
-def drawing_of(
-    job: scenarios.Job,
-    travel: tuple[float, float],
-    reading: scenarios.Reading = scenarios.Reading(),  # noqa: B008
-) -> Drawing:
+def drawing_of(job: scenarios.Job, travel: tuple[float, float], reading: scenarios.Reading = PLAIN) -> Drawing:
     """The drawing that a scenario's job cuts, moved so that it begins at x = y = 0, kerf compensated.
 
     Raises:
@@ -69,14 +66,16 @@ def route_of(scenario: Scenario) -> Route:
 
 @functools.lru_cache(maxsize=32)
 def _route(job: scenarios.Job, travel: tuple[float, float], reading: scenarios.Reading) -> Route:
-    kerf = job.kerf or material(job.material, job.thickness or None).kerf
-    cutting = Cutting(job.lead_in, kerf, job.joints, job.joint_spacing, job.joint_width)
+    cutting = Cutting(job.lead_in, job.kerf or _material(job).kerf, job.joints, job.joint_spacing, job.joint_width)
     return routed(drawing_of(job, travel, reading), cutting)
 
 
 def material_of(scenario: Scenario) -> Material:
     """The material of a scenario's job."""
-    job = _job(scenario)
+    return _material(_job(scenario))
+
+
+def _material(job: scenarios.Job) -> Material:
     return material(job.material, job.thickness or None)
 
 
@@ -97,11 +96,7 @@ def _programme(
 ) -> Job:
     from ..plant.planning import Axes
 
-    plan_of, steel, limits = (
-        Axes(*axes),
-        material(job.material, job.thickness or None),
-        scenarios.GANTRIES[gantry.preset],
-    )
+    plan_of, steel, limits = Axes(*axes), _material(job), scenarios.GANTRIES[gantry.preset]
     settings = Settings(
         feed=feed or job.feed or steel.feed, rapid=limits.speed, speed=limits.speed, acceleration=plan_of.acceleration,
         jerk=plan_of.jerk, jump=plan_of.corner_jump, corners=plan_of.corners > 0.5,

@@ -83,7 +83,7 @@ def test_blocks_join_without_a_jump():
 
 
 def test_steady_motion_has_its_speed_from_the_first_moment():
-    motion = scurve.steady(10.0, 5.0)
+    motion = scurve.steps(np.array([10.0]), np.array([5.0]))
     s, v, _, _ = motion.at(np.array([0.0, 1.0, 1.999, 2.0]))
     np.testing.assert_allclose(s, [0, 5, 9.995, 10])
     assert v.tolist() == [5, 5, 5, 0]
