@@ -278,9 +278,11 @@ def _table(at: Path, name: str, stamp: str | None, notes: list[str], needed: boo
         except InvalidInput as error:
             why = str(error)
         else:
-            if stamp and _hash(parquet) != stamp:
-                notes.append(f"'{parquet}' was changed after the run.")
-            return frame
+            if not stamp or _hash(parquet) == stamp:
+                return frame
+            # Of the runs something can still be concluded; what was measured beside them is not what it was.
+            notes.append(f"'{parquet}' was changed after the run{'' if needed else '; it is left out'}.")
+            return frame if needed else pd.DataFrame()
     try:
         frame = tabular.read_csv(csv)
     except InvalidInput:

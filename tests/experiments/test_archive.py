@@ -1,5 +1,6 @@
 """Run folders of benchmarks: what is written is read back, one grid or several."""
 
+import json
 import shutil
 from dataclasses import fields
 from unittest import mock
@@ -90,11 +91,29 @@ def test_a_job_without_its_range_in_iso_9013_has_a_dash_there(stored, tmp_path):
     assert list(load(folder).grids["contour"].summary()["iso_taper"]) == ["–"]
 
 
+def test_a_table_beside_the_runs_that_was_changed_is_left_out(stored, tmp_path):
+    folder = tmp_path / "changed"
+    shutil.copytree(stored[0], folder)
+    table = folder / "following" / "margins.parquet"
+    rows = pd.read_parquet(table)
+    pd.concat([rows, rows]).to_parquet(table)
+    found = load(folder)
+    assert any(
+        note.endswith("margins.parquet' was changed after the run; it is left out.") for note in found.meta["notes"]
+    )
+    assert not len(found.grids["following"].margins)
+    assert np.isfinite(found.grids["following"].summary()["ms"]).all()
+
+
 @pytest.mark.parametrize("suite", ["following", "contour"])
 def test_a_column_that_is_gone_takes_its_table_or_its_figures_with_it(stored, tmp_path, suite):
     """With any of them gone there are still a summary and a sentence about it, or another suite."""
     folder = tmp_path / "gone"
     shutil.copytree(stored[0], folder)
+    record = json.loads((folder / "run.json").read_text())
+    for grid in record["grids"].values():
+        del grid["tables"]  # of runs with them a changed table is left out whole
+    (folder / "run.json").write_text(json.dumps(record))
     for table in sorted((folder / suite).glob("*.parquet")):
         whole = pd.read_parquet(table)
         for column in whole if table.stem != "summary" else ():
