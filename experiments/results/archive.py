@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from ... import __version__
@@ -48,6 +49,9 @@ TABLES = {
     },
 }
 """Tables of a grid of either kind, beside ``runs``; each may be absent. The columns without which it tells nothing."""
+
+_SIGNALS = ("sine", "noise")
+"""With which a sensitivity is measured."""
 
 _RUNS = ("controller", "information", "scenario", "seed", "failed", "collision")
 
@@ -215,10 +219,6 @@ def _grid(folder: Path, name: str, entry: Any, meta: dict[str, Any], notes: list
         frames = {table: _table(at, table, kept.get(table), notes) for table in TABLES[kind]}
         if "headroom" in frames:  # what version 0.1 called a bound is a reference
             frames["headroom"] = frames["headroom"].rename(columns={"bound": "informed", "bound_rms": "informed_rms"})
-        for table, columns in TABLES[kind].items():
-            if len(frames[table]) and (lacking := _lacking(frames[table], columns)):
-                notes.append(f"'{at / f'{table}.parquet'}' has no column {lacking}; it is left out.")
-                frames[table] = pd.DataFrame()
         rows = _table(at, "runs", kept.get("runs"), notes, needed=True)
         lacking = _lacking(rows, (*_RUNS, str(entry["metric"]) if kind == "jobs" else Results.metric))
         if lacking or not len(rows):
@@ -226,6 +226,10 @@ def _grid(folder: Path, name: str, entry: Any, meta: dict[str, Any], notes: list
         twice = rows.loc[rows.duplicated(["controller", "scenario", "seed"]), ["controller", "scenario", "seed"]]
         for controller, scenario, seed in twice.head(1).itertuples(index=False):
             raise InvalidInput(f"'{at / 'runs.parquet'}' has {controller} in {scenario} with seed {seed} twice")
+        for table, columns in TABLES[kind].items():
+            if len(frames[table]) and (wrong := _wrong(frames[table], columns, rows)):
+                notes.append(f"'{at / f'{table}.parquet'}' {wrong}; it is left out.")
+                frames[table] = pd.DataFrame()
         own = {**meta, **{key: value for key, value in entry.items() if key not in _RESTS}}
         core = tuple(c for c in entry["core"] if c in entry["scenarios"])
         kept = {key: _tuple(entry[key]) for key in KEPT[kind]}
@@ -240,6 +244,23 @@ def _grid(folder: Path, name: str, entry: Any, meta: dict[str, Any], notes: list
 def _lacking(table: pd.DataFrame, columns: Iterable[str]) -> str:
     """The first of some columns that a table does not have; empty if it has them all."""
     return next((column for column in columns if column not in table), "")
+
+
+def _wrong(table: pd.DataFrame, columns: Iterable[str], rows: pd.DataFrame) -> str:
+    """Why a table cannot stand beside the runs ``rows``; empty if it can."""
+    if lacking := _lacking(table, columns):
+        return f"has no column {lacking}"
+    for column in ("controller", "scenario"):
+        if column in table and (strange := set(table[column]) - set(rows[column])):
+            return f"has {column} '{min(map(str, strange))}', of which there is no run"
+    if "signal" in table and (strange := set(table["signal"].dropna()) - set(_SIGNALS)):
+        return f"has signal '{min(map(str, strange))}'; known: {', '.join(_SIGNALS)}"
+    curve = {"frequency", "magnitude"} <= set(table)
+    if curve and not ((table["frequency"] > 0) & (table["frequency"] < np.inf) & (table["magnitude"] != np.inf)).all():
+        return "has a frequency or a magnitude that is not finite"
+    if "gain" in table and table.duplicated([c for c in ("controller", "machine") if c in table]).any():
+        return "has a controller twice"
+    return ""
 
 
 def _tuple(value: Any) -> Any:

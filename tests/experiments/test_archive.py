@@ -91,6 +91,17 @@ def test_a_job_without_its_range_in_iso_9013_has_a_dash_there(stored, tmp_path):
     assert list(load(folder).grids["contour"].summary()["iso_taper"]) == ["–"]
 
 
+def unstamped(stored, place):
+    """The run without its tables' hashes: of one that has them a changed table is left out whatever it holds."""
+    folder = place / "unstamped"
+    shutil.copytree(stored[0], folder)
+    record = json.loads((folder / "run.json").read_text())
+    for grid in record["grids"].values():
+        del grid["tables"]
+    (folder / "run.json").write_text(json.dumps(record))
+    return folder
+
+
 def test_a_table_beside_the_runs_that_was_changed_is_left_out(stored, tmp_path):
     folder = tmp_path / "changed"
     shutil.copytree(stored[0], folder)
@@ -105,15 +116,31 @@ def test_a_table_beside_the_runs_that_was_changed_is_left_out(stored, tmp_path):
     assert np.isfinite(found.grids["following"].summary()["ms"]).all()
 
 
+@pytest.mark.parametrize(
+    ("table", "change", "message"),
+    [
+        ("margins", lambda t: pd.concat([t, t]), "has a controller twice"),
+        ("margins", lambda t: t.assign(controller="p@d"), "has controller 'p@d', of which there is no run"),
+        ("traces", lambda t: t.assign(scenario="moon"), "has scenario 'moon', of which there is no run"),
+        ("sensitivity", lambda t: t.assign(signal="chirp"), "has signal 'chirp'; known: sine, noise"),
+        ("sensitivity", lambda t: t.assign(magnitude=np.inf), "has a frequency or a magnitude that is not finite"),
+        ("sensitivity", lambda t: t.assign(frequency=-t["frequency"]), "a frequency or a magnitude that is not finite"),
+    ],
+)
+def test_a_table_that_cannot_stand_beside_the_runs_is_left_out(stored, tmp_path, table, change, message):
+    folder = unstamped(stored, tmp_path)
+    file = folder / "following" / f"{table}.parquet"
+    change(pd.read_parquet(file)).to_parquet(file)
+    found = load(folder)
+    assert any(f"{message}; it is left out" in note for note in found.meta["notes"])
+    assert not len(getattr(found.grids["following"], table))
+    assert found.grids["following"].summary().index.size
+
+
 @pytest.mark.parametrize("suite", ["following", "contour"])
 def test_a_column_that_is_gone_takes_its_table_or_its_figures_with_it(stored, tmp_path, suite):
     """With any of them gone there are still a summary and a sentence about it, or another suite."""
-    folder = tmp_path / "gone"
-    shutil.copytree(stored[0], folder)
-    record = json.loads((folder / "run.json").read_text())
-    for grid in record["grids"].values():
-        del grid["tables"]  # of runs with them a changed table is left out whole
-    (folder / "run.json").write_text(json.dumps(record))
+    folder = unstamped(stored, tmp_path)
     for table in sorted((folder / suite).glob("*.parquet")):
         whole = pd.read_parquet(table)
         for column in whole if table.stem != "summary" else ():

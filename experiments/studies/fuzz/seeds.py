@@ -139,6 +139,10 @@ def runs(folder: Path) -> None:
         wanted, folder / "run", workers=1, with_blame=True, with_detuned=True, quiet=True,
         command=["kerfgym", "benchmark"],
     )  # fmt: skip
+    record = json.loads((folder / "run" / "run.json").read_text(encoding="utf-8"))
+    for grid in record["grids"].values():
+        del grid["tables"]  # hashes, by which a changed table is told without being shown
+    (folder / "run" / "run.json").write_text(json.dumps(record), encoding="utf-8")
     Task(**JOURNALED, url=str(folder / storage.JOURNAL)).work(1).run([])
     (folder / "words.json").write_text(json.dumps(Task(**JOURNALED).words), encoding="utf-8")
 
