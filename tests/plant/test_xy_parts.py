@@ -101,6 +101,18 @@ def test_spot_and_published_settings_are_what_their_equations_say():
             assert real._asdict() == pytest.approx({n: v[i] for n, v in oracle.realised.items()}, rel=1e-9, abs=1e-12)
 
 
+@pytest.mark.parametrize("beyond", [1.5, 4.0])
+def test_the_optics_give_no_more_than_their_ranges_whatever_is_asked(beyond):
+    p = spot.Params()
+    most = spot.Command(p.highest, p.galvo_range, p.galvo_range, p.piezo_range, p.piezo_range)
+    for name in most._fields:
+        asked = most._replace(**{name: beyond * getattr(most, name)})
+        assert spot.realised(p, asked, 0.0) == spot.realised(p, most, 0.0)
+        opposite = most._replace(**{name: -beyond * getattr(most, name)})
+        least = -p.piezo_range if name == "focus" else 0.0
+        assert spot.realised(p, opposite, 0.0) == spot.realised(p, most._replace(**{name: least}), 0.0)
+
+
 def test_an_axis_does_what_its_equations_say():
     rng = np.random.default_rng(3)
     each, p = columns(
