@@ -56,7 +56,10 @@ def apply(root: Node) -> list[tuple[Node, str]]:
         if sheet.tag == "style" and len(sheet.text) > LONGEST:
             unknown.append((sheet, f"all of {len(sheet.text)} characters"))
         elif sheet.tag == "style":
-            found, other = _rules(sheet.text)
+            try:
+                found, other = _rules(sheet.text)
+            except RecursionError:  # brackets within brackets
+                found, other = [], [f"all of {len(sheet.text)} characters"]
             unknown += [(sheet, selector) for selector in other]
             for rule in found:
                 by_key[rule.key].append((next(order), rule))

@@ -313,6 +313,14 @@ def test_mistakes_of_the_whole_file_are_refused_with_their_line(picture, element
         picture('<rect x="50" width="5" height="5"/>', element)
 
 
+@pytest.mark.parametrize("bracket", ["(", "["])
+def test_a_style_sheet_of_brackets_within_brackets_is_left_out_and_told(picture, bracket):
+    style = "a{fill:" + 5000 * bracket
+    drawing = picture(f"<style>{style}</style>", '<rect x="50" width="5" height="5"/>')
+    assert drawing.cut_length == pytest.approx(20)
+    assert any(f"all of {len(style)} characters" in warning for warning in drawing.warnings)
+
+
 @pytest.mark.parametrize("content", ["", "no picture", "<html></html>", "\0\0", "<g>" * 5000 + "</g>" * 5000])
 def test_what_is_not_svg_is_refused(tmp_path, content):
     (tmp_path / "part.svg").write_text(content)
