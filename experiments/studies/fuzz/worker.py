@@ -9,6 +9,7 @@ import tempfile
 import time
 import traceback
 import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -49,19 +50,19 @@ def serve(pipe: Connection, seeds: str) -> None:
             Path(name).write_text(TRAP, encoding="utf-8")
         os.mkfifo("pipe")
         pipe.send("ready")
-        limited = False
+        least = 0
         while (asked := pipe.recv()) is not None:
             name, number, seed = asked
             place = Path(home) / "case"
             place.mkdir()
             path = case(name, number, seed, Path(seeds), place)
-            if not limited:  # what the libraries take is not the files' doing
+            if not least:  # what the libraries take is not the files' doing
                 _warm(name, Path(seeds))
-                _limit()
-                limited = True
+                least = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
             beginning = _fresh_peak()
             start = time.process_time()
-            outcome = _tried(TARGETS[name].use, path, Path(home))
+            with _limits(least + MOST_MEMORY):
+                outcome = _tried(TARGETS[name].use, path, Path(home))
             spent, grown = time.process_time() - start, _peak() - beginning
             pipe.send(Outcome(outcome.kind, outcome.words, spent, grown))
             shutil.rmtree(place, ignore_errors=True)
@@ -77,11 +78,18 @@ def _warm(name: str, seeds: Path) -> None:
         target.use(target.place(first.read_bytes(), first, Path(place)))
 
 
-def _limit() -> None:
-    size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-    resource.setrlimit(resource.RLIMIT_AS, (size + MOST_MEMORY, size + MOST_MEMORY))
-    resource.setrlimit(resource.RLIMIT_FSIZE, (MOST_MEMORY, MOST_MEMORY))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+@contextlib.contextmanager
+def _limits(most: int) -> Iterator[None]:
+    """Limits of reading, in memory and in what it writes; making a file may take more."""
+    kinds = {resource.RLIMIT_AS: most, resource.RLIMIT_FSIZE: MOST_MEMORY, resource.RLIMIT_CORE: 0}
+    before = {kind: resource.getrlimit(kind) for kind in kinds}
+    for kind, limit in kinds.items():
+        resource.setrlimit(kind, (limit, before[kind][1]))
+    try:
+        yield
+    finally:
+        for kind, limits in before.items():
+            resource.setrlimit(kind, limits)
 
 
 def _fresh_peak() -> int:
