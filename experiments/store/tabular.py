@@ -10,6 +10,9 @@ from ...envs.safety import files
 CELLS = 300_000_000
 """Numbers of a table; a compressed one may be small in its file and larger than memory."""
 
+COLUMNS = 1000
+"""Columns of a table; no run has a tenth of them."""
+
 _TEXTS = (
     "controller", "information", "scenario", "machine", "signal", "reason", "stage", "unit", "informed", "tied",
     "reasons", "note", "budget", "parameter", "scenarios", "warnings",
@@ -63,12 +66,14 @@ def read_csv(file: Path) -> pd.DataFrame:
 
 def _plain(frame: pd.DataFrame, file: Path) -> pd.DataFrame:
     """The table, if what we count with is numbers, and names are text."""
-    kinds = {"seed": "iu"}
+    kinds, names = {"seed": "iu"}, set(frame.columns)
+    if len(frame.columns) > COLUMNS:
+        raise InvalidInput(f"'{file}' has {len(frame.columns):,} columns; more than can be read")
     for column in frame.columns:
         if not isinstance(column, str):
             raise InvalidInput(f"'{file}' has a column {column!r}; names are text")
         values = frame[column]
-        if column in _TEXTS or column.startswith("iso_") or _TEXTS_BESIDE.get(column, set()) & set(frame.columns):
+        if column in _TEXTS or column.startswith("iso_") or _TEXTS_BESIDE.get(column, set()) & names:
             if not values.map(lambda value: isinstance(value, str) or pd.isna(value)).all():
                 raise InvalidInput(f"'{file}', column {column}: holds {values.dtype}, not text")
             if not values.map(lambda value: not isinstance(value, str) or files.is_text(value)).all():

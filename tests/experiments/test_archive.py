@@ -9,10 +9,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.scenarios import load as scenario
 from kerfgym.experiments.benchmark.benchmarking import Grid, run_grids
 from kerfgym.experiments.results import archive
 from kerfgym.experiments.results.archive import load
+from kerfgym.experiments.store import tabular
 
 SHORT = (scenario("wavy").varied(duration=0.5), scenario("tip-up").varied(duration=0.5))
 CIRCLE = (scenario("contour-circle").varied(job={"size": 6.0, "pierce": False}),)
@@ -154,3 +156,10 @@ def test_a_column_that_is_gone_takes_its_table_or_its_figures_with_it(stored, tm
                 assert any(f"has no column {column}" in note for note in found.meta["notes"]), (table.stem, column)
         whole.to_parquet(table)
     assert set(load(folder).grids) == {"following", "contour"}
+
+
+def test_a_table_of_very_many_columns_is_refused_at_once(tmp_path):
+    file = tmp_path / "wide.csv"
+    file.write_text(",".join(map("c{}".format, range(50_000))) + "\n")
+    with pytest.raises(InvalidInput, match=r"wide\.csv' has 50,000 columns; more than can be read"):
+        tabular.read_csv(file)
