@@ -69,8 +69,6 @@ class Evaluator:
         mean = float(returns.mean())
         if not self.height:
             return Evaluation(-mean, mean, collisions, steps)
-        found = {
-            s.name: 1e3 * math.sqrt(square[i] / count[i]) for i, s in enumerate(batch.scenarios) if count[i]
-        }  # fmt: skip
+        found = {s.name: 1e3 * math.sqrt(square[i] / count[i]) for i, s in enumerate(batch.scenarios) if count[i]}
         score = math.exp(np.mean(np.log(list(found.values())))) if found else -mean
         return Evaluation(score, mean, collisions, steps, found)

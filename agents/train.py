@@ -243,10 +243,11 @@ class Training:
         """What has been spent so far."""
         return {
             "simulated_steps": self.evaluator.env.batch.task.period * (self.model.num_timesteps + self.looking),
-            "training_steps": self.model.num_timesteps, "evaluation_steps": self.looking,
+            "training_steps": self.model.num_timesteps,
+            "evaluation_steps": self.looking,
             "cpu_seconds": round(self.cpu_seconds, 1),
             "seeds": {"train": f"from {scenarios.SPLITS['train'].start}", "tune": f"0-{self.evaluator.episodes - 1}"},
-        }  # fmt: skip
+        }
 
     @property
     def cpu_seconds(self) -> float:

@@ -28,9 +28,7 @@ def stairs(random: Random, sight: Sight, horizons: np.ndarray, reach: np.ndarray
     """
     first = int(horizons[0])
     told = Told(random, sight.noise, sight.finest, max(STAIRS[-1] - first + 1, 1))
-    found = np.array([
-        [told.variance(int(h), max(stair + 1 - int(h), 0)) for h in horizons] for stair in STAIRS
-    ])  # fmt: skip
+    found = np.array([[told.variance(int(h), max(stair + 1 - int(h), 0)) for h in horizons] for stair in STAIRS])
     return np.column_stack([found[:, 0], held_back(found.T, reach), found[:, -1]])
 
 
@@ -45,8 +43,9 @@ def mean_square(random: Random, sight: Sight, horizons: np.ndarray, reach: np.nd
     choices = [most[:last:thin] for last in range(1, len(most) + 1) for thin in (1, 2, 4)]
     return max(
         _mean(found[some, error], found[some, moved], np.array(STAIRS)[some], sight, periods)
-        for some in choices for error, moved in ((0, 0), (1, 2))
-    )  # fmt: skip
+        for some in choices
+        for error, moved in ((0, 0), (1, 2))
+    )
 
 
 def _mean(errors: np.ndarray, moved: np.ndarray, begins: np.ndarray, sight: Sight, periods: int) -> float:

@@ -144,9 +144,7 @@ def _through(weights: np.ndarray, columns: np.ndarray) -> np.ndarray:
     return np.asarray(oaconvolve(columns, weights[: len(columns), None], axes=0)[: len(columns)])
 
 
-def errors(
-    random: Random, shapes: Shapes, noise: float, horizons: np.ndarray, at: np.ndarray
-) -> np.ndarray:  # fmt: skip
+def errors(random: Random, shapes: Shapes, noise: float, horizons: np.ndarray, at: np.ndarray) -> np.ndarray:
     """Error variances V, µm², shape (horizons, at).
 
     Args:

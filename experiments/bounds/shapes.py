@@ -26,9 +26,10 @@ class Shapes:
 
     def __add__(self, other: "Shapes") -> "Shapes":
         return Shapes(
-            np.hstack([self.sensor, other.sensor]), np.hstack([self.score, other.score]),
+            np.hstack([self.sensor, other.sensor]),
+            np.hstack([self.score, other.score]),
             np.concatenate([self.variance, other.variance]),
-        )  # fmt: skip
+        )
 
 
 def none(periods: int) -> Shapes:

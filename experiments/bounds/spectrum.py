@@ -57,9 +57,10 @@ def tones(variance: np.ndarray, omega: np.ndarray, sensor: Any = 1.0, score: Any
     """
     turn = np.cos(omega[:, None] * np.arange(lags) * PERIOD)
     return Random(
-        (variance * np.abs(sensor) ** 2) @ turn, (variance * sensor * score) @ turn,
+        (variance * np.abs(sensor) ** 2) @ turn,
+        (variance * sensor * score) @ turn,
         float(np.sum(variance * np.abs(score) ** 2)),
-    )  # fmt: skip
+    )
 
 
 def bands(variance: np.ndarray, omega: np.ndarray, zeta: np.ndarray, lags: int = MEMORY) -> Random:

@@ -304,9 +304,10 @@ def policies(found: dict[str, Any]) -> str:
 
 
 _SUITES = {
-    "kerfgym/HeightFollowing-v0": "following", "kerfgym/ContourFollowing-v0": "contour",
+    "kerfgym/HeightFollowing-v0": "following",
+    "kerfgym/ContourFollowing-v0": "contour",
     "kerfgym/Cutting-v0": "cutting",
-}  # fmt: skip
+}
 
 
 def _of_base(own: dict[str, Any], base: str) -> str:

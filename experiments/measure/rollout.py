@@ -66,7 +66,7 @@ def run(
 
 def anew(
     fleet: Fleet, scenario: Scenario, stack: Stack, seeds: np.ndarray, before: Callable[[int], None] | None = None
-) -> Recording:  # fmt: skip
+) -> Recording:
     """:func:`run` of a fleet whose machines are prepared and may have had other parameters of the same law."""
     every = np.arange(fleet.size)
     fleet.forget_filters()

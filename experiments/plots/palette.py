@@ -5,9 +5,7 @@ from typing import NamedTuple
 
 INK, QUIET, GRID, SHADE = "#1a1d20", "#5f666d", "#e1e4e8", "#eceef0"
 
-COLOURS = (
-    "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#882255", "#7A7A00", "#6655CC",
-)  # fmt: skip
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#882255", "#7A7A00", "#6655CC")
 """Okabe and Ito's palette without yellow, which does not show on white; then a wine, an olive and an indigo."""
 
 DASHES = ("solid", "dash", "dashdot", "dot", "longdash")

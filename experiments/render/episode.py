@@ -107,7 +107,7 @@ def _write(out: Path, frames: Iterator[np.ndarray], expected: int) -> None:
             others = map(Image.fromarray, shown)
             Image.fromarray(first).save(
                 part, format="GIF", save_all=True, append_images=others, duration=1000 // FRAMES_PER_SECOND, loop=0
-            )  # fmt: skip
+            )
         else:
             Image.fromarray(first).save(part, format="PNG")
             next(shown, None)

@@ -98,7 +98,7 @@ class _Plan:
         page = Figure(figsize=(self.wide, height), dpi=DPI_SMALL if self.small else DPI, facecolor="white")
         axes = page.add_axes(
             (LEFT / self.wide, (foot + below) / height, 1.0 - (LEFT + RIGHT) / self.wide, self.tall / height)
-        )  # fmt: skip
+        )
         self._axes(axes)
         self._draw(axes)
         self._numbers(axes, page)
@@ -275,10 +275,11 @@ def _in_the_file(route: Route) -> Route:
     """The route where the drawing's file has it."""
     at, drawing = np.array(route.drawing.origin), route.drawing
     return replace(
-        route, drawing=replace(drawing, pieces=[p + at for p in drawing.pieces], origin=(0.0, 0.0)),
+        route,
+        drawing=replace(drawing, pieces=[p + at for p in drawing.pieces], origin=(0.0, 0.0)),
         cuts=[replace(cut, way=cut.way + at, path=cut.path + at) for cut in route.cuts],
         joints=[joint + at for joint in route.joints],
-    )  # fmt: skip
+    )
 
 
 def _lobes(piece: Points) -> list[Points]:

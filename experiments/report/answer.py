@@ -64,8 +64,9 @@ def remarks(suite: Suite, standing: Standing, labels: dict[str, str], limit_ms: 
     if best is not None and not suite.jobs:
         row = summary.loc[best]
         if row["runs"] > 0 and not row["collisions"]:
-            out.append(f"{labels[best]} touched the sheet in none of the {int(row['runs'])} runs in which it "
-                       "should not.")  # fmt: skip
+            out.append(
+                f"{labels[best]} touched the sheet in none of the {int(row['runs'])} runs in which it should not."
+            )
         peaks = peaks_of(row)
         if not peaks:
             out.append("Its sensitivity peak Ms was not measured.")
@@ -122,8 +123,9 @@ def caveats(suite: Suite, standing: Standing, labels: dict[str, str], limit_ms: 
                    f"{tried} runs failed")  # fmt: skip
     for why, names in reasons.items():
         are = "is" if len(names) == 1 else "are"
-        out.append(f"{listed(f'{labels[n]} ({estimate(standing, n)})' for n in names)} {are} {word} but not ranked "
-                   f"({why})")  # fmt: skip
+        out.append(
+            f"{listed(f'{labels[n]} ({estimate(standing, n)})' for n in names)} {are} {word} but not ranked ({why})"
+        )
     return out
 
 

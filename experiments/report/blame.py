@@ -90,9 +90,10 @@ def headroom(suite: Suite, labels: dict[str, str]) -> list[dict[str, Any]]:
         for row in here.itertuples():
             finite = np.isfinite(row.ratio)
             known[labels.get(row.informed, row.informed)] = {
-                "rms": number(row.informed_rms), "ratio": f"× {times(row.ratio)}" if finite else "–",
+                "rms": number(row.informed_rms),
+                "ratio": f"× {times(row.ratio)}" if finite else "–",
                 "span": span(row.low, row.high, 1),
-            }  # fmt: skip
+            }
         rows.append({
             "scenario": scenario, "controller": labels.get(str(name), str(name)), "rms": number(here["rms"].iloc[0]),
             "references": known,

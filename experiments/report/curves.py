@@ -53,8 +53,9 @@ def figure(
         if env not in views:
             views[env] = go.Figure().update_layout(
                 xaxis={"title": "simulated steps of training", "tickformat": "~s", "rangemode": "tozero"},
-                yaxis={"title": CHOSEN_BY.get(env, "minus the mean return on tune seeds")}, showlegend=True,
-            )  # fmt: skip
+                yaxis={"title": CHOSEN_BY.get(env, "minus the mean return on tune seeds")},
+                showlegend=True,
+            )
         best = int(frame["score"].idxmin())
         views[env].add_scatter(
             x=frame["steps"], y=frame["score"], mode="lines+markers", name=labels[name], line=line(look[name]),

@@ -242,9 +242,10 @@ def _follower_ends(results: Any) -> list[Column]:
     return [
         *(Column(s, text=functools.partial(there, s)) for s in core(results)),
         Column("decision, µs", text=lambda row: plain(row, "median_us"), page=time),
-        Column("its P99, µs", text=lambda row: plain(row, "p99_us")), *_budget(),
+        Column("its P99, µs", text=lambda row: plain(row, "p99_us")),
+        *_budget(),
         Column("class", text=lambda row: row["information"]),
-    ]  # fmt: skip
+    ]
 
 
 def core(results: Results) -> list[str]:

@@ -44,9 +44,10 @@ def _errors(suite: Suite, metric: str, labels: dict[str, str]) -> go.Figure:
     text = [[_cell(v, n) for v, n in zip(*rows, strict=True)] for rows in zip(table.to_numpy(), lost, strict=True)]
     ends = np.arange(-FURTHEST, FURTHEST + 1)
     bar = {
-        "tickvals": ends, "title": {"text": "×", "side": "top"},
+        "tickvals": ends,
+        "title": {"text": "×", "side": "top"},
         "ticktext": [f"{2.0 ** abs(e):g} {'better' if e < 0 else 'worse'}" if e else "same" for e in ends],
-    }  # fmt: skip
+    }
     look = {"colorscale": DIVERGING, "zmin": -FURTHEST, "zmax": FURTHEST, "colorbar": bar}
     colours = np.clip(np.nan_to_num(doublings, nan=np.nan), -FURTHEST, FURTHEST)
     bounds = {LABEL: suite.results.bounds, LINEAR: suite.results.linear} if metric == "rms_true" else {}
@@ -107,9 +108,10 @@ def _map(
         shapes.append(_rule(x0=0, x1=1, xref="paper", y0=below - 0.5, y1=below - 0.5))
     plot.update_layout(
         xaxis={"side": "top", "tickangle": -40, "fixedrange": True, "showgrid": False},
-        yaxis={"autorange": "reversed", "fixedrange": True, "showgrid": False}, shapes=shapes,
+        yaxis={"autorange": "reversed", "fixedrange": True, "showgrid": False},
+        shapes=shapes,
         margin={"t": 70, "b": 10, "l": 10, "r": 10},
-    )  # fmt: skip
+    )
     return plot
 
 

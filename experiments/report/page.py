@@ -18,7 +18,7 @@ from ..measure.stability import LIMIT_MS
 from ..plots.palette import Look, looks
 from ..results.conclusions import Results
 from ..store.runs import write_text
-from . import (  # fmt: skip
+from . import (
     answer,
     blame,
     cut_quality,
@@ -175,9 +175,10 @@ def what_ran(suites: list[Suite]) -> list[str]:
         span = f"{seeds[0]}" if len(seeds) == 1 else f"{'among ' * apart}{seeds[0]} to {seeds[-1]}"
         splits = [name for name, split in SPLITS.items() if any(seed in split for seed in seeds)]
         sizes = [
-            count(len(suite.results.controllers), "controller"), count(len(suite.results.scenarios), "scenario"),
+            count(len(suite.results.controllers), "controller"),
+            count(len(suite.results.scenarios), "scenario"),
             f"{count(len(seeds), 'seed')} ({span}, {' and '.join(splits) or 'no'} split)",
-        ]  # fmt: skip
+        ]
         out.append(f"{suite.title}: {' × '.join(sizes)}, {count(len(suite.results.runs), 'run')}.")
     return out
 

@@ -69,5 +69,6 @@ def figure(suite: Suite, look: dict[str, Look], labels: dict[str, str]) -> Figur
         f"{labels[suite.reference]} on the same seed. A curve further left and higher is better; where it crosses the "
         "dashed line it tells how often a run is better than the reference's. Bands are 95 % intervals; there is none "
         "where all seeds agree.",
-        {"": plot}, height=430,
-    )  # fmt: skip
+        {"": plot},
+        height=430,
+    )

@@ -92,9 +92,9 @@ def groups_of(suites: list[Suite], run: Callable[[Suite, int, dict[str, pd.DataF
             if (made := run(suite, *next(iter(suite.traces[scenario].items()))))
         ]
         if entries:
-            groups.append({
-                "suite": suite.title, "scenarios": entries, "chosen": shown_first(suite), "order": suite.ranked,
-            })  # fmt: skip
+            groups.append(
+                {"suite": suite.title, "scenarios": entries, "chosen": shown_first(suite), "order": suite.ranked}
+            )
     return groups
 
 
@@ -143,9 +143,10 @@ def _run(suite: Suite, seed: int, parts: dict[str, pd.DataFrame]) -> dict[str, A
         kept = {key: values for key, values in found.items() if key != "sheet"}
         alarm = alarms.get(name)
         out["controllers"][name] = {
-            "signals": list(kept), "alarm": None if alarm is None else (alarm + 1) * PERIOD,
+            "signals": list(kept),
+            "alarm": None if alarm is None else (alarm + 1) * PERIOD,
             **pack([Channel(thinned(v, stride), SIGNALS[k].resolution) for k, v in kept.items()]),
-        }  # fmt: skip
+        }
     sheet = next((found["sheet"] for found in channels.values() if "sheet" in found), None)
     if sheet is not None:
         out["shared"] = {"signals": ["sheet"], **pack([Channel(thinned(sheet, stride), SIGNALS["sheet"].resolution)])}

@@ -61,8 +61,9 @@ def figure(standing: Standing, look: dict[str, Look], labels: dict[str, str]) ->
             hovertemplate=f"{labels[name]}: {fixed(value, places)} {metric.unit} ({span(first, last, places)})"
             "<extra></extra>",
         )  # fmt: skip
-        annotations.append({**_text(1.0, y, fixed(value, places), 6), "xref": "paper", "font": {
-            "size": 13, "color": INK}})  # fmt: skip
+        annotations.append(
+            {**_text(1.0, y, fixed(value, places), 6), "xref": "paper", "font": {"size": 13, "color": INK}}
+        )
     for information, y in headings.items():
         words = "sensor only" if information == "sensor" else f"{information}, not ranked"
         annotations.append({**_text(0.0, y, words), "xref": "paper"})

@@ -20,9 +20,10 @@ def markdown(grids: dict[str, Results], meta: dict[str, Any]) -> str:
     git, machine = meta.get("git") or {}, meta.get("machine") or {}
     version = f"kerfgym {meta.get('kerfgym')}" + (f", commit {git['commit'][:12]}" if git.get("commit") else "")
     facts = [
-        version + (" with changes" if git.get("changed") else ""), machine.get("processor", "processor unknown"),
+        version + (" with changes" if git.get("changed") else ""),
+        machine.get("processor", "processor unknown"),
         *([f"{meta['wall_seconds']:.0f} s"] if "wall_seconds" in meta else []),
-    ]  # fmt: skip
+    ]
     lines = ["## kerfgym benchmark", "", "```", str(meta.get("command", "")), "```", "", "; ".join(facts), ""]
     lines += [f"- {note}" for note in meta.get("notes", [])] + [""] * bool(meta.get("notes"))
     for name, results in grids.items():

@@ -120,10 +120,11 @@ def _sheet(results: Results, title: str, summary: Any) -> Sheet:
     shown, names = [column for column in headings.of(results) if column.title], order(summary)
     groups = [[name for name in names if summary.at[name, "information"] == each] for each in INFORMATION]
     return Sheet(
-        f"{title} · {_seeds(results)}", ["controller", *(column.title for column in shown)],
+        f"{title} · {_seeds(results)}",
+        ["controller", *(column.title for column in shown)],
         [[[str(n), *(column.text(summary.loc[n]) for column in shown)] for n in group] for group in groups if group],
         shown={column.title: column.shows for column in shown if column.shows},
-    )  # fmt: skip
+    )
 
 
 def _following(results: Results) -> list[Sheet]:
@@ -147,8 +148,9 @@ def _following(results: Results) -> list[Sheet]:
         *_machines(results),
         f"decision: CPU time, median and 99th percentile, in a period of {1e6 * PERIOD:.0f} µs;",
         f"budget: trials and simulated steps of tuning. {budget_note(summary)}",
-        *headings.explained(results), *(_limits(results) if results.bounds else ()),
-    ]  # fmt: skip
+        *headings.explained(results),
+        *(_limits(results) if results.bounds else ()),
+    ]
     if core:
         sheet.notes = explained
         return [sheet, *_by_machine(results)]
@@ -317,9 +319,10 @@ def print_blame(shares: Any, headroom: Any) -> None:
         sections.append([*rows, ["", "", "all", _number(whole), "", "", "", ""]])
     Sheet(
         f"shares of the mean-square true error, {shares['unit'].iloc[0]}, 95 % intervals over seeds",
-        ["scenario", "controller", "stage", "share", "interval", "of all", "idealised alone", "interval"], sections,
+        ["scenario", "controller", "stage", "share", "interval", "of all", "idealised alone", "interval"],
+        sections,
         words=(0, 1, 2),
-    ).show()  # fmt: skip
+    ).show()
     notes = [
         "share: Shapley value of idealising the stage; all of a controller add up to its mean-square error;",
         "law: what the fully idealised machine has left, law, supervisor and sampling, at these gains;",

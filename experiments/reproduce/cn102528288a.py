@@ -280,8 +280,9 @@ def schedules(trial: Trial, rows: Rows) -> list[Drawing]:
         axes.legend(frameon=False)
 
     for where, printed, error, value in (
-        ("error > 3 mm", "75 %", 3.5, law.position_gain(3.5)), ("error < 1 mm", "35 %", 0.5, law.position_gain(0.5)),
-    ):  # fmt: skip
+        ("error > 3 mm", "75 %", 3.5, law.position_gain(3.5)),
+        ("error < 1 mm", "35 %", 0.5, law.position_gain(0.5)),
+    ):
         rows("position-gain", (100 * value, where, error), holds=f"{100 * value:.0f} %" == printed, paper=printed)
     words = {0.0: "off", 0.5: "half", 1.0: "full"}
     for where, wanted, error in (("error ≥ 1 mm", 0.0, 1.2), ("1–0.5 mm", 0.5, 0.7), ("error < 0.5 mm", 1.0, 0.3)):

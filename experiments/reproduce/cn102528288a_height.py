@@ -55,8 +55,9 @@ def focus_and_height(trial: Trial, rows: Rows) -> list[Drawing]:
         """Roughness and dross of whole jobs relative to the nominal setting: left over the depth of the focus (dashed:
         a third of the thickness), right over the error of the standoff."""
         for ax, x, runs, label in (
-            (left, depths, focus, "depth of the focus, mm"), (right, ERRORS, height, "error of the standoff, mm"),
-        ):  # fmt: skip
+            (left, depths, focus, "depth of the focus, mm"),
+            (right, ERRORS, height, "error of the standoff, mm"),
+        ):
             for (name, text, unit), colour in zip(FIGURES, COLOURS, strict=False):
                 values = np.array([np.median(m[name]) for m in runs])
                 here = np.median(level[name])

@@ -202,9 +202,10 @@ def dither(trial: Trial, rows: Rows) -> list[Drawing]:
     """The shapes as printed and as the machine makes them; the compound trajectory of a recorded cut."""
     still = spot.Realised(2000.0, 0.3, 0.3, 1.0)  # optics that follow at once
     for shape, turns, sizes in (
-        ("circular", 2.0, (0.3, 0.3, 0.0, 0.0)), ("hat", 2.5, (0.06, 0.24 / (5 * np.pi), 0.06, 0.24 / (5 * np.pi))),
+        ("circular", 2.0, (0.3, 0.3, 0.0, 0.0)),
+        ("hat", 2.5, (0.06, 0.24 / (5 * np.pi), 0.06, 0.24 / (5 * np.pi))),
         ("elliptical", 2.0, (0.3, 0.15, 0.0, 0.0)),
-    ):  # fmt: skip
+    ):
         u = np.linspace(0.0, turns, 2001)
         real = still._replace(y=0.15) if shape == "elliptical" else still
         made = np.array(spot.shaped(spot.Params(shape=spot.SHAPES.index(shape)), real, u))
@@ -235,9 +236,7 @@ def _eq_13(rows: Rows) -> None:
     c = {name: channels[:, i].astype(float) for i, name in enumerate(gantry.CHANNELS)}
     on = np.flatnonzero((c["phase"] == gantry.LEAD_IN) | (c["phase"] == gantry.CUT))
     ms, t = np.arange(len(on), dtype=float), np.arange(len(whole.along)) * whole.dt * 1e3
-    relative = np.array([
-        whole.along - np.interp(t, ms, c["s"][on]), whole.across - np.interp(t, ms, c["error"][on])
-    ])  # fmt: skip
+    relative = np.array([whole.along - np.interp(t, ms, c["s"][on]), whole.across - np.interp(t, ms, c["error"][on])])
     radius = np.hypot(*relative)
     real = spot.realised(optics, DYNAMIC, 0.0)
     off = np.abs(radius - real.x)
@@ -256,9 +255,10 @@ def _dither_shapes(figure: Figure) -> None:
     """Dither as printed: t from 0 to 4π, 10π and 4π. Circle of 0.3 mm; hat with a = c = 0.06 mm and b = d = 0.008 mm;
     ellipse of 0.3 and 0.15 mm. The machine folds z to ±1 mm."""
     cases = (
-        ("circular", 4 * np.pi, (0.3, 0.3, 0.0, 0.0)), ("hat", 10 * np.pi, (0.06, 0.008, 0.06, 0.008)),
+        ("circular", 4 * np.pi, (0.3, 0.3, 0.0, 0.0)),
+        ("hat", 10 * np.pi, (0.06, 0.008, 0.06, 0.008)),
         ("elliptical", 4 * np.pi, (0.3, 0.15, 0.0, 0.0)),
-    )  # fmt: skip
+    )
     for i, (shape, end, sizes) in enumerate(cases):
         ax: Any = figure.add_subplot(1, 3, i + 1, projection="3d")
         x, y, z = printed_dither(shape, np.linspace(0.0, end, 1500), sizes)
@@ -428,8 +428,9 @@ def absorption(trial: Trial, rows: Rows) -> list[Drawing]:
     ])  # fmt: skip
     plain = float(fit_cut.beam_of(steel.params, steel.power, spot.Command()).absorbed)
     speeds = [fastest(steel.params, steel.power, d) for d in (spot.Command(), DYNAMIC)]
-    without, with_ = (jobs_of(DITHERS[name][0], "cut-square", trial.seeds, DITHERS[name][1])
-                      for name in ("none", "circular"))  # fmt: skip
+    without, with_ = (
+        jobs_of(DITHERS[name][0], "cut-square", trial.seeds, DITHERS[name][1]) for name in ("none", "circular")
+    )
     rows("absorbed-share", (100 * plain, 100 * share[-1]), holds=share[-1] > 1.02 * plain)
     rows("largest-feed", (speeds, SAME), holds=speeds[1] > 1.02 * speeds[0])
     for name, unit, said in (("dross", "mm", "“smaller dross”"), ("roughness", "µm", "“improves roughness”")):
@@ -446,10 +447,12 @@ def absorption(trial: Trial, rows: Rows) -> list[Drawing]:
         left.set_ylim(0, None)
         left.legend(frameon=False)
         feeds = np.geomspace(0.1, 2.0, 40)
-        for (label, dither), colour in zip({"none": spot.Command(), "circle of 0.3 mm": DYNAMIC}.items(),
-                                           (COLOURS[1], COLOURS[0]), strict=True):  # fmt: skip
-            margin = [fit_cut.streamed(steel.params, steel.power, {"feed": float(v), "dither": dither}).margin
-                      for v in feeds]  # fmt: skip
+        for (label, dither), colour in zip(
+            {"none": spot.Command(), "circle of 0.3 mm": DYNAMIC}.items(), (COLOURS[1], COLOURS[0]), strict=True
+        ):
+            margin = [
+                fit_cut.streamed(steel.params, steel.power, {"feed": float(v), "dither": dither}).margin for v in feeds
+            ]
             right.semilogx(feeds, margin, color=colour, label=label)
         right.axhline(1.0, color=QUIET, lw=0.8, ls="--")
         right.set(xlabel="feed, m/min", ylabel="melt margin, 1", ylim=(0, 4))

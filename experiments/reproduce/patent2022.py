@@ -126,9 +126,9 @@ def _cases(axes: Axes, trial: Trial) -> None:
     t, d = (np.arange(len(record.data)) + 1) * PERIOD, record.reported_error[:, 0]
     accuracy = law.Params().accuracy
     axes.plot(t, d, color="0.6", lw=1)
-    for i, (label, mask) in enumerate({
-        "lift": d < -accuracy, "hold": np.abs(d) <= accuracy, "lower": d > accuracy,
-    }.items()):  # fmt: skip
+    for i, (label, mask) in enumerate(
+        {"lift": d < -accuracy, "hold": np.abs(d) <= accuracy, "lower": d > accuracy}.items()
+    ):
         axes.plot(t[mask], d[mask], ".", ms=3, color=COLOURS[i], label=label)
     axes.set(xlabel="time, s", ylabel="height difference d, mm")
     axes.legend()

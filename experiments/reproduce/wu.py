@@ -99,9 +99,7 @@ def _moves_and_stops(rows: Rows) -> None:
     """What the actual position does while the commanded one moves evenly, and after it has stopped."""
     p = PRESETS["a"]
     speeds = np.concatenate([axes.from_rest(CUTTING, 300, 1500), np.zeros(1500)])
-    seen = axes.travelled(
-        [axes.line(speeds)], [p], [wu.Params(kp=KP)], ["x.position", "axes_signals.error_x"]
-    )  # fmt: skip
+    seen = axes.travelled([axes.line(speeds)], [p], [wu.Params(kp=KP)], ["x.position", "axes_signals.error_x"])
     x, error = seen["x.position"][:, 0], seen["axes_signals.error_x"][:, 0]
     pace = float((x[1400] - x[1000]) / 0.4)
     rest = 1e3 * float(np.abs(x[-1] - speeds.sum() * 1e-3))
@@ -118,7 +116,7 @@ def z_domain(trial: Trial, rows: Rows) -> None:
     for p in (*PRESETS.values(), xy_axes.Params(tau=0.003)):
         number, under, _ = signal.cont2discrete(
             (np.trim_zeros([p.tau, 1.0], "f"), [p.t1 * p.t2, p.t1 + p.t2, 1.0]), t, method="zoh"
-        )  # fmt: skip
+        )
         number = number.ravel()
         c, d = np.exp(-t / p.t1), np.exp(-t / p.t2)
         c1, c2 = (p.t1 - p.tau) / (p.t1 - p.t2), (p.tau - p.t2) / (p.t1 - p.t2)

@@ -69,9 +69,7 @@ def _flat(
 @study("xi2023", "Static accuracy of 0.001 mm")
 def static_accuracy(trial: Trial, rows: Rows) -> list[Drawing]:
     """A level sheet and the sensor's noise, with and without interpolation."""
-    found = {
-        look: {h: _at_rest(h, look, trial.seeds) for h in HEIGHTS} for look in ("interpolate", "nearest")
-    }  # fmt: skip
+    found = {look: {h: _at_rest(h, look, trial.seeds) for h in HEIGHTS} for look in ("interpolate", "nearest")}
     for look, runs in found.items():
         for h in (HEIGHTS[0], HEIGHTS[2], HEIGHTS[-1]):
             true, reported = runs[h]

@@ -153,9 +153,7 @@ def _joined(
     return joined, {s: text for s, text in texts[next(iter(grids))].items() if s in shared}
 
 
-def _shared(
-    suite: str, grids: Grids, texts: dict[str, dict[str, str]], notes: list[str]
-) -> list[str]:  # fmt: skip
+def _shared(suite: str, grids: Grids, texts: dict[str, dict[str, str]], notes: list[str]) -> list[str]:
     """Scenarios that every run has, and that are the same in all."""
     every = list(dict.fromkeys(s for g in grids.values() for s in g.scenarios))
     common = [s for s in every if all(s in g.scenarios for g in grids.values())]

@@ -17,10 +17,7 @@ _STEP = (
     "env = gymnasium.make('kerfgym/HeightFollowing-v0'); env.reset(seed=0); env.step(env.action_space.sample());"
 )
 _STEPPED = "; assert env.unwrapped.batch.fleet.column('tally.ticks')[0] == 1, 'no step was made'"
-_COMPILE = (
-    "import time; from kerfgym.envs.plant import machine; start = time.process_time();"
-    "machine.advance.address;"
-)  # fmt: skip
+_COMPILE = "import time; from kerfgym.envs.plant import machine; start = time.process_time();machine.advance.address;"
 
 PROGRAMS = {
     "import gymnasium": f"{_CPU} import gymnasium; {_END}",

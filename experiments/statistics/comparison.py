@@ -71,9 +71,10 @@ def unfailing(found: dict[str, Sample]) -> list[str]:
 def measured(found: dict[str, Sample]) -> list[str]:
     """Names of those who have a figure: in every scenario a run that did not fail, and none without any error."""
     return [
-        name for name, sample in found.items()
+        name
+        for name, sample in found.items()
         if np.isfinite(sample.values).any(axis=1).all() and not (sample.values <= 0).any()
-    ]  # fmt: skip
+    ]
 
 
 def bootstrapped(found: dict[str, Sample], power: float) -> tuple[list[str], Replicates | None]:
@@ -149,7 +150,7 @@ def interval(results: Any, metric: str) -> pd.DataFrame:
 
 def _ratio(
     found: dict[str, Sample], name: str, reference: str, power: float, names: list[str], replicates: Replicates
-) -> Interval:  # fmt: skip
+) -> Interval:
     """The reference's figure over that of ``name``, over the runs in which neither failed."""
     if {name, reference} <= set(unfailing(found)):
         one = np.eye(len(names))

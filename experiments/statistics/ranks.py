@@ -73,9 +73,10 @@ def order(frame: pd.DataFrame) -> list[str]:
     for name in sorted((n for n in frame.index if math.isnan(ranks[n])), key=lambda n: _last(scores[n])):
         share = frame.at[name, "lost"] / max(frame.at[name, "tried"], 1)
         above = [
-            n for n in ranked
+            n
+            for n in ranked
             if _last(scores[n]) <= _last(scores[name]) or frame.at[n, "lost"] / max(frame.at[n, "tried"], 1) < share
-        ]  # fmt: skip
+        ]
         ranked.insert(max((ranked.index(n) + 1 for n in above), default=0), name)
     return ranked
 
@@ -179,9 +180,10 @@ def why_failed(runs: pd.DataFrame) -> str:
     touched = runs["collision"] > 0 if "collision" in runs else pd.Series(False, index=runs.index)
     undone = runs["covered"] < DONE if "covered" in runs else pd.Series(False, index=runs.index)
     counts = {
-        "the nozzle touched the sheet": int(touched.sum()), "the job was not finished": int((undone & ~touched).sum()),
+        "the nozzle touched the sheet": int(touched.sum()),
+        "the job was not finished": int((undone & ~touched).sum()),
         "nothing was scored, or a number was not finite": int((~touched & ~undone).sum()),
-    }  # fmt: skip
+    }
     said = sorted((words for words, n in counts.items() if n), key=lambda words: -counts[words])
     return "; ".join(f"{words} ({counts[words]})" if len(said) > 1 else words for words in said)
 

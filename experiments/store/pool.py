@@ -132,9 +132,9 @@ def _cluster(workers: int, scheduler: str | None) -> Iterator[None]:
         if scheduler is None:
             # Whoever can talk to a scheduler can have its workers run code. This one and its workers listen on this
             # machine only, and talk TLS with certificates that are made now and never written down.
-            stack.enter_context(dask.config.set({
-                "distributed.scheduler.http.routes": [], "distributed.worker.http.routes": [],
-            }))  # fmt: skip
+            stack.enter_context(
+                dask.config.set({"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []})
+            )
             cluster = stack.enter_context(LocalCluster(
                 n_workers=workers, threads_per_worker=1, dashboard_address=None, silence_logs=logging.ERROR,
                 host="127.0.0.1", protocol="tls://", security=_certificates(),
@@ -145,7 +145,7 @@ def _cluster(workers: int, scheduler: str | None) -> Iterator[None]:
                 f"kerfgym: warning: '{secrets.masked(scheduler)}' does not ask who talks to it: everybody who reaches "
                 "it can run code as the user of its workers. Use a tls:// address, or a network of your own",
                 file=sys.stderr,
-            )  # fmt: skip
+            )
         if scheduler is not None:
             _answers(scheduler)
         try:

@@ -31,9 +31,10 @@ def compared(here: dict[str, Any], there: dict[str, Any]) -> dict[str, Any]:
         ``farthest``, the largest quotient.
     """
     fair = [
-        name for name, row in here.items()
+        name
+        for name, row in here.items()
         if row["information"] == "sensor" and row["rank"] is not None and row["score"] is not None
-    ]  # fmt: skip
+    ]
     chosen = sorted(fair, key=lambda name: (here[name]["rank"], here[name]["score"]))[:FIRST]
     places_here, places_there = _places(chosen, here), _places(chosen, there)
     rows: dict[str, dict[str, Any]] = {}
@@ -47,10 +48,11 @@ def compared(here: dict[str, Any], there: dict[str, Any]) -> dict[str, Any]:
     quotients = [row["quotient"] for row in rows.values()]
     whole = bool(rows) and None not in quotients
     return {
-        "rows": rows, "farthest": max(quotients) if whole else None,
+        "rows": rows,
+        "farthest": max(quotients) if whole else None,
         "order": "yes" if rows and _same_order(places_here, places_there) else "no",
         "ratios": "yes" if whole and max(quotients) <= FACTOR else "no",
-    }  # fmt: skip
+    }
 
 
 def _places(names: list[str], numbers: dict[str, Any]) -> dict[str, int | None]:

@@ -92,11 +92,12 @@ KINDS = {
     "normal": Kind(_normal, 0.5 * math.log(101.0), _middle(lambda x: stats.norm.cdf(np.exp(x) - 10.0), 1.5, 2.8)),
     "lognormal": Kind(_lognormal, 0.25, 0.0),
     "collisions": Kind(
-        _collisions, 0.25 + 0.5 * math.log(0.97 + 0.03 * 100.0),
+        _collisions,
+        0.25 + 0.5 * math.log(0.97 + 0.03 * 100.0),
         _middle(lambda x: 0.97 * stats.norm.cdf(2 * x) + 0.03 * stats.norm.cdf(2 * (x - math.log(10.0))), -4.0, 7.0),
     ),
     "trainings": Kind(_trainings, 0.25 + 0.1**2, 0.0),
-}  # fmt: skip
+}
 
 
 def intervals(values: np.ndarray, statistic: Statistic, count: int = 1000) -> dict[str, Interval]:
@@ -118,8 +119,9 @@ def intervals(values: np.ndarray, statistic: Statistic, count: int = 1000) -> di
     return {
         "percentile": Interval(value, *np.quantile(replicates, tails)),
         "BCa": Interval(value, *np.quantile(replicates, ranks)),
-        "Student": Interval(value, value - half, value + half), "bootstrap-t": found.interval([1.0]),
-    }  # fmt: skip
+        "Student": Interval(value, value - half, value + half),
+        "bootstrap-t": found.interval([1.0]),
+    }
 
 
 def coverage(kind: Kind, statistic: str, count: int, repeats: int, seed: int = 0) -> dict[str, float]:

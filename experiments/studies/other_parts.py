@@ -15,17 +15,15 @@ SEEDS = 4
 AXES: dict[str, tuple[str, dict[str, Any]]] = {
     "plain": ("as in the suite", {}),
     "slower": ("drives with time constants 40 % longer", {"gantry": {"slower": 1.4}}),
-    "stiffer": (
-        "gains 20 % higher", {"gantry": {"x_plus": 1.2, "x_minus": 1.2, "y_plus": 1.2, "y_minus": 1.2}},
-    ),
+    "stiffer": ("gains 20 % higher", {"gantry": {"x_plus": 1.2, "x_minus": 1.2, "y_plus": 1.2, "y_minus": 1.2}}),
     "unequal": (
         "gains 10 % off in opposite directions",
         {"gantry": {"x_plus": 1.1, "x_minus": 0.9, "y_plus": 0.9, "y_minus": 1.1}},
     ),
     "half": ("half the feed", {"feed": 0.5}),
     "faster": ("one and a half times the feed", {"feed": 1.5}),
-    "modern": ("the axes `gantry.preset = \"modern\"`", {"gantry": {"preset": "modern"}}),
-}  # fmt: skip
+    "modern": ('the axes `gantry.preset = "modern"`', {"gantry": {"preset": "modern"}}),
+}
 """Conditions under which contours are followed: in words, and what is changed; ``feed`` is a factor."""
 
 JOBS = ("contour-gear", "contour-corners", "contour-slots")

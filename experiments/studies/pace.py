@@ -31,4 +31,4 @@ def of_speed(trial: Trial) -> dict[str, Any]:
             "failed": int((ratios["held"] == 0).sum()),
         },
         "rounds": ROUNDS,
-    }  # fmt: skip
+    }

@@ -70,5 +70,5 @@ def _policy(name: str) -> dict[str, Any]:
         found["seeds"] = {
             column: {"median": frame[column].median(), "best": frame[column].min(), "worst": frame[column].max()}
             for column in columns
-        } | {"count": len(frame), "each": frame["score"].tolist()}  # fmt: skip
+        } | {"count": len(frame), "each": frame["score"].tolist()}
     return found

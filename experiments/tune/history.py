@@ -189,8 +189,9 @@ def pareto(trials: pd.DataFrame, task: Task, front: list[Found]) -> Figure:
     whole, first = trials[trials["state"] == "complete"], task.metrics[0]
     for i, (axes, other) in enumerate(zip(grid, task.metrics[1:], strict=True), 1):
         for good, marker, colour, text in (
-            (False, "x", QUIET, "breaks a limit"), (True, "o", COLOURS[5], "keeps the limits"),
-        ):  # fmt: skip
+            (False, "x", QUIET, "breaks a limit"),
+            (True, "o", COLOURS[5], "keeps the limits"),
+        ):
             part = whole[whole["feasible"] == good]
             axes.plot(part[first], part[other], marker, color=colour, markersize=4, label=text)
         points = sorted((f.values[0], f.values[i]) for f in front)

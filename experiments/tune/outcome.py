@@ -245,9 +245,9 @@ def write(path: Path, task: Task, found: Found, provenance: dict[str, Any]) -> N
         base, before, _ = stacks.tuned(base)
     body = {
         "controller": base,
-        "parameters": before | {k: int(v) if not isinstance(v, str) and v == int(v) else v
-                                for k, v in found.parameters.items()},
+        "parameters": before
+        | {k: int(v) if not isinstance(v, str) and v == int(v) else v for k, v in found.parameters.items()},
         "provenance": provenance,
-    }  # fmt: skip
+    }
     head = f"# kerfgym benchmark -c {path.as_posix()}\n"
     runs.write_text(path, head + tomli_w.dumps(body))

@@ -42,9 +42,9 @@ def summary(found: list[Verdict]) -> Sheet:
 def list_of(found: list[Verdict], folder: Path, outcome: str) -> Sheet:
     """Each file of an outcome, with its reason."""
     sheet = Sheet(outcome.capitalize(), ["file", "format", "counts", "reason"])
-    sheet.sections.append([
-        [_name(v, folder), v.kind, "yes" if v.counted else "no", v.reason] for v in found if v.outcome == outcome
-    ])  # fmt: skip
+    sheet.sections.append(
+        [[_name(v, folder), v.kind, "yes" if v.counted else "no", v.reason] for v in found if v.outcome == outcome]
+    )
     return sheet
 
 

@@ -49,8 +49,9 @@ def endurance(
         _follower(name)
     tasks = [
         Task(name, sheet, scenario, tuple(int(s) for s in seeds), window)
-        for sheet, scenario in sheets.items() for name in controllers
-    ]  # fmt: skip
+        for sheet, scenario in sheets.items()
+        for name in controllers
+    ]
     found: dict[tuple[str, str], Windows] = {}
     for task, windows in pool.spread(work, tasks, jobs):
         found[task.sheet, task.controller] = windows

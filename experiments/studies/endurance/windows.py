@@ -60,9 +60,10 @@ def promises(frame: pd.DataFrame) -> list[dict[str, Any]]:
     ]  # fmt: skip
     for _, row in frame[(frame["controller"] == SUBJECT) & ~frame["drawing"]].iterrows():
         for what, measured, most in (
-            ("largest error later over first", row["ratio"], LIMIT), ("bursts", row["bursts"], 0.0),
+            ("largest error later over first", row["ratio"], LIMIT),
+            ("bursts", row["bursts"], 0.0),
             ("lost runs", row["lost"], 0.0),
-        ):  # fmt: skip
+        ):
             found.append(_promise(f"{SUBJECT} on {row['sheet']}: {what}", measured, most))
     for name, part in frame[frame["drawing"]].groupby("sheet", sort=False):
         own = part.set_index("controller")

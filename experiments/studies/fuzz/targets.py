@@ -188,7 +188,7 @@ TARGETS: dict[str, Target] = {
     "results": Target("runs/run/*/*.[pc]*[tv]", _run, lambda data, seed, folder: _in_run(data, seed, folder)),
     "journal": Target("runs/study.journal", _journal, _beside),
     "mark": Target("runs/words.json", _begun, lambda data, seed, folder: _renamed(data, folder, ".begun")),
-}  # fmt: skip
+}
 """By the name that the fuzzer takes."""
 
 

@@ -59,14 +59,13 @@ def _without_seconds(data: Any) -> Any:
 def _searched(name: str) -> Callable[[Path], Figures]:
     """Of a search, whose best is in the file ``name``."""
     return lambda folder: {
-        "trials.csv": _frame(folder / "trials.csv"), name: _without_seconds(files.toml(folder / name)),
-    }  # fmt: skip
+        "trials.csv": _frame(folder / "trials.csv"),
+        name: _without_seconds(files.toml(folder / name)),
+    }
 
 
 def _train(folder: Path) -> Figures:
-    return {
-        "evaluations.csv": _frame(folder / "evaluations.csv"), **_tables(folder / "policy", "weights.safetensors"),
-    }  # fmt: skip
+    return {"evaluations.csv": _frame(folder / "evaluations.csv"), **_tables(folder / "policy", "weights.safetensors")}
 
 
 def _reproduce(folder: Path) -> Figures:
