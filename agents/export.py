@@ -75,15 +75,24 @@ def export(
     environment = batch.task.id
     observation, action = describe(environment, batch.control, batch.observation)
     about = {
-        "algorithm": type(model).__name__, "seed": model.seed, "training_steps": int(model.num_timesteps),
+        "algorithm": type(model).__name__,
+        "seed": model.seed,
+        "training_steps": int(model.num_timesteps),
         "simulated_steps": int(model.num_timesteps) * batch.task.period,
         "versions": _versions(),
-    }  # fmt: skip
+    }
     document = Document(
-        format=FORMAT, environment=environment, version=int(environment.rpartition("-v")[2]), control=batch.control,
-        base={s.slot: describe_base(s) for s in batch.base.stacks}, observation=observation, action=action,
-        network=shape_of(network), weights="", provenance={**about, **(provenance or {})},
-    )  # fmt: skip
+        format=FORMAT,
+        environment=environment,
+        version=int(environment.rpartition("-v")[2]),
+        control=batch.control,
+        base={s.slot: describe_base(s) for s in batch.base.stacks},
+        observation=observation,
+        action=action,
+        network=shape_of(network),
+        weights="",
+        provenance={**about, **(provenance or {})},
+    )
     difference, compared = equivalence(model, network, batch)
     if not difference <= BOUND:
         raise InvalidInput(

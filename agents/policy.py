@@ -224,9 +224,11 @@ def check(document: Document, where: str) -> None:
             f"{where} is for version {document.version} of environment '{document.environment}'; here it is {version}"
         )
     for what, saved, present in zip(
-        ("observation", "action"), (document.observation, document.action),
-        describe(document.environment, document.control, str(document.observation.get("kind"))), strict=True,
-    ):  # fmt: skip
+        ("observation", "action"),
+        (document.observation, document.action),
+        describe(document.environment, document.control, str(document.observation.get("kind"))),
+        strict=True,
+    ):
         for key in dict.fromkeys((*present, *saved)):
             if saved.get(key) != present.get(key):
                 raise InvalidInput(
@@ -293,10 +295,8 @@ def _stack(folder: Path, stamp: tuple[int, ...]) -> Stack:
     tuned.pop("edited", None)  # what its training changed in the base is part of the policy, and in its record
     steps = made.get("ledger", made).get("simulated_steps", 0) + tuned.get("simulated_steps", tuned.get("steps", 0))
     provenance = {**tuned, "simulated_steps": steps, "policy": made}
-    return Stack(
-        str(folder), f"policy for {policy.document.environment}, {policy.document.control}, on {main.name}", main.law,
-        main.values, None, provenance, "", Compiled(policy), found,
-    )  # fmt: skip
+    summary = f"policy for {policy.document.environment}, {policy.document.control}, on {main.name}"
+    return Stack(str(folder), summary, main.law, main.values, None, provenance, "", Compiled(policy), found)
 
 
 def stack_of(folder: Path) -> Stack | None:

@@ -37,10 +37,10 @@ ACTIVATIONS = ("tanh", "relu")
 
 _OURS = ("final_learning_rate", "noise")
 _OUTSIDE = (  # set by the run itself, or not a plain value
-    "self", "policy", "env", "policy_kwargs", "seed", "device", "verbose", "tensorboard_log", "_init_setup_model",
-    "action_noise", "replay_buffer_class", "replay_buffer_kwargs", "optimize_memory_usage", "rollout_buffer_class",
-    "rollout_buffer_kwargs", "stats_window_size", "use_sde", "sde_sample_freq", "use_sde_at_warmup",
-)  # fmt: skip
+    *("self", "policy", "env", "policy_kwargs", "seed", "device", "verbose", "tensorboard_log", "_init_setup_model"),
+    *("action_noise", "replay_buffer_class", "replay_buffer_kwargs", "optimize_memory_usage", "rollout_buffer_class"),
+    *("rollout_buffer_kwargs", "stats_window_size", "use_sde", "sde_sample_freq", "use_sde_at_warmup"),
+)
 _SHARES = ("gamma", "gae_lambda", "tau", "clip_range")
 _POLICY = ("net_arch", "activation", "spread", "output_gain")
 _RECURRENT = ("lstm_hidden_size", "n_lstm_layers", "shared_lstm", "enable_critic_lstm")

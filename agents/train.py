@@ -256,19 +256,17 @@ class Training:
 
     def keep(self) -> None:
         """Writes a checkpoint."""
-        checkpoint.write(self.folder / CHECKPOINT, {
-            "identity": self.identity(), "model": checkpoint.state_of(self.model), "best": self.best, "rows": self.rows,
-            "cpu_seconds": self.cpu_seconds, "looked": self.looked, "evaluation_steps": self.looking,
-        })  # fmt: skip
+        kept = {"identity": self.identity(), "model": checkpoint.state_of(self.model), "best": self.best}
+        spent = {"cpu_seconds": self.cpu_seconds, "looked": self.looked, "evaluation_steps": self.looking}
+        checkpoint.write(self.folder / CHECKPOINT, kept | {"rows": self.rows} | spent)
 
     def look(self) -> Evaluation:
         """Evaluates the policy; the best one is kept."""
         seen, model = self.evaluator(self.model), self.model
         self.looked, self.looking = model.num_timesteps, self.looking + seen.steps
-        self.rows.append({
-            "steps": model.num_timesteps, "cpu_seconds": round(self.cpu_seconds, 1), "score": seen.score,
-            "mean_return": seen.mean_return, "collisions": int(seen.collisions), **seen.scenarios,
-        })  # fmt: skip
+        row = {"steps": model.num_timesteps, "cpu_seconds": round(self.cpu_seconds, 1), "score": seen.score}
+        row |= {"mean_return": seen.mean_return, "collisions": int(seen.collisions), **seen.scenarios}
+        self.rows.append(row)
         for key, value in {"score": seen.score, "mean_return": seen.mean_return, **seen.scenarios}.items():
             model.logger.record(f"tune/{key}", value)
         model.logger.dump(model.num_timesteps)

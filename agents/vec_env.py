@@ -21,10 +21,8 @@ from ..envs.tasks.episodes import check_options
 from ..envs.tasks.single import SingleEnv
 from ..envs.tasks.vector import make_batch
 
-ATTRIBUTES = (
-    "scenario", "scenario_seed", "base", "control", "split", "render_mode", "spec", "action_space",
-    "observation_space",
-)  # fmt: skip
+_OF_MACHINE = ("scenario", "scenario_seed", "base", "control", "split")
+ATTRIBUTES = (*_OF_MACHINE, "render_mode", "spec", "action_space", "observation_space")
 """What :meth:`KernelVecEnv.get_attr` knows, besides the entries of ``info`` and what :meth:`set_attr` has set."""
 
 METHODS = ("reset", "render", "close", "get_wrapper_attr")

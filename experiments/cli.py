@@ -183,9 +183,17 @@ def benchmark(
     reading = drawing.reading()
     how = cut_as(lead_in, kerf, joints, joint_spacing, joint_width)
     planned = grids.plan(
-        suite, controller, scenario, path=path, reading=reading, seeds=seeds, split=split, everything=shipped,
-        extrapolate=extrapolate, cut_as=how,
-    )  # fmt: skip
+        suite,
+        controller,
+        scenario,
+        path=path,
+        reading=reading,
+        seeds=seeds,
+        split=split,
+        everything=shipped,
+        extrapolate=extrapolate,
+        cut_as=how,
+    )
     if path is not None:
         tell(path, reading)
     for note in grids.planning(planned):
@@ -193,9 +201,18 @@ def benchmark(
     folder = runs.named(name, resume=resume)
     try:
         results = bench.run_grids(
-            planned, folder, with_ms=ms, with_cost=cost, with_blame=blame, with_detuned=detuned, workers=jobs,
-            backend=backend, scheduler=scheduler, overwrite=overwrite, resume=resume,
-        )  # fmt: skip
+            planned,
+            folder,
+            with_ms=ms,
+            with_cost=cost,
+            with_blame=blame,
+            with_detuned=detuned,
+            workers=jobs,
+            backend=backend,
+            scheduler=scheduler,
+            overwrite=overwrite,
+            resume=resume,
+        )
     except KeyboardInterrupt:
         print(f"\nkerfgym: interrupted; {archive.resumption(folder)} goes on", file=sys.stderr)
         raise SystemExit(130) from None
@@ -465,16 +482,14 @@ def tune(
     from .tune import command, controllers
 
     folder = runs.named(name, "tune-", resume)
-    for_controllers: dict[str, Any] = {
-        "controller": controller, "suite": None if suite == "following" else suite, "metric": metric or None,
-        "ms": ms, "jitter": jitter, "overshoot": overshoot, "limit": limit or None, "seeds": seeds,
-        "budget": budget, "extrapolate": extrapolate or None,
-    }  # fmt: skip
+    for_controllers: dict[str, Any] = {"controller": controller, "suite": None if suite == "following" else suite}
+    for_controllers |= {"metric": metric or None, "ms": ms, "jitter": jitter, "overshoot": overshoot}
+    for_controllers |= {"limit": limit or None, "seeds": seeds, "budget": budget, "extrapolate": extrapolate or None}
     if study is not None:
         from .tune import searches, study_file
 
-        others = {"sampler": sampler, "seed": seed or None, "env": env, "steps": steps, "set": set_ or None,
-                  "storage": storage}  # fmt: skip
+        others = {"sampler": sampler, "seed": seed or None, "env": env, "steps": steps}
+        others |= {"set": set_ or None, "storage": storage}
         if given := [option for option, value in (for_controllers | others).items() if value is not None]:
             raise InvalidInput(f"--{given[0]} is not given beside --study; the study file says it")
         planned = study_file.read(study, what, trials)
@@ -580,10 +595,8 @@ ABOUT = """Testbed for laser-cutting machine control. Everything is simulated; n
 
 kerfgym list shows what there is, kerfgym COMMAND --help every option of a command."""
 
-COMMANDS: dict[str, Any] = {
-    "list": list_, "benchmark": benchmark, "report": report, "blame": blame, "tune": tune, "train": train,
-    "reproduce": reproduce, "render": render, "speed": speed,
-}  # fmt: skip
+_ALL = (list_, benchmark, report, blame, tune, train, reproduce, render, speed)
+COMMANDS: dict[str, Any] = {command.__name__.removesuffix("_"): command for command in _ALL}
 """Every command by its name."""
 
 for _each in COMMANDS.values():  # the terminal decides where lines of help end, not this file

@@ -165,8 +165,11 @@ def _results(grid: Grid, known: dict[str, Team], joined: dict[str, pd.DataFrame]
     frame = in_order(joined["runs"], grid.controllers, names)
     ledger = joined["ledger"].groupby("controller", sort=False).sum()
     meta = record | {
-        "seeds": f"{min(grid.seeds)}-{max(grid.seeds)}", "seed_count": len(grid.seeds), "scenarios": names,
-        "controllers": list(grid.controllers), "core": list(grid.core),
+        "seeds": f"{min(grid.seeds)}-{max(grid.seeds)}",
+        "seed_count": len(grid.seeds),
+        "scenarios": names,
+        "controllers": list(grid.controllers),
+        "core": list(grid.core),
         "plates": sorted({s.head.plate for s in grid.scenarios}),
         "corners": [s.name for s in grid.scenarios if s.corners],
         "bounds": {s.name: each.bound for s in grid.scenarios if (each := recorded(s))},
@@ -177,24 +180,23 @@ def _results(grid: Grid, known: dict[str, Team], joined: dict[str, pd.DataFrame]
         "tuning": {name: team.provenance for name, team in known.items() if team.provenance},
         "programs": {name: _digest(team.program) for name, team in known.items()},
         "parameters": {name: {k: p.value for k, p in team.parameters().items()} for name, team in known.items()},
-    }  # fmt: skip
+    }
     if len(joined.get("margins", ())):
         meta["machines"] = {machine.label: names for machine, names in plants.machines(grid.scenarios).items()}
     core, summaries = tuple(c for c in grid.core if c in names), {s.name: s.summary for s in grid.scenarios}
     traces = joined.get("traces", pd.DataFrame())
     if grid.with_jobs:
         rules, materials = scenarios.rules(grid.suite), [workshop.material_of(s) for s in grid.scenarios]
-        return Results(
-            frame, traces, pd.DataFrame(), meta, core, (), summaries, metric=rules.get("score", "contour_rms"),
-            reference=rules.get("reference", "wu-tuned"), jobs=True, plans=plans.table(grid.scenarios),
-            labels=tuple(dict.fromkeys(m.label for m in materials)),
-            materials=tuple(dict.fromkeys((m.name, m.thickness) for m in materials)),
-        )  # fmt: skip
+        of_jobs: dict[str, Any] = {"jobs": True, "plans": plans.table(grid.scenarios)}
+        of_jobs["metric"] = rules.get("score", "contour_rms")
+        of_jobs["reference"] = rules.get("reference", "wu-tuned")
+        of_jobs["labels"] = tuple(dict.fromkeys(m.label for m in materials))
+        of_jobs["materials"] = tuple(dict.fromkeys((m.name, m.thickness) for m in materials))
+        return Results(frame, traces, pd.DataFrame(), meta, core, (), summaries, **of_jobs)
     empty = pd.DataFrame({"controller": [], "frequency": [], "magnitude": []})
-    return Results(
-        frame, traces, joined.get("sensitivity", empty), meta, core,
-        tuple(s.name for s in grid.scenarios if s.exempt), summaries, joined.get("margins", pd.DataFrame()),
-    )  # fmt: skip
+    exempt = tuple(s.name for s in grid.scenarios if s.exempt)
+    sensitivity, margins = (joined.get(name, empty) for name in ("sensitivity", "margins"))
+    return Results(frame, traces, sensitivity, meta, core, exempt, summaries, margins)
 
 
 def _digest(program: list[str]) -> str:

@@ -67,21 +67,22 @@ def blame(
         found = _all(teams, grid.scenarios, grid.seeds, stages, threads, folder / PARTS, told, ledger)
         shares, headroom = tables.shares(found), tables.headroom(found)
         _write(folder, found, shares, headroom, grid.scenarios)
-        meta = runs.record(command) | {
-            "seeds": f"{min(grid.seeds)}-{max(grid.seeds)}", "seed_count": len(grid.seeds),
-            "scenarios": [s.name for s in grid.scenarios], "controllers": list(grid.controllers),
-            "stages": list(found[0].stages), "failed": sum(b.failed for b in found),
-            "wall_seconds": round(time.time() - started, 1), "ledger": ledger.entry(),
-            "parameters": {s.name: {k: p.value for k, p in s.parameters().items()} for s in teams},
-        }  # fmt: skip
+        meta = runs.record(command) | {"seeds": f"{min(grid.seeds)}-{max(grid.seeds)}", "seed_count": len(grid.seeds)}
+        meta |= {"scenarios": [s.name for s in grid.scenarios], "controllers": list(grid.controllers)}
+        meta |= {"stages": list(found[0].stages), "failed": sum(b.failed for b in found)}
+        meta |= {"wall_seconds": round(time.time() - started, 1), "ledger": ledger.entry()}
+        meta["parameters"] = {s.name: {k: p.value for k, p in s.parameters().items()} for s in teams}
         runs.write_json(folder / "run.json", meta)
     return shares, headroom
 
 
 def in_report(
-    results: Results, chosen: Sequence[Scenario], parts: Path, threads: int = 1,
+    results: Results,
+    chosen: Sequence[Scenario],
+    parts: Path,
+    threads: int = 1,
     told: Told = lambda done, total, last: None,
-) -> tuple[pd.DataFrame, pd.DataFrame]:  # fmt: skip
+) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Tables ``blame`` and ``headroom`` for a benchmark: the reference and the best of the class *sensor*.
 
     Both in the scenarios of :data:`SHOWN` that were run, or else in the first three; on the run's first :data:`SEEDS`

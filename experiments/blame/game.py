@@ -138,12 +138,11 @@ def measure(
         others = {name: team.having(stacks.get(name)) for name in references}
         known = {name: _squares(scenario, other, seeds, threads, cost)["gap"] for name, other in others.items()}
     names = scenario.name, team.name
-    return [
-        Blame(*names, error, tuple(int(s) for s in seeds), stages,
-              errors[everyone & ~idle],  # one who adds nothing to any coalition need not play
-              known if error == "gap" else {})
+    whose = tuple(int(s) for s in seeds)
+    return [  # one who adds nothing to any coalition need not play
+        Blame(*names, error, whose, stages, errors[everyone & ~idle], known if error == "gap" else {})
         for error, errors in found.items()
-    ]  # fmt: skip
+    ]
 
 
 def episodes(scenario: Scenario, team: Team, seeds: int, stages: Sequence[str] = ()) -> int:

@@ -31,8 +31,8 @@ def shares(found: Sequence[Blame]) -> pd.DataFrame:
         shared, alone = (_intervals(part, mean, np.eye(len(part))) for part in parts)
         for i, stage in enumerate([*blame.stages, REST]):
             rows.append([blame.scenario, blame.controller, stage, *shared[i], UNIT, *alone[i], blame.error])
-    columns = ["scenario", "controller", "stage", "share", "low", "high", "unit", "alone", "alone_low", "alone_high",
-               "error"]  # fmt: skip
+    ends = ["share", "low", "high", "unit", "alone", "alone_low", "alone_high"]
+    columns = ["scenario", "controller", "stage", *ends, "error"]
     return pd.DataFrame(rows, columns=columns)
 
 
@@ -82,11 +82,10 @@ def coalitions(blame: Blame) -> pd.DataFrame:
     names = ["+".join(blame.stages[i] for i in range(count) if c >> i & 1) for c in range(1 << count)]
     runs = [(blame.controller, name, errors) for name, errors in zip(names, blame.errors, strict=True)]
     runs += [(name, "", errors) for name, errors in blame.references.items()]
-    return pd.concat(
-        [pd.DataFrame({"scenario": blame.scenario, "controller": who, "error": blame.error, "seed": blame.seeds,
-                       "idealised": name, "square": errors}) for who, name, errors in runs],
-        ignore_index=True,
-    )  # fmt: skip
+    head = {"scenario": blame.scenario, "error": blame.error, "seed": blame.seeds}
+    frames = [pd.DataFrame({**head, "controller": who, "idealised": name, "square": e}) for who, name, e in runs]
+    order = ["scenario", "controller", "error", "seed", "idealised", "square"]
+    return pd.concat(frames, ignore_index=True)[order]
 
 
 def of_coalitions(frame: pd.DataFrame, controller: str, stages: tuple[str, ...]) -> list[Blame]:

@@ -31,9 +31,14 @@ def weights(edges: np.ndarray, where: np.ndarray, radius: float) -> np.ndarray:
 
 
 def errors(
-    surface: Surface, size: float, sight: Sight, where: np.ndarray, horizons: Sequence[int], at: np.ndarray,
+    surface: Surface,
+    size: float,
+    sight: Sight,
+    where: np.ndarray,
+    horizons: Sequence[int],
+    at: np.ndarray,
     scored: int = 0,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+) -> tuple[np.ndarray, np.ndarray]:
     """Error variances V, µm², shape (horizons, at), and what lowering the head can save of each, µm², shape (at,).
 
     Args:

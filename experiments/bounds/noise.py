@@ -49,9 +49,12 @@ def ingredients(fleet: Fleet) -> dict[str, float]:
     encoder, step = 1e3 * fleet.column("z.encoder"), 1e3 * fleet.column("z.dac")
     held = step * 1e-3  # mm/s over a control period of 1 ms
     parts = {
-        "capacitance": capacitance, "jitter": jitter, "counting": counting, "encoder": encoder / np.sqrt(12.0),
+        "capacitance": capacitance,
+        "jitter": jitter,
+        "counting": counting,
+        "encoder": encoder / np.sqrt(12.0),
         "d/a": held / np.sqrt(12.0),
-    }  # fmt: skip
+    }
     return {name: float(np.sqrt(np.mean(np.square(part)))) for name, part in parts.items()}
 
 

@@ -46,12 +46,8 @@ def of(scenario: Scenario, seeds: Sequence[int]) -> Bound:
     """
     check(scenario)
     fleet = prepared(scenario, scenario.some(seeds))
-    rows = np.array([
-        _moving(fleet, scenario, i, sight) if scenario.corners or scenario.turns else _straight(
-            fleet, scenario, i, sight
-        )
-        for i, sight in enumerate(noise.sights(fleet))
-    ])  # fmt: skip
+    figures = _moving if scenario.corners or scenario.turns else _straight
+    rows = np.array([figures(fleet, scenario, i, sight) for i, sight in enumerate(noise.sights(fleet))])
     bound, learned, fixed, known, steps = np.sqrt(rows.mean(axis=0)).tolist()
     parts = {"prediction": known, "steps": steps, **noise.ingredients(fleet)}
     return Bound(bound, max(learned, bound), None if linear.ensemble(scenario).empty else max(fixed, bound), parts)
@@ -66,9 +62,12 @@ def _straight(fleet: Fleet, scenario: Scenario, i: int, sight: Sight) -> tuple[f
     steps, calm = _steps(fleet, scenario, i, axis)
     guess = _learned(fleet, scenario, i, random, sight.noise, axis)
     return (
-        max(known, calm * known + steps), max(guess, calm * guess + steps),
-        linear.ensemble(scenario).error(sight.noise, axis.horizon), known, steps,
-    )  # fmt: skip
+        max(known, calm * known + steps),
+        max(guess, calm * guess + steps),
+        linear.ensemble(scenario).error(sight.noise, axis.horizon),
+        known,
+        steps,
+    )
 
 
 def _learned(fleet: Fleet, scenario: Scenario, i: int, random: Random, sigma: float, axis: Reach) -> float:
@@ -92,9 +91,10 @@ def _moving(fleet: Fleet, scenario: Scenario, i: int, sight: Sight) -> tuple[flo
         trembling = lasting.mean_square(shaken, sight, horizons, reach, scenario.steps)
     along = moving.Along(journey, of_surface(scenario), float(of_sizes(fleet)[i]), sight, horizons, reach)
     begin = scenario.settle_steps
-    found = moving.over_turns(scenario, along, trembling) if scenario.turns else float(np.mean(
-        np.maximum(along.errors(0.0, scenario.steps, begin, begin), trembling)
-    ))  # fmt: skip
+    if scenario.turns:
+        found = moving.over_turns(scenario, along, trembling)
+    else:
+        found = float(np.mean(np.maximum(along.errors(0.0, scenario.steps, begin, begin), trembling)))
     return found, found, linear.ensemble(scenario).error(sight.noise, axis.horizon), found, 0.0
 
 

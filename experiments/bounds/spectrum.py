@@ -134,10 +134,9 @@ def surface(exponent: float, rolloff: float, plate: float) -> Surface:
         d = np.arange(n // 2) * sheet.RANDOM_SPACING
         return CubicSpline(d, covariance(part), bc_type=((1, 0.0), (1, 0.0)))  # even, hence level at 0
 
-    return Surface(
-        plate, smooth(density * felt * felt), smooth(density * tip * felt), float(variance / whole),
-        covariance(density), causal(density / whole)[: n // 2],
-    )  # fmt: skip
+    seen, shown = smooth(density * felt * felt), smooth(density * tip * felt)
+    found = causal(density / whole)[: n // 2]
+    return Surface(plate, seen, shown, float(variance / whole), covariance(density), found)
 
 
 def causal(density: np.ndarray) -> np.ndarray:

@@ -26,15 +26,13 @@ LABEL = "bound (causal, sensor only)"
 LINEAR = "fixed linear, at the set height"
 """What tables and figures call them."""
 
+_PLANT = ("calibration", "controller", "fleet", "heads", "machine", "path", "sensor", "sheet", "z_axis")
 SOURCES = (
-    "experiments/bounds/*.py", "!experiments/bounds/stored.py", "!experiments/bounds/estimates.py",
-    "!experiments/bounds/__main__.py", "envs/scenarios/*.py", "!envs/scenarios/material.py",
-    "envs/engine/lanes.py", "envs/engine/quantity.py",
-    *(
-        f"envs/plant/{name}.py"
-        for name in ("calibration", "controller", "fleet", "heads", "machine", "path", "sensor", "sheet", "z_axis")
-    ),
-)  # fmt: skip
+    "experiments/bounds/*.py",
+    *(f"!experiments/bounds/{name}.py" for name in ("stored", "estimates", "__main__")),
+    *("envs/scenarios/*.py", "!envs/scenarios/material.py", "envs/engine/lanes.py", "envs/engine/quantity.py"),
+    *(f"envs/plant/{name}.py" for name in _PLANT),
+)
 """What bounds are made from, beside the scenarios, as :mod:`store.stamp` takes it."""
 
 _WORDS = ("name", "summary", "version")
@@ -124,20 +122,24 @@ def table() -> str:
         rows = []
         for name in scenarios.core(suite):
             if bound := recorded(scenarios.suite(suite)[name]):
-                rows.append([f"`{name}`", f"**{_shown(bound.bound)}**", _shown(bound.learned), _shown(bound.linear),
-                             _shown(bound.parts["prediction"]), _shown(bound.parts["steps"]),
-                             _shown(bound.parts["capacitance"])])  # fmt: skip
+                shown = [bound.learned, bound.linear, *(bound.parts[k] for k in ("prediction", "steps", "capacitance"))]
+                rows.append([f"`{name}`", f"**{_shown(bound.bound)}**", *map(_shown, shown)])
         if rows:
-            titles = ("scenario", "bound", "learned at the set height (estimate)", "fixed linear",
-                      "of the bound: prediction", "of the bound: steps", "noise of a reading")  # fmt: skip
+            parts = ("of the bound: prediction", "of the bound: steps", "noise of a reading")
+            titles = ("scenario", "bound", "learned at the set height (estimate)", "fixed linear", *parts)
             text += [f"Suite `{suite}`, µm RMS:\n", markdown(titles, rows)]
     return "\n".join(text)
 
 
 ESTIMATES = {
-    "tilt": (0.5, 0.5), "wavy": (1.2, 1.4), "rough": (2.2, 2.7), "step": (0.0, 20.0), "impulses": (0.5, 0.5),
-    "flutter": (1.8, 2.1), "chatter": (3.2, 3.9),
-}  # fmt: skip
+    "tilt": (0.5, 0.5),
+    "wavy": (1.2, 1.4),
+    "rough": (2.2, 2.7),
+    "step": (0.0, 20.0),
+    "impulses": (0.5, 0.5),
+    "flutter": (1.8, 2.1),
+    "chatter": (3.2, 3.9),
+}
 """Independent estimates of what is possible in the core of ``following-v1``, µm RMS, from to."""
 
 
@@ -151,8 +153,8 @@ def comparison() -> str:
             given = f"≤ {high:g}" if low == 0.0 else (f"{low:g}" if low == high else f"{low:g}–{high:g}")
             away = "–" if low == 0.0 or not bound.linear else f"{100.0 * (bound.linear / low - 1.0):+.0f} %"
             rows.append([f"`{name}`", given, _shown(bound.linear), away, _shown(bound.learned), _shown(bound.bound)])
-    titles = ("`following-v1`, µm RMS", "independent estimate", "fixed linear", "to the estimate's lower end",
-              "learned at the set height (estimate)", "bound")  # fmt: skip
+    others = ("independent estimate", "fixed linear", "to the estimate's lower end")
+    titles = ("`following-v1`, µm RMS", *others, "learned at the set height (estimate)", "bound")
     return markdown(titles, rows) if rows else ""
 
 

@@ -234,14 +234,14 @@ def presets() -> str:
         spent, for_ms = budgets.spent(found), _rounds(found, "ms_steps")
         steps, seconds = steps + spent.steps, seconds + spent.cpu_seconds
         trials = " + ".join(str(each) for each in reversed(_rounds(found, "trials")))
-        rows.append((
-            f"`{name}`", found["suite"], str(found["searched"]), trials, found["tune_seeds"],
-            f"{found['score_checked_um']:.2f}", f"{found['ms']:.2f}", f"{1e-6 * spent.steps:.0f} M",
-            f"{1e-6 * sum(for_ms):.0f} M", f"{spent.cpu_seconds:.0f}",
-        ))  # fmt: skip
+        score, ms = f"{found['score_checked_um']:.2f}", f"{found['ms']:.2f}"
+        cost = (f"{1e-6 * spent.steps:.0f} M", f"{1e-6 * sum(for_ms):.0f} M", f"{spent.cpu_seconds:.0f}")
+        searched = (str(found["searched"]), trials, found["tune_seeds"])
+        rows.append((f"`{name}`", found["suite"], *searched, score, ms, *cost))
     rows.append(("all", *[""] * 6, f"{1e-6 * steps:.0f} M", "", f"{seconds:.0f}"))
-    titles = ("preset", "suite", "numbers searched", "trials", "tune seeds", "score on tune seeds, µm", "Ms",
-              "simulated steps", "steps for Ms", "CPU-seconds")  # fmt: skip
+    cost = ("simulated steps", "steps for Ms", "CPU-seconds")
+    searched = ("numbers searched", "trials", "tune seeds")
+    titles = ("preset", "suite", *searched, "score on tune seeds, µm", "Ms", *cost)
     return table(titles, rows)
 
 
@@ -259,10 +259,9 @@ def other_presets() -> str:
         came_to = ", ".join(f"{words} {over[key]:.3f}" for key, words in _TRADED.items() if key in over)
         if "score_tune_um" in found:
             came_to = f"contour RMS {found['score_tune_um']:.1f} µm"
-        rows.append((
-            f"`{path.stem}`", found.get("suite", "–"), found.get("criterion", "least contour RMS"), found["trials"],
-            came_to or "–", f"{found['cpu_seconds']:.0f}" if "cpu_seconds" in found else "–",
-        ))  # fmt: skip
+        criterion = found.get("criterion", "least contour RMS")
+        seconds = f"{found['cpu_seconds']:.0f}" if "cpu_seconds" in found else "–"
+        rows.append((f"`{path.stem}`", found.get("suite", "–"), criterion, found["trials"], came_to or "–", seconds))
     titles = ("preset", "suite", "what is sought", "trials", "came to, on tune seeds", "CPU-seconds")
     return table(titles, rows)
 
@@ -342,10 +341,9 @@ def suites() -> str:
     rows = []
     for name in scenarios.suites():
         rules, core = scenarios.rules(name), scenarios.core(name)
-        rows.append((
-            f"`{name}`", rules["version"], rules["slot"], len(rules["scenarios"]), len(core), rules["seeds"],
-            f"`{rules.get('score', 'rms_true')}`", f"`{rules.get('reference', REFERENCE)}`",
-        ))  # fmt: skip
+        judged = (f"`{rules.get('score', 'rms_true')}`", f"`{rules.get('reference', REFERENCE)}`")
+        counted = (len(rules["scenarios"]), len(core), rules["seeds"])
+        rows.append((f"`{name}`", rules["version"], rules["slot"], *counted, *judged))
     titles = ("suite", "version", "drives", "scenarios", "in the score", "test seeds", "scored by", "reference")
     return table(titles, rows)
 

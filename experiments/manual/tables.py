@@ -27,9 +27,9 @@ def in_manual(registry: Registry) -> list[str]:
 
 
 FOLLOWERS = (
-    "controller", "rank", "failed", "score.*", "× xi2023-tuned", "wins", "Ms.*", "gain", "delay, ms",
-    *in_manual(metrics.METRICS), "collisions", "budget",
-)  # fmt: skip
+    *("controller", "rank", "failed", "score.*", "× xi2023-tuned", "wins", "Ms.*", "gain", "delay, ms"),
+    *(*in_manual(metrics.METRICS), "collisions", "budget"),
+)
 """Columns of followers' suites, as patterns of their titles."""
 
 SHORT = ("controller", "score.*", "× xi2023-tuned", "Ms.*", "delay, ms", "failed", "collisions")
@@ -204,11 +204,13 @@ def calibration(found: dict[str, Any]) -> str:
     """Huang2024's Table 2."""
     rows = [
         (
-            name, written(row["feed, m/min"]), *(written(row[f"dross, {which}"]) for which in ("paper", "full")),
+            name,
+            written(row["feed, m/min"]),
+            *(written(row[f"dross, {which}"]) for which in ("paper", "full")),
             *(written(1000 * row[f"Rz, {which}"], ".0f") for which in ("paper", "full")),
         )
         for name, row in found["numbers"]["rows"].items()
-    ]  # fmt: skip
+    ]
     titles = ("method", "feed, m/min", "dross, mm: paper", "simulated", "Rz, µm: paper", "simulated")
     return markdown.table(titles, rows)
 
@@ -232,13 +234,10 @@ def agreement(found: dict[str, Any]) -> str:
     from ..studies.agreement import FACTOR
 
     own = found["numbers"]
-    rows = [
-        (f"`{name}`", written(row["here"]), written(row["there"]), written(row["ratio_here"], ".2f"),
-         written(row["ratio_there"], ".2f"), written(row["quotient"], ".2f"))
-        for name, row in own["rows"].items()
-    ]  # fmt: skip
-    titles = ("controller", "place in `following`", "in `elsewhere`", "× xi2023-tuned in `following`",
-              "in `elsewhere`", "apart by")  # fmt: skip
+    columns = {"here": ".3g", "there": ".3g", "ratio_here": ".2f", "ratio_there": ".2f", "quotient": ".2f"}
+    rows = [(f"`{name}`", *(written(row[c], form) for c, form in columns.items())) for name, row in own["rows"].items()]
+    pairs = ("place in `following`", "in `elsewhere`", "× xi2023-tuned in `following`", "in `elsewhere`")
+    titles = ("controller", *pairs, "apart by")
     verdict = f"The same order: {own['order']}. All ratios within a factor of {FACTOR:g}: {own['ratios']}."
     return f"{markdown.table(titles, rows)}\n{verdict}\n"
 
@@ -271,13 +270,11 @@ def _three(value: Any) -> str:
 @made("headroom", "blame")
 def headroom(found: dict[str, Any]) -> str:
     """How far references that know more are away, on the same seeds."""
-    rows = [
-        (f"`{name}`", scenario, _three(row["rms"]), f"`{other}`", _three(row["informed_rms"]),
-         f"{written(row['ratio'])} ({written(row['low'])} … {written(row['high'])})")
-        for scenario, cases in found["numbers"]["headroom"].items()
-        for name, own in cases.items()
-        for other, row in own.items()
-    ]  # fmt: skip
+    rows = []
+    for scenario, cases in found["numbers"]["headroom"].items():
+        for name, other, row in ((name, *case) for name, own in cases.items() for case in own.items()):
+            factor = f"{written(row['ratio'])} ({written(row['low'])} … {written(row['high'])})"
+            rows.append((f"`{name}`", scenario, _three(row["rms"]), f"`{other}`", _three(row["informed_rms"]), factor))
     return markdown.table(("controller", "scenario", "RMS, µm", "reference", "its RMS, µm", "factor"), rows)
 
 
@@ -294,12 +291,11 @@ def policies(found: dict[str, Any]) -> str:
             spread = f"{ends}, {seeds['count']} seeds"
         base = str(own["base"] or "–").split(":")[0]
         layers = "–".join(map(str, own["layers"]))
-        rows.append((
-            f"`{name}`", f"{own['control'] or 'residual'} on `{base}`", layers, f"{1e-6 * own['steps']:.1f} M",
-            written(own["cpu_seconds"], ".0f"), own["seed"], spread, _of_base(own, base),
-        ))  # fmt: skip
-    titles = ("policy", "acts", "layers", "steps of training", "CPU-seconds", "shipped seed",
-              "score of all seeds: median (best … worst)", "median ÷ base's score")  # fmt: skip
+        acts = f"{own['control'] or 'residual'} on `{base}`"
+        cost = (f"{1e-6 * own['steps']:.1f} M", written(own["cpu_seconds"], ".0f"))
+        rows.append((f"`{name}`", acts, layers, *cost, own["seed"], spread, _of_base(own, base)))
+    scores = ("score of all seeds: median (best … worst)", "median ÷ base's score")
+    titles = ("policy", "acts", "layers", "steps of training", "CPU-seconds", "shipped seed", *scores)
     return markdown.table(titles, rows)
 
 

@@ -28,11 +28,10 @@ def journey(x: Floats, y: Floats) -> Any:
     s = np.concatenate([[0.0], np.cumsum(way)])
     tx, ty = np.gradient(x), np.gradient(y)
     length, none = np.maximum(np.hypot(tx, ty), 1e-12), np.zeros(len(x))
-    return SimpleNamespace(
-        x=x, y=y, s=s, feed=np.append(way, way[-1]) * 1e3, tx=tx / length, ty=ty / length, beam=none, phase=none,
-        lift=none, most=none + 2.0, cut_s=s, cut_feed=float(max(way.max() * 1e3, 1.0)),
-        patience=0.0,
-    )  # fmt: skip
+    way = np.append(way, way[-1]) * 1e3
+    along = {"x": x, "y": y, "s": s, "feed": way, "tx": tx / length, "ty": ty / length, "cut_s": s}
+    unused = {"beam": none, "phase": none, "lift": none, "most": none + 2.0, "patience": 0.0}
+    return SimpleNamespace(**along, **unused, cut_feed=float(max(way.max(), 1.0)))
 
 
 def line(speeds: Floats, angle: float = 0.0) -> Any:
@@ -72,9 +71,12 @@ def fleet_of(journeys: Sequence[Any], axes: Sequence[xy_axes.Params], laws: Sequ
 
 
 def travelled(
-    journeys: Sequence[Any], axes: Sequence[xy_axes.Params], laws: Sequence[wu.Params], fields: Sequence[str],
+    journeys: Sequence[Any],
+    axes: Sequence[xy_axes.Params],
+    laws: Sequence[wu.Params],
+    fields: Sequence[str],
     every: int = 1,
-) -> dict[str, Floats]:  # fmt: skip
+) -> dict[str, Floats]:
     """Fields of the gantries, arrays (periods / ``every``, machines), see ``gantry.PLACES`` for their names.
 
     The last 20 ms of a journey are not travelled, since the interpolator is ahead of the axes.

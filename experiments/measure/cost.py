@@ -97,11 +97,9 @@ def lived(stack: Stack, scenario: str, periods: int) -> np.ndarray:
 def deck_for(fleet: Fleet, signals: np.ndarray, decisions: int) -> Deck:
     """What the kernel gets to make some decisions of the first machine of ``fleet`` on ``signals``."""
     of = fleet.deck
-    return Deck(
-        Entries, block=of.owned("block"), law=of["law"], law_tables=of.owned("law_tables"), law_size=of["law_size"],
-        signals=np.ascontiguousarray(signals, np.float64), decisions=decisions, pilot=of["pilot"],
-        pilot_io=of.owned("pilot_io"),
-    )  # fmt: skip
+    owned = {name: of.owned(name) for name in ("block", "law_tables", "pilot_io")}
+    plain = {name: of[name] for name in ("law", "law_size", "pilot")}
+    return Deck(Entries, **owned, **plain, signals=np.ascontiguousarray(signals, np.float64), decisions=decisions)
 
 
 def _times(stack: Stack, signals: np.ndarray, chunk: int) -> np.ndarray:

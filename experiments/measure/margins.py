@@ -167,8 +167,10 @@ class Bench:
         if not coarse[0][0]:
             return Margins(0.0, 0.0, steps=steps)
         brackets = (_bracket(GAINS, coarse[0], 1.0), _bracket(DELAYS, coarse[1], 0.0))
-        grids = [np.linspace(low, high, CANDIDATES + 2)[1:-1] if high < math.inf else np.full(CANDIDATES, low)
-                 for low, high in brackets]  # fmt: skip
+        grids = [
+            np.linspace(low, high, CANDIDATES + 2)[1:-1] if high < math.inf else np.full(CANDIDATES, low)
+            for low, high in brackets
+        ]
         fine = self.settles(stack, *grids)
         gain, delay = (
             _bracket(grid, good, low)[0] if high < math.inf else math.inf

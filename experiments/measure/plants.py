@@ -31,9 +31,8 @@ MACHINE = ("axis", "head")
 QUIET = ("noise", "jitter", "impulse", "burst", "table", "signal", "nominal")
 """First words of what is disturbance or recording in a head; the nominal head has none of it."""
 
-LIMITS = (
-    "axis.speed", "axis.acceleration", "axis.jerk", "axis.friction", "axis.bristle", "axis.stiction", "axis.stribeck",
-)  # fmt: skip
+_LIMITS = ("speed", "acceleration", "jerk", "friction", "bristle", "stiction", "stribeck")
+LIMITS = tuple(f"axis.{name}" for name in _LIMITS)
 """Numbers that a small signal does not reach, or, of friction, hardly tells."""
 
 FULL = 6

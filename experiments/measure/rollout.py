@@ -58,10 +58,8 @@ def run(
             go(1)
     fleet.stop_recording()
     record[:, :, broken] = np.nan  # a failed run, whatever the machine did afterwards
-    return Recording(
-        scenario, seeds, fleet.column("job.set_height"), record, fleet.column("tally.collided") > 0.5,
-        fleet.column("tally.lowest"),
-    )  # fmt: skip
+    height, collided, lowest = (fleet.column(name) for name in ("job.set_height", "tally.collided", "tally.lowest"))
+    return Recording(scenario, seeds, height, record, collided > 0.5, lowest)
 
 
 def anew(

@@ -12,8 +12,9 @@ DASHES = ("solid", "dash", "dashdot", "dot", "longdash")
 """Five, so that with ten colours the first 50 controllers differ in one or the other."""
 
 SYMBOLS = (
-    "circle", "square", "diamond", "triangle-up", "triangle-down", "pentagon", "x", "star", "hexagon", "triangle-right",
-)  # fmt: skip
+    *("circle", "square", "diamond", "triangle-up", "triangle-down"),
+    *("pentagon", "x", "star", "hexagon", "triangle-right"),
+)
 """Of plotly; one for each colour, so that points are told apart without it."""
 
 MARKERS = "osD^vPX*h>"

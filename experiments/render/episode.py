@@ -92,10 +92,8 @@ def _write(out: Path, frames: Iterator[np.ndarray], expected: int) -> None:
         if out.suffix == ".mp4":
             import imageio_ffmpeg
 
-            film_ = imageio_ffmpeg.write_frames(
-                str(part), first.shape[1::-1], fps=FRAMES_PER_SECOND, codec="libx264", macro_block_size=2,
-                output_params=["-f", "mp4"],
-            )  # fmt: skip
+            how = {"fps": FRAMES_PER_SECOND, "codec": "libx264", "macro_block_size": 2, "output_params": ["-f", "mp4"]}
+            film_ = imageio_ffmpeg.write_frames(str(part), first.shape[1::-1], **how)
             film_.send(None)
             count = 0
             for frame in itertools.chain([first], shown):

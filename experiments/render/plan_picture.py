@@ -107,10 +107,9 @@ class _Plan:
         facts = self._facts()
         letters = min(8.0, LETTERS_PER_INCH * (self.wide - LEFT) / len(facts))
         page.text(left, 1.0 - 0.47 / height, facts, size=letters, color=QUIET, va="center")
-        page.legend(
-            handles=self._key(), loc="lower center", bbox_to_anchor=(0.5, (below + 0.03) / height), ncols=8, fontsize=7,
-            frameon=False, handlelength=1.6, columnspacing=1.3, labelcolor=INK,
-        )  # fmt: skip
+        place = {"loc": "lower center", "bbox_to_anchor": (0.5, (below + 0.03) / height), "ncols": 8}
+        looks = {"frameon": False, "handlelength": 1.6, "columnspacing": 1.3, "labelcolor": INK}
+        page.legend(handles=self._key(), fontsize=7, **place, **looks)
         for k, line in enumerate(lines):
             page.text(left, (below - 0.1 - 0.17 * k) / height, line, size=7, color=WARN, va="center")
         return page
@@ -197,10 +196,9 @@ class _Plan:
                 if not box & taken:
                     taken |= box
                     place = axes.transData.inverted().transform((x, y))
-                    axes.text(
-                        *place, str(number), size=self.letters, color=INK, ha="center", va="center", zorder=8,
-                        path_effects=[withStroke(linewidth=1.6, foreground="white", alpha=0.85)],
-                    )  # fmt: skip
+                    halo = [withStroke(linewidth=1.6, foreground="white", alpha=0.85)]
+                    looks = {"size": self.letters, "color": INK, "ha": "center", "va": "center", "zorder": 8}
+                    axes.text(*place, str(number), **looks, path_effects=halo)
                     break
 
     def _numbered(self) -> list[int]:
@@ -236,13 +234,12 @@ class _Plan:
         route = self.route
         low, high = route.drawing.bounds
         size = high - low
-        return " · ".join([
-            f"{size[0]:.5g} × {size[1]:.5g} mm, drawn in {route.drawing.units}",
-            _count(len(route.drawing.pieces), "contour"),
-            _count(len(route.cuts), "pierce"), f"{_length(route.cut_length)} cut",
-            f"{_length(route.move_length)} rapid", *([_count(len(route.joints), "joint")] if route.joints else []),
-            *(["cut as programmed"] if route.drawing.programmed else [f"kerf {route.cutting.kerf:.2g} mm"]),
-        ])  # fmt: skip
+        words = [f"{size[0]:.5g} × {size[1]:.5g} mm, drawn in {route.drawing.units}"]
+        words += [_count(len(route.drawing.pieces), "contour"), _count(len(route.cuts), "pierce")]
+        words += [f"{_length(route.cut_length)} cut", f"{_length(route.move_length)} rapid"]
+        words += [_count(len(route.joints), "joint")] if route.joints else []
+        words.append("cut as programmed" if route.drawing.programmed else f"kerf {route.cutting.kerf:.2g} mm")
+        return " · ".join(words)
 
     def _key(self) -> list[Patch | Line2D]:
         route = self.route

@@ -71,7 +71,9 @@ def table(cases: Iterable[Scenario]) -> pd.DataFrame:
             continue
         warnings = [*route.drawing.notes, *route.warnings]
         found[id(route)] = {
-            "scenarios": case.name, "picture": png(figure(route, warnings=[], small=True)), "cuts": len(route.cuts),
+            "scenarios": case.name,
+            "picture": png(figure(route, warnings=[], small=True)),
+            "cuts": len(route.cuts),
             "warnings": "\n".join(warnings),
-        }  # fmt: skip
+        }
     return pd.DataFrame(list(found.values()), columns=list(COLUMNS))

@@ -59,8 +59,10 @@ def remarks(suite: Suite, standing: Standing, labels: dict[str, str], limit_ms: 
     """Sentences that belong to the headline: what it rests on, what speaks against it, what is missing."""
     out, best, summary = [], standing.best, suite.summary
     what = "the runs" if suite.jobs else "the true gap"
-    out.append(f"Figures are of {what}, {HOW[declared(standing.metric).pooled]} over {len(suite.seeds)} "
-               f"seed{'s' * (len(suite.seeds) != 1)}, {suite.scored_in_words}, without those that failed.")  # fmt: skip
+    out.append(
+        f"Figures are of {what}, {HOW[declared(standing.metric).pooled]} over {len(suite.seeds)} "
+        f"seed{'s' * (len(suite.seeds) != 1)}, {suite.scored_in_words}, without those that failed."
+    )
     if best is not None and not suite.jobs:
         row = summary.loc[best]
         if row["runs"] > 0 and not row["collisions"]:
@@ -119,8 +121,10 @@ def caveats(suite: Suite, standing: Standing, labels: dict[str, str], limit_ms: 
         if not standing.frame.at[name, "lost"]:
             continue  # smaller, but not surely so: it is tied or loses run by run
         lost, tried = (int(standing.frame.at[name, column]) for column in ("lost", "tried"))
-        out.append(f"{labels[name]} ({estimate(standing, name)}) is {word} where it does not fail, but {lost} of its "
-                   f"{tried} runs failed")  # fmt: skip
+        out.append(
+            f"{labels[name]} ({estimate(standing, name)}) is {word} where it does not fail, but {lost} of its "
+            f"{tried} runs failed"
+        )
     for why, names in reasons.items():
         are = "is" if len(names) == 1 else "are"
         out.append(
@@ -159,10 +163,8 @@ def matrix(cards_by_suite: dict[str, list[dict[str, Any]]]) -> tuple[list[str], 
 
 def _card(standing: Standing, look: dict[str, Look], labels: dict[str, str]) -> dict[str, Any]:
     metric, word, best = standing.suite.metrics[standing.metric], standing.less, standing.best
-    card: dict[str, Any] = {
-        "question": metric.called.question or metric.spoken, "title": metric.spoken, "unit": metric.unit, "best": None,
-        "lines": [], "summary": metric.summary, "bars": [], "tied": [],
-    }  # fmt: skip
+    card: dict[str, Any] = {"question": metric.called.question or metric.spoken, "title": metric.spoken}
+    card |= {"unit": metric.unit, "best": None, "lines": [], "summary": metric.summary, "bars": [], "tied": []}
     if best is None:
         why = {reason for reasons in standing.frame["reasons"] for reason in reasons}
         outside = len(why) == 1 and next(iter(why)).startswith("extrapolated")
@@ -171,11 +173,9 @@ def _card(standing: Standing, look: dict[str, Look], labels: dict[str, str]) -> 
     row = standing.frame.loc[best]
     low, value, high = ends(row, "score")
     places = known(low, high, value)
-    card |= {
-        "best": labels[best], "name": best, "colour": look[best].colour, "value": fixed(value, places),
-        "span": span(low, high, places), "tied": [labels[n] for n in standing.tied],
-        "bars": _bars(standing, look, labels),
-    }  # fmt: skip
+    card |= {"best": labels[best], "name": best, "colour": look[best].colour, "value": fixed(value, places)}
+    card |= {"span": span(low, high, places), "tied": [labels[n] for n in standing.tied]}
+    card["bars"] = _bars(standing, look, labels)
     suite = standing.suite
     if best != suite.reference and suite.reference in standing.order:
         card["lines"].append(_against(standing, best, suite.reference, word, labels))
@@ -235,11 +235,10 @@ def _bars(standing: Standing, look: dict[str, Look], labels: dict[str, str]) -> 
     def place(value: float) -> float:
         return round(100 * min(max((put(value) - put(low)) / width, 0.0), 1.0), 2)
 
-    return [
-        {
-            "label": labels[n], "name": n, "colour": look[n].colour, "ranked": n in standing.ranked,
-            "at": place(row["score"]), "low": place(row["score_low"]), "high": place(row["score_high"]),
-            "value": fixed(row["score"], known(*(float(standing.frame.at[n, c]) for c in _ENDS))),
-        }
-        for n, row in frame.iterrows()
-    ]  # fmt: skip
+    bars = []
+    for n, row in frame.iterrows():
+        bar = {"label": labels[n], "name": n, "colour": look[n].colour, "ranked": n in standing.ranked}
+        bar |= {"at": place(row["score"]), "low": place(row["score_low"]), "high": place(row["score_high"])}
+        places = known(*(float(standing.frame.at[n, c]) for c in _ENDS))
+        bars.append(bar | {"value": fixed(row["score"], places)})
+    return bars

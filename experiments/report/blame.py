@@ -20,14 +20,18 @@ def figure(suite: Suite, look: dict[str, Look], labels: dict[str, str]) -> Figur
         return None
     views = {str(scenario): _view(here, look, labels) for scenario, here in shares.groupby("scenario", sort=False)}
     return Figure(
-        f"blame-{suite.name}", _title(shares, labels),
+        f"blame-{suite.name}",
+        _title(shares, labels),
         "Each stage's Shapley share of the mean-square error of the true gap: what idealising it gains, averaged over "
         f"all orders in which the stages can be idealised, with 95 % intervals over seeds. “{REST}” is what is left "
         "when all are ideal: law, supervisor and sampling. The shares of a controller add up to its mean-square error. "
         "A negative share is no mistake: a controller tuned around a fault can do worse without it. The hollow "
         "diamond is what idealising this stage alone would gain.",
-        views, "scenario", height=110 + 34 * shares["stage"].nunique(), least=340 * shares["controller"].nunique(),
-    )  # fmt: skip
+        views,
+        "scenario",
+        height=110 + 34 * shares["stage"].nunique(),
+        least=340 * shares["controller"].nunique(),
+    )
 
 
 def _view(here: pd.DataFrame, look: dict[str, Look], labels: dict[str, str]) -> go.Figure:
@@ -41,31 +45,24 @@ def _view(here: pd.DataFrame, look: dict[str, Look], labels: dict[str, str]) -> 
         share, y = rows["share"].to_numpy(float), rows["stage"]
         total = float(np.nansum(share)) or np.nan
         left, right = i * across, (i + 1) * across - (0.04 if i + 1 < len(names) else 0.0)
-        axes[f"xaxis{n}"] = {
-            "domain": [left, right], "anchor": f"y{n}", "title": unit, "zeroline": True, "zerolinecolor": INK,
-            "zerolinewidth": 1, "nticks": 6,
-        }  # fmt: skip
-        axes[f"yaxis{n}"] = {
-            "anchor": f"x{n}", "autorange": "reversed", "showgrid": False, "ticks": "", "categoryorder": "array",
-            "categoryarray": stages, "showticklabels": i == 0, "matches": "y" if i else None,
-        }  # fmt: skip
-        axes.setdefault("annotations", []).append({
-            "text": f"{labels.get(name, name)}, in all {number(total)} {unit}", "x": left, "y": 1, "xref": "paper",
-            "yref": "paper", "xanchor": "left", "yanchor": "bottom", "showarrow": False, "font": {"size": 13},
-        })  # fmt: skip
-        plot.add_bar(
-            x=share, y=y, width=0.55, orientation="h", xaxis=f"x{n}", yaxis=f"y{n}", showlegend=False,
-            marker={"color": look[name].colour, "opacity": 0.85},
-            error_x={"type": "data", "symmetric": False, "array": rows["high"] - share,
-                     "arrayminus": share - rows["low"], "thickness": 1.4, "width": 3, "color": INK},
-            customdata=100 * share / total,
-            hovertemplate=f"{labels.get(name, name)}: %{{x:.3g}} {unit}, %{{customdata:.0f}} %<extra></extra>",
-        )  # fmt: skip
-        plot.add_scatter(
-            x=rows["alone"], y=y, mode="markers", showlegend=False, xaxis=f"x{n}", yaxis=f"y{n}",
-            marker={"symbol": "diamond-open", "size": 8, "color": INK, "line": {"width": 1.4}},
-            hovertemplate=f"{labels.get(name, name)}, this stage alone: %{{x:.3g}} {unit}<extra></extra>",
-        )  # fmt: skip
+        line = {"zeroline": True, "zerolinecolor": INK, "zerolinewidth": 1}
+        axes[f"xaxis{n}"] = {"domain": [left, right], "anchor": f"y{n}", "title": unit, **line, "nticks": 6}
+        order = {"autorange": "reversed", "categoryorder": "array", "categoryarray": stages}
+        plain = {"showgrid": False, "ticks": "", "showticklabels": i == 0, "matches": "y" if i else None}
+        axes[f"yaxis{n}"] = {"anchor": f"x{n}", **order, **plain}
+        text = f"{labels.get(name, name)}, in all {number(total)} {unit}"
+        place = {"x": left, "y": 1, "xref": "paper", "yref": "paper", "xanchor": "left", "yanchor": "bottom"}
+        title = {"text": text, **place, "showarrow": False, "font": {"size": 13}}
+        axes.setdefault("annotations", []).append(title)
+        on = {"y": y, "xaxis": f"x{n}", "yaxis": f"y{n}", "showlegend": False}
+        ends = {"type": "data", "symmetric": False, "array": rows["high"] - share, "arrayminus": share - rows["low"]}
+        drawn = {"width": 0.55, "orientation": "h", "marker": {"color": look[name].colour, "opacity": 0.85}}
+        told = f"{labels.get(name, name)}: %{{x:.3g}} {unit}, %{{customdata:.0f}} %<extra></extra>"
+        ends |= {"thickness": 1.4, "width": 3, "color": INK}
+        plot.add_bar(x=share, customdata=100 * share / total, error_x=ends, hovertemplate=told, **drawn, **on)
+        diamond = {"symbol": "diamond-open", "size": 8, "color": INK, "line": {"width": 1.4}}
+        told = f"{labels.get(name, name)}, this stage alone: %{{x:.3g}} {unit}<extra></extra>"
+        plot.add_scatter(x=rows["alone"], mode="markers", marker=diamond, hovertemplate=told, **on)
     plot.update_layout(hovermode="closest", margin={"t": 30}, **axes)
     return plot
 
@@ -94,8 +91,6 @@ def headroom(suite: Suite, labels: dict[str, str]) -> list[dict[str, Any]]:
                 "ratio": f"× {times(row.ratio)}" if finite else "–",
                 "span": span(row.low, row.high, 1),
             }
-        rows.append({
-            "scenario": scenario, "controller": labels.get(str(name), str(name)), "rms": number(here["rms"].iloc[0]),
-            "references": known,
-        })  # fmt: skip
+        row = {"scenario": scenario, "controller": labels.get(str(name), str(name))}
+        rows.append(row | {"rms": number(here["rms"].iloc[0]), "references": known})
     return rows

@@ -57,21 +57,22 @@ def figure(
                 showlegend=True,
             )
         best = int(frame["score"].idxmin())
-        views[env].add_scatter(
-            x=frame["steps"], y=frame["score"], mode="lines+markers", name=labels[name], line=line(look[name]),
-            marker={"symbol": look[name].symbol, "size": [14 if i == best else 8 for i in frame.index]},
-            customdata=frame.get("cpu_seconds"),
-            hovertemplate="%{y:.3g} after %{x:.3s} steps" + (
-                ", %{customdata:.0f} CPU-s" if "cpu_seconds" in frame else ""),
-        )  # fmt: skip
+        seconds = ", %{customdata:.0f} CPU-s" if "cpu_seconds" in frame else ""
+        marker = {"symbol": look[name].symbol, "size": [14 if i == best else 8 for i in frame.index]}
+        drawn = {"mode": "lines+markers", "name": labels[name], "line": line(look[name]), "marker": marker}
+        told = {"customdata": frame.get("cpu_seconds"), "hovertemplate": "%{y:.3g} after %{x:.3s} steps" + seconds}
+        views[env].add_scatter(x=frame["steps"], y=frame["score"], **drawn, **told)
         algorithm = f" ({record['algorithm']}, seed {record['seed']})" if {"algorithm", "seed"} <= set(record) else ""
         words.append(f"{labels[name]}{algorithm}: {frame['score'][best]:.3g} after {frame['steps'][best] / 1e6:.3g} M")
     if not views:
         return None
     return Figure(
-        "training", "Training curves",
+        "training",
+        "Training curves",
         f"Evaluations without exploration, on tune seeds; the large point is the policy that was kept. "
         f"{'; '.join(words)} steps. One training is one draw: another seed of training would end elsewhere, and "
         "nothing here says how far.",
-        views, "environment", height=380,
-    )  # fmt: skip
+        views,
+        "environment",
+        height=380,
+    )

@@ -60,19 +60,17 @@ def figure(name: str, thickness: float | None = None) -> Figure:
     limit = threshold(frame)
     plot = go.Figure()
     for i, (column, title) in enumerate((("dross", "dross"), ("roughness", "roughness Rz"))):
+        x, y, value = (frame[key].iloc[1:] for key in ("error", f"{column}_change", column))
+        drawn = {"line": {"color": COLOURS[i], "width": 2}, "marker": {"symbol": SYMBOLS[i], "size": 7}}
+        told = "%{y:.2f} % at %{x:g} µm: %{customdata:.3g} " + ("mm" if column == "dross" else "µm")
         plot.add_scatter(
-            x=frame["error"].iloc[1:], y=100 * frame[f"{column}_change"].iloc[1:], name=title, mode="lines+markers",
-            line={"color": COLOURS[i], "width": 2}, marker={"symbol": SYMBOLS[i], "size": 7},
-            customdata=frame[column].iloc[1:],
-            hovertemplate="%{y:.2f} % at %{x:g} µm: %{customdata:.3g} " + ("mm" if column == "dross" else "µm"),
-        )  # fmt: skip
+            x=x, y=100 * y, name=title, mode="lines+markers", customdata=value, hovertemplate=told, **drawn
+        )
     plot.add_hline(100 * SHOWS, line={"color": QUIET, "width": 1, "dash": "dot"})
     if np.isfinite(limit):
         plot.add_vline(limit, line={"color": INK, "width": 1, "dash": "4px,3px"})
-        plot.add_annotation(
-            x=np.log10(limit), y=1, yref="paper", text=f" {limit:.0f} µm", showarrow=False, xanchor="left",
-            yanchor="top", font={"color": INK},
-        )  # fmt: skip
+        place = {"x": np.log10(limit), "y": 1, "yref": "paper", "xanchor": "left", "yanchor": "top"}
+        plot.add_annotation(**place, text=f" {limit:.0f} µm", showarrow=False, font={"color": INK})
     change = 100 * frame[["dross_change", "roughness_change"]].to_numpy()[1:]
     plot.update_layout(
         xaxis={**logarithmic(float(ERRORS[1]), float(ERRORS[-1])), "title": "standoff error, RMS (µm)"},
@@ -85,9 +83,11 @@ def figure(name: str, thickness: float | None = None) -> Figure:
         else f"{sheet}: up to {ERRORS[-1]:.0f} µm RMS the following error does not show in the cut"
     )
     return Figure(
-        f"quality-{name}", title,
+        f"quality-{name}",
+        title,
         f"{steel.label[0].upper()}{steel.label[1:]}. At the recipe's feed, the error a Gaussian process with a "
         f"correlation of 3 mm along the cut. The dotted line is {100 * SHOWS:g} %, below which lies the scatter of any "
         "roughness measurement.",
-        {"": plot}, height=380,
-    )  # fmt: skip
+        {"": plot},
+        height=380,
+    )

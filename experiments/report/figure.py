@@ -74,6 +74,8 @@ def logarithmic(low: float, high: float) -> dict[str, Any]:
         if low <= s * 10.0**k * (1 + 1e-9) and s * 10.0**k <= high * (1 + 1e-9)
     ]
     return {
-        "type": "log", "range": [math.log10(low), math.log10(high)], "tickvals": ticks,
+        "type": "log",
+        "range": [math.log10(low), math.log10(high)],
+        "tickvals": ticks,
         "ticktext": [f"{tick:g}" for tick in ticks],
-    }  # fmt: skip
+    }

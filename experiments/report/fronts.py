@@ -14,10 +14,10 @@ from .standing import Standing
 from .suite import Suite
 
 PAIRS = (
-    ("time", "roughness"), ("time", "dross"), ("time", "contour_rms"), ("time", "gap_rms"), ("rms_true", "dross"),
-    ("rms_true", "roughness"), ("gap_rms", "dross"), ("gap_rms", "roughness"),
-    ("dross", "roughness"), ("rms_true", "jitter"),
-)  # fmt: skip
+    *(("time", other) for other in ("roughness", "dross", "contour_rms", "gap_rms")),
+    *((error, other) for error in ("rms_true", "gap_rms") for other in ("dross", "roughness")),
+    *(("dross", "roughness"), ("rms_true", "jitter")),
+)
 
 
 def efficient(points: pd.DataFrame) -> list[str]:
@@ -49,12 +49,15 @@ def figure(
     first = next(iter(views))
     title = f"{first.replace(' – ', ' against ')}: {', '.join(labels[n] for n in sound[0])} on the front"
     return Figure(
-        f"fronts-{suite.name}", title[0].upper() + title[1:],
+        f"fronts-{suite.name}",
+        title[0].upper() + title[1:],
         "Left and down is better in every view. Bars are 95 % intervals. The grey line joins those of the controllers "
         "that may be ranked for whom no other is at least as good in both; hollow points know more than a real machine "
         "or are not ranked for another reason given above.",
-        views, "axes", height=460,
-    )  # fmt: skip
+        views,
+        "axes",
+        height=460,
+    )
 
 
 def _view(
@@ -66,10 +69,8 @@ def _view(
     front = sorted(efficient(points.loc[ranked]), key=lambda n: points.at[n, pair[0]])
     plot = go.Figure()
     steps = points.loc[front]
-    plot.add_scatter(
-        x=steps[pair[0]], y=steps[pair[1]], mode="lines", line={"color": QUIET, "width": 1.2, "shape": "hv"},
-        hoverinfo="skip", showlegend=False,
-    )  # fmt: skip
+    stairs = {"color": QUIET, "width": 1.2, "shape": "hv"}
+    plot.add_scatter(x=steps[pair[0]], y=steps[pair[1]], mode="lines", line=stairs, hoverinfo="skip", showlegend=False)
     for name in suite.ranked:
         x, y = (float(points.at[name, m]) for m in pair)
         if not (math.isfinite(x) and math.isfinite(y)):
@@ -79,16 +80,14 @@ def _view(
         for axis, table, value in zip("xy", tables, (x, y), strict=True):
             low, high = float(table.at[name, "score_low"]), float(table.at[name, "score_high"])
             if math.isfinite(low):
-                bars[f"error_{axis}"] = {
-                    "type": "data", "symmetric": False, "array": [high - value], "arrayminus": [value - low],
-                    "thickness": 1.2, "width": 0, "color": look[name].colour,
-                }  # fmt: skip
-        plot.add_scatter(
-            x=[x], y=[y], mode="markers", name=labels[name], **bars,
-            marker={"symbol": look[name].symbol + ("" if full else "-open"), "size": 11, "color": look[name].colour,
-                    "line": {"width": 1.6 if not full else 0.8, "color": look[name].colour if not full else "#fff"}},
-            hovertemplate=f"{number(x)} {suite.metrics[pair[0]].unit}, {number(y)} {suite.metrics[pair[1]].unit}",
-        )  # fmt: skip
+                ends = {"array": [high - value], "arrayminus": [value - low]}
+                drawn = {"thickness": 1.2, "width": 0, "color": look[name].colour}
+                bars[f"error_{axis}"] = {"type": "data", "symmetric": False, **ends, **drawn}
+        own = look[name]
+        edge = {"width": 0.8, "color": "#fff"} if full else {"width": 1.6, "color": own.colour}
+        marker = {"symbol": own.symbol + ("" if full else "-open"), "size": 11, "color": own.colour, "line": edge}
+        told = f"{number(x)} {suite.metrics[pair[0]].unit}, {number(y)} {suite.metrics[pair[1]].unit}"
+        plot.add_scatter(x=[x], y=[y], mode="markers", name=labels[name], marker=marker, hovertemplate=told, **bars)
     axes = [
         {"title": f"{suite.metrics[m].spoken} ({suite.metrics[m].unit})", **_scale(table)}
         for m, table in zip(pair, tables, strict=True)

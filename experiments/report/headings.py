@@ -7,7 +7,7 @@ that is registered stands in every table. The others, such as rank and margins, 
 import functools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ...envs.figures.registered import Metric
@@ -71,15 +71,14 @@ def of(results: Results) -> list[Column]:
         if metric.name != results.metric:
             metrics.append(_of_metric(suite, metric))
         if suite.jobs and metric.name == "roughness":
-            metrics.append(Column("ISO 9013", "iso_roughness", lambda row: str(row["iso_roughness"]), OnPage(
-                "cut", "Rz", "range, ISO 9013", "ranges of its roughness after ISO 9013; 1 is the finest",
-                lambda suite, _: cells.in_words(suite, "iso_roughness"),
-            ) if results.metric == "roughness" else None))  # fmt: skip
+            said = "ranges of its roughness after ISO 9013; 1 is the finest"
+            page = OnPage("cut", "Rz", "range, ISO 9013", said, lambda suite, _: cells.in_words(suite, "iso_roughness"))
+            by_range = Column("ISO 9013", "iso_roughness", lambda row: str(row["iso_roughness"]))
+            metrics.append(by_range if results.metric != "roughness" else replace(by_range, page=page))
     left = f"; {', '.join(suite.exempt)} are built to defeat followers and left out" if suite.exempt else ""
-    collisions = Column("collisions", "collisions", lambda row: f"{row['collisions']}/{row['runs']}", OnPage(
-        "safety", "touched", "runs", f"runs in which the nozzle touched the sheet, with Wilson's interval{left}",
-        lambda suite, _: cells.counted(suite, "collisions"),
-    ))  # fmt: skip
+    said = f"runs in which the nozzle touched the sheet, with Wilson's interval{left}"
+    touched = OnPage("safety", "touched", "runs", said, lambda suite, _: cells.counted(suite, "collisions"))
+    collisions = Column("collisions", "collisions", lambda row: f"{row['collisions']}/{row['runs']}", touched)
     ends = _job_ends() if suite.jobs else _follower_ends(results)
     return [*_ranked(suite), *metrics, collisions, *ends]
 
@@ -176,10 +175,13 @@ def _of_metric(suite: Suite, metric: Metric) -> Column:
     if not shown.brief:
         under += f", {metric.better} is better"
     page = OnPage(
-        shown.group, shown.head or metric.label, under,
+        shown.group,
+        shown.head or metric.label,
+        under,
         shown.said.format(summary=metric.summary, over=OVER_SCORED) or said(metric),
-        lambda suite, standings: cells.of_metric(suite, standings, metric), int(shown.seldom),
-    )  # fmt: skip
+        lambda suite, standings: cells.of_metric(suite, standings, metric),
+        int(shown.seldom),
+    )
     text = plain if shown.brief else figure
     return Column(
         metric.title, column, lambda row: text(row, column, shown.form), page if metric.name in suite.metrics else None
@@ -195,9 +197,8 @@ def stable(suite: Suite) -> list[Column]:
     """Columns of Ms and margins, which followers have; what was not measured says why where it is pointed at."""
     measured = suite.stability
     many = int(measured.groupby("controller")["machine"].size().max()) if len(measured) else 1
-    worst = f"on the worst corner plant of the {many} machines that were run" if many > 1 else (
-        "on the worst corner plant of the machine that was run"
-    )  # fmt: skip
+    worst = f"on the worst corner plant of the {f'{many} machines' if many > 1 else 'machine'} that "
+    worst += "were run" if many > 1 else "was run"
 
     def page(head: str, under: str, meaning: str, column: str, form: Callable[[float], str] = digits) -> OnPage:
         return OnPage("stability", head, under, meaning, lambda suite, _: cells.of_stability(suite, column, form))
@@ -235,10 +236,9 @@ def delay(value: float) -> str:
 def _follower_ends(results: Any) -> list[Column]:
     """Scenarios one by one, what a decision costs, budget and class."""
     there = in_scenario(results)
-    time = OnPage(
-        "decision", "time", "µs, P99 of period", "median time that the law takes for a command, on one core; below it "
-        "the 99th percentile as a share of the control period", lambda suite, _: cells.decisions(suite),
-    )  # fmt: skip
+    said = "median time that the law takes for a command, on one core; below it the 99th percentile as a share of "
+    said += "the control period"
+    time = OnPage("decision", "time", "µs, P99 of period", said, lambda suite, _: cells.decisions(suite))
     return [
         *(Column(s, text=functools.partial(there, s)) for s in core(results)),
         Column("decision, µs", text=lambda row: plain(row, "median_us"), page=time),
@@ -268,24 +268,21 @@ def in_scenario(results: Results) -> Callable[[str, Any], str]:
 
 def _budget() -> list[Column]:
     """Budget in print, and its two parts on the page."""
+
+    def page(under: str, unit: str, said: str, column: str, form: Callable[[float], str]) -> Column:
+        return Column(page=OnPage("budget", under, unit, said, lambda suite, _: cells.budget(suite, column, form)))
+
+    steps = "simulated steps of tuning or training, and below them its CPU-seconds"
     return [
         Column("budget", text=of_budget),
-        Column(page=OnPage(
-            "budget", "trials", "of tuning", "candidates of a search",
-            lambda suite, _: cells.budget(suite, "trials", lambda v: fixed(v, 0)),
-        )),
-        Column(page=OnPage(
-            "budget", "steps", "million", "simulated steps of tuning or training, and below them its CPU-seconds",
-            lambda suite, _: cells.budget(suite, "tuning_steps", lambda v: million(v) if v == v else "–"),
-        )),
-    ]  # fmt: skip
+        page("trials", "of tuning", "candidates of a search", "trials", lambda v: fixed(v, 0)),
+        page("steps", "million", steps, "tuning_steps", lambda v: million(v) if v == v else "–"),
+    ]
 
 
 def _job_ends() -> list[Column]:
     """Budget, and what the figures of the cut stand on."""
-    stands = OnPage(
-        "cut", "evidence", "of the cut", "whether dross, Rz, u, through and kerf lie within the settings that they "
-        "were calibrated on; else the share of the cut that does not, and, when pointed at, in what",
-        lambda suite, _: cells.evidence(suite), -1,
-    )  # fmt: skip
+    said = "whether dross, Rz, u, through and kerf lie within the settings that they were calibrated on; else the "
+    said += "share of the cut that does not, and, when pointed at, in what"
+    stands = OnPage("cut", "evidence", "of the cut", said, lambda suite, _: cells.evidence(suite), -1)
     return [*_budget(), Column("evidence", text=evidence, page=stands)]

@@ -25,12 +25,16 @@ def figure(suite: Suite, labels: dict[str, str]) -> Figure | None:
         views["collisions, share of runs"] = _collisions(suite, labels)
     against = f"{suite.reference} in the same scenario" if suite.reference in suite.ranked else "the scenario's median"
     return Figure(
-        f"heat-{suite.name}", "Where the error comes from",
+        f"heat-{suite.name}",
+        "Where the error comes from",
         f"Numbers are over all seeds of a scenario whose run did not fail; colours compare with {against}: blue is "
         f"better, orange worse, {2**FURTHEST:g} times at the ends. Columns right of the line make no score"
         f"{'; an asterisk marks scenarios that are built to defeat followers' if suite.exempt else ''}.",
-        views, "show", height=110 + 34 * (len(suite.ranked) + 1), least=130 + 62 * len(suite.scenarios),
-    )  # fmt: skip
+        views,
+        "show",
+        height=110 + 34 * (len(suite.ranked) + 1),
+        least=130 + 62 * len(suite.scenarios),
+    )
 
 
 def _errors(suite: Suite, metric: str, labels: dict[str, str]) -> go.Figure:
@@ -72,16 +76,20 @@ def _collisions(suite: Suite, labels: dict[str, str]) -> go.Figure:
     ]
     bar = {"tickformat": ".0%", "title": {"text": "runs", "side": "top"}}
     scale = [(0.0, "#f7f7f5"), (0.02, "#fde0c5"), (0.3, "#f4a35f"), (1.0, "#a63603")]
-    return _map(
-        suite, rates, rates.to_numpy(float), text, labels, {"colorscale": scale, "zmin": 0, "zmax": 1, "colorbar": bar},
-        "of the runs",
-    )  # fmt: skip
+    more = {"colorscale": scale, "zmin": 0, "zmax": 1, "colorbar": bar}
+    return _map(suite, rates, rates.to_numpy(float), text, labels, more, "of the runs")
 
 
 def _map(
-    suite: Suite, table: pd.DataFrame, colours: np.ndarray, text: list, labels: dict[str, str], more: dict, unit: str,
+    suite: Suite,
+    table: pd.DataFrame,
+    colours: np.ndarray,
+    text: list,
+    labels: dict[str, str],
+    more: dict,
+    unit: str,
     limits: dict[str, dict[str, float]] | None = None,
-) -> go.Figure:  # fmt: skip
+) -> go.Figure:
     """The map; ``limits`` by label and scenario make last rows, in the colour of the best."""
     columns = [s + ("*" if s in suite.exempt else "") for s in suite.scenarios]
     rows, values = [labels[c] for c in suite.ranked], table.to_numpy(float)
@@ -92,11 +100,9 @@ def _map(
         colours = np.vstack([colours, np.where(np.isfinite(last), more["zmin"], np.nan)])
         text = [*text, [_cell(v, 0) if np.isfinite(v) else "" for v in last[0]]]
     more["colorbar"] |= {"thickness": 10, "outlinewidth": 0, "tickfont": {"size": 11}, "x": 1.01, "xpad": 4}
-    plot = go.Figure(go.Heatmap(
-        z=colours, x=columns, y=rows, text=text, texttemplate="%{text}", textfont={"size": 12}, xgap=1, ygap=1,
-        customdata=values, hoverongaps=False,
-        hovertemplate="%{y}<br>%{x}: %{customdata:.4g} " + unit + "<extra></extra>", **more,
-    ))  # fmt: skip
+    words = {"text": text, "texttemplate": "%{text}", "textfont": {"size": 12}, "xgap": 1, "ygap": 1}
+    told = {"hovertemplate": "%{y}<br>%{x}: %{customdata:.4g} " + unit + "<extra></extra>", "hoverongaps": False}
+    plot = go.Figure(go.Heatmap(z=colours, x=columns, y=rows, customdata=values, **words, **told, **more))
     shapes = []
     for here, after in zip(suite.scenarios, suite.scenarios[1:], strict=False):
         if (here in suite.scored) != (after in suite.scored):

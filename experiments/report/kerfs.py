@@ -53,9 +53,11 @@ def _run(suite: Suite, seed: int, parts: dict[str, pd.DataFrame]) -> dict[str, A
         return None
     limits = {name: limits_of(np.concatenate(arrays), QUANTITIES[name]) for name, arrays in seen.items()}
     return {
-        "seed": seed, "limits": limits, "controllers": controllers,
+        "seed": seed,
+        "limits": limits,
+        "controllers": controllers,
         "first": {"contour_rms": "contour"}.get(suite.metric, suite.metric if suite.metric in limits else "standoff"),
-    }  # fmt: skip
+    }
 
 
 def coloured(
@@ -73,9 +75,8 @@ def coloured(
     if "gap_error" in run:
         columns = {"standoff": "gap_error", "contour": "error", "dross": "dross", "roughness": "roughness"}
         values = {name: QUANTITIES[name].factor * run[column].to_numpy(float) for name, column in columns.items()}
-        return x[there], y[there], cutting[there], run["margin"].to_numpy(float)[there] >= 1.0, {
-            name: array[there] for name, array in values.items()
-        }  # fmt: skip
+        through = run["margin"].to_numpy(float)[there] >= 1.0
+        return x[there], y[there], cutting[there], through, {name: array[there] for name, array in values.items()}
     steel = material.material("thin-sheet")
     beam = cut.beam(steel.params, steel.power, 0.0, 0.0, 0.0, 0.0, 0.0)
     values = {"standoff": error} | {name: np.full(len(error), np.nan) for name in ("dross", "roughness")}

@@ -46,15 +46,21 @@ def sentences(suites: list[Suite], learned: list[str]) -> list[tuple[str, str]]:
              "from tuning; only equal budgets compare laws."),
         ]  # fmt: skip
     if jobs:
-        out.append((
-            "The interpolator runs 5 ms ahead.", "So a feed override comes into force 5 ms after it was decided; a "
-            "machine with a longer buffer would do worse with what decides late.",
-        ))  # fmt: skip
+        out.append(
+            (
+                "The interpolator runs 5 ms ahead.",
+                "So a feed override comes into force 5 ms after it was decided; a "
+                "machine with a longer buffer would do worse with what decides late.",
+            )
+        )
     if learned:
-        out.append((
-            "A learned policy is one training.", f"{', '.join(learned)}: the interval does not hold the luck of the "
-            "training seed. Another training of the same recipe may end elsewhere.",
-        ))  # fmt: skip
+        out.append(
+            (
+                "A learned policy is one training.",
+                f"{', '.join(learned)}: the interval does not hold the luck of the "
+                "training seed. Another training of the same recipe may end elsewhere.",
+            )
+        )
     return out
 
 

@@ -41,24 +41,18 @@ def table(suites: list[Suite], labels: dict[str, str]) -> dict[str, Any] | None:
                 if set(twins) <= set(there.columns):
                     plain = over_scenarios("rms_true", there.loc[name, twins])
             ratio = value / plain
-            cells.append({
-                "text": number(value) if np.isfinite(value) else "failed", "value": value,
-                "worse": f"× {times(ratio)}" if np.isfinite(ratio) else "", "bad": bool(ratio > 3 or lost),
-                "lost": f"{part(lost, tried)} failed" if lost else "",
-            })  # fmt: skip
+            cell = {"text": number(value) if np.isfinite(value) else "failed", "value": value}
+            cell |= {"worse": f"× {times(ratio)}" if np.isfinite(ratio) else "", "bad": bool(ratio > 3 or lost)}
+            cells.append(cell | {"lost": f"{part(lost, tried)} failed" if lost else ""})
         against = float(summary["ratio"].get(name, np.nan))
-        rows.append({
-            "name": name, "label": labels[name], "within": number(base), "within_value": base,
-            "beyond": number(score) if np.isfinite(score) else "failed", "beyond_value": score,
-            "worse": f"× {times(score / base)}" if np.isfinite(score / base) else "–", "ratio": number(against),
-            "cells": cells, "failed": part(summary.at[name, "failed"], summary.at[name, "runs"]),
-            "lost": bool(summary.at[name, "failed"] > 0), "information": summary.at[name, "information"],
-            "rank": float(summary.at[name, "rank"]),
-        })  # fmt: skip
-    return {
-        "rows": rows, "shifts": [SHIFTS[s] for s in shifts], "paired": within is not None, "unit": "µm",
-        "reference": beyond.reference, "said": _said(beyond, within, rows),
-    }  # fmt: skip
+        row = {"name": name, "label": labels[name], "within": number(base), "within_value": base}
+        row |= {"beyond": number(score) if np.isfinite(score) else "failed", "beyond_value": score}
+        row |= {"worse": f"× {times(score / base)}" if np.isfinite(score / base) else "–", "ratio": number(against)}
+        of = summary.loc[name]
+        row |= {"cells": cells, "failed": part(of["failed"], of["runs"]), "lost": bool(of["failed"] > 0)}
+        rows.append(row | {"information": of["information"], "rank": float(of["rank"])})
+    out = {"rows": rows, "shifts": [SHIFTS[s] for s in shifts], "paired": within is not None, "unit": "µm"}
+    return out | {"reference": beyond.reference, "said": _said(beyond, within, rows)}
 
 
 def _said(beyond: Suite, within: Suite | None, rows: list[dict[str, Any]]) -> str:

@@ -48,9 +48,11 @@ def pack(channels: Sequence[Channel]) -> dict[str, Any]:
     table = np.concatenate(whole) if whole else np.zeros(0, np.int16)
     split = table.astype("<i2").view(np.uint8).reshape(-1, 2).T.tobytes()
     return {
-        "samples": len(channels[0].values) if channels else 0, "low": lows, "step": steps,
+        "samples": len(channels[0].values) if channels else 0,
+        "low": lows,
+        "step": steps,
         "data": base64.b64encode(zlib.compress(split, 7)).decode("ascii"),
-    }  # fmt: skip
+    }
 
 
 def thinned(values: Floats, stride: int) -> Floats:

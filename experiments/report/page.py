@@ -78,9 +78,12 @@ def page(folder: Path, grids: dict[str, Results], meta: dict[str, Any]) -> str:
             data["looks"] = {name: [look[name].colour, look[name].dash] for name in controllers}
     command = meta.get("command", "")
     loader = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(HERE), autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True,
+        loader=jinja2.FileSystemLoader(HERE),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
         lstrip_blocks=True,
-    )  # fmt: skip
+    )
     return loader.get_template("report.html").render(
         chapters=chapters, matrix=answer.matrix({c["suite"].name: c["cards"] for c in chapters}), labels=labels,
         look=look, several=len(suites) > 1, what=what_ran(suites), plans=plan.shown(suites),
@@ -124,9 +127,11 @@ def _chapter(
     """What is told of one suite."""
     own = standings[suite.metric]
     figures = [
-        scores.figure(own, look, labels), heat.figure(suite, labels), performance.figure(suite, look, labels),
+        scores.figure(own, look, labels),
+        heat.figure(suite, labels),
+        performance.figure(suite, look, labels),
         fronts.figure(suite, standings, look, labels),
-    ]  # fmt: skip
+    ]
     return {
         "suite": suite, "headline": answer.headline(own, labels), "figures": _there(figures),
         "remarks": answer.remarks(suite, own, labels, LIMIT_MS),

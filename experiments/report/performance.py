@@ -38,27 +38,25 @@ def figure(suite: Suite, look: dict[str, Look], labels: dict[str, str]) -> Figur
             first, last = np.flatnonzero(open_)[[0, -1]]
             part = slice(max(first - 1, 0), last + 2)
             f, low, high = factors[part], np.where(open_, low, value)[part], np.where(open_, high, value)[part]
-            plot.add_scatter(
-                x=np.concatenate([f, f[::-1]]).astype("f4"), y=np.concatenate([high, low[::-1]]).astype("f4"),
-                fill="toself", fillcolor=faded(look[name].colour, 0.1), line={"width": 0}, hoverinfo="skip",
-                showlegend=False, legendgroup=name, mode="lines",
-            )  # fmt: skip
-        plot.add_scatter(
-            x=factors.astype("f4"), y=value.astype("f4"), name=labels[name], legendgroup=name, line=line(look[name]),
-            mode="lines", hovertemplate=f"{labels[name]}: %{{y:.0%}} of runs within × %{{x:.2f}}<extra></extra>",
-        )  # fmt: skip
+            x, y = np.concatenate([f, f[::-1]]), np.concatenate([high, low[::-1]])
+            band = {"fill": "toself", "fillcolor": faded(look[name].colour, 0.1), "line": {"width": 0}, "mode": "lines"}
+            silent = {"hoverinfo": "skip", "showlegend": False, "legendgroup": name}
+            plot.add_scatter(x=x.astype("f4"), y=y.astype("f4"), **band, **silent)
+        told = f"{labels[name]}: %{{y:.0%}} of runs within × %{{x:.2f}}<extra></extra>"
+        drawn = {"name": labels[name], "legendgroup": name, "line": line(look[name]), "mode": "lines"}
+        plot.add_scatter(x=factors.astype("f4"), y=value.astype("f4"), hovertemplate=told, **drawn)
     if not shares:
         return None
     most = min(FURTHEST, 1.5 * float(reached))
     ticks = [1 / 16, 1 / 8, 1 / 4, 1 / 2, 1, 2, 4, 8, 16]
     plot.add_vline(1.0, line={"color": INK, "width": 1, "dash": "4px,3px"})
+    names = ["1/16", "1/8", "1/4", "1/2", "1", "2", "4", "8", "16"]
+    scale = {"type": "log", "tickvals": ticks, "ticktext": names, "range": [-1.21, np.log10(most)]}
     plot.update_layout(
-        xaxis={"type": "log", "tickvals": ticks, "ticktext": ["1/16", "1/8", "1/4", "1/2", "1", "2", "4", "8", "16"],
-               "title": f"error, × that of {labels[suite.reference]} in the same run",
-               "range": [-1.21, np.log10(most)]},
+        xaxis={**scale, "title": f"error, × that of {labels[suite.reference]} in the same run"},
         yaxis={"title": "share of runs with at most that", "tickformat": ".0%", "range": [0, 1.02]},
         hovermode="closest",
-    )  # fmt: skip
+    )
     fair = [n for n in shares if np.isfinite(suite.summary.at[n, "rank"])]
     fair = [n for n in fair if n in suite.classes.get("sensor", fair)] or list(shares)
     often = max(fair, key=lambda n: shares[n])

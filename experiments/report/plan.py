@@ -12,9 +12,7 @@ def shown(suites: list[Suite]) -> list[dict[str, Any]]:
     out: dict[bytes, dict[str, Any]] = {}
     for suite in suites:
         for row in suite.results.plans.itertuples():
-            one = out.setdefault(row.picture, {
-                "picture": base64.b64encode(row.picture).decode(), "cuts": count(int(row.cuts), "cut"),
-                "warnings": row.warnings.splitlines(), "names": [],
-            })  # fmt: skip
+            new = {"picture": base64.b64encode(row.picture).decode(), "cuts": count(int(row.cuts), "cut")}
+            one = out.setdefault(row.picture, {**new, "warnings": row.warnings.splitlines(), "names": []})
             one["names"] += [name for name in row.scenarios.split(", ") if name not in one["names"]]
     return list(out.values())

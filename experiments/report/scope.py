@@ -135,10 +135,8 @@ def _run(suite: Suite, seed: int, parts: dict[str, pd.DataFrame]) -> dict[str, A
     alarms = {name: at for name, run in parts.items() if (at := _alarm(run)) is not None}
     longest = max(len(run) for run in parts.values())
     stride = math.ceil(longest / POINTS) if longest > POINTS else 1
-    out: dict[str, Any] = {
-        "seed": seed, "start": float(first["time"].iloc[0]), "step": stride * PERIOD,
-        "stride": stride, "shared": None, "controllers": {},
-    }  # fmt: skip
+    out: dict[str, Any] = {"seed": seed, "start": float(first["time"].iloc[0]), "step": stride * PERIOD}
+    out |= {"stride": stride, "shared": None, "controllers": {}}
     for name, found in channels.items():
         kept = {key: values for key, values in found.items() if key != "sheet"}
         alarm = alarms.get(name)
@@ -176,10 +174,8 @@ def signals(run: pd.DataFrame) -> dict[str, Floats]:
     found: dict[str, Floats] = {"true": np.where(np.isfinite(error), error, np.nan)}
     columns = {"command": "command", "speed": "velocity", "sheet": "surface"}
     if "gap_error" in run:
-        columns = {
-            "contour": "error", "command": "command", "speed": "velocity", "feed": "speed", "dross": "dross",
-            "roughness": "roughness",
-        }  # fmt: skip
+        columns = {"contour": "error", "command": "command", "speed": "velocity", "feed": "speed"}
+        columns |= {"dross": "dross", "roughness": "roughness"}
         found["true"] = np.where(counted, error, np.nan)
         if "reported_error" in run:
             found["reported"] = np.where(counted, 1e3 * run["reported_error"].to_numpy(float), np.nan)

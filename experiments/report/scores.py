@@ -44,23 +44,22 @@ def figure(standing: Standing, look: dict[str, Look], labels: dict[str, str]) ->
         fair, colour = name in standing.ranked, look[name].colour
         places = known(first, last, value)
         if math.isfinite(first):
-            plot.add_scatter(
-                x=[first, min(last, high)], y=[y, y], mode="lines", line={"color": colour, "width": 3 if fair else 1.5},
-                hoverinfo="skip", showlegend=False,
-            )  # fmt: skip
+            drawn = {"mode": "lines", "line": {"color": colour, "width": 3 if fair else 1.5}}
+            plot.add_scatter(x=[first, min(last, high)], y=[y, y], **drawn, hoverinfo="skip", showlegend=False)
         if reported is not None and math.isfinite(float(reported[name])):
             plot.add_scatter(
-                x=[float(reported[name])], y=[y], mode="markers", showlegend=False,
+                x=[float(reported[name])],
+                y=[y],
+                mode="markers",
+                showlegend=False,
                 marker={"symbol": "line-ns-open", "size": 11, "color": colour, "line": {"width": 2}},
                 hovertemplate=f"{labels[name]}, reported: {number(float(reported[name]))} {metric.unit}<extra></extra>",
-            )  # fmt: skip
-        plot.add_scatter(
-            x=[value], y=[y], mode="markers", showlegend=False,
-            marker={"symbol": look[name].symbol + ("" if fair else "-open"), "size": 11, "color": colour,
-                    "line": {"width": 2 if not fair else 0, "color": colour}},
-            hovertemplate=f"{labels[name]}: {fixed(value, places)} {metric.unit} ({span(first, last, places)})"
-            "<extra></extra>",
-        )  # fmt: skip
+            )
+        edge = {"width": 0 if fair else 2, "color": colour}
+        marker = {"symbol": look[name].symbol + ("" if fair else "-open"), "size": 11, "color": colour, "line": edge}
+        told = f"{fixed(value, places)} {metric.unit} ({span(first, last, places)})<extra></extra>"
+        told = f"{labels[name]}: {told}"
+        plot.add_scatter(x=[value], y=[y], mode="markers", showlegend=False, marker=marker, hovertemplate=told)
         annotations.append(
             {**_text(1.0, y, fixed(value, places), 6), "xref": "paper", "font": {"size": 13, "color": INK}}
         )
@@ -77,13 +76,16 @@ def figure(standing: Standing, look: dict[str, Look], labels: dict[str, str]) ->
         place = bottom + 0.2 - 0.45 * i
         annotations.append({**_text(math.log10(bound), place, f"{label}: {number(bound)}", 6)})
     bottom -= 0.45 * max(len(limits) - 1, 0)
+    title = f"{metric.exact or metric.name} ({metric.unit}, log scale)"
+    names = {"tickvals": list(at.values()), "ticktext": [labels[n] for n in at], "ticks": ""}
+    bare = {"showgrid": False, "fixedrange": True, "showline": False}
     plot.update_layout(
-        xaxis={**logarithmic(low, high), "title": f"{metric.exact or metric.name} ({metric.unit}, log scale)",
-               "fixedrange": True},
-        yaxis={"tickvals": list(at.values()), "ticktext": [labels[n] for n in at], "range": [bottom + 0.4, 0.7],
-               "showgrid": False, "ticks": "", "fixedrange": True, "showline": False},
-        annotations=annotations, margin={"r": 64, "t": 34}, hovermode="closest",
-    )  # fmt: skip
+        xaxis={**logarithmic(low, high), "title": title, "fixedrange": True},
+        yaxis={**names, **bare, "range": [bottom + 0.4, 0.7]},
+        annotations=annotations,
+        margin={"r": 64, "t": 34},
+        hovermode="closest",
+    )
     _score_axis(plot, standing, low, high)
     beside = " The upright stroke is what the machine itself reports." if reported is not None else ""
     if LABEL in limits:
@@ -91,13 +93,15 @@ def figure(standing: Standing, look: dict[str, Look], labels: dict[str, str]) ->
     if LINEAR in limits:
         beside += " No fixed linear controller can go below the line of dashes and dots."
     return Figure(
-        f"scores-{suite.name}", _title(standing, labels),
+        f"scores-{suite.name}",
+        _title(standing, labels),
         f"Points are over the seeds whose run did not fail, {suite.scored_in_words}, with 95 % intervals; shorter is "
         f"better, and equal distances are equal ratios.{beside} Intervals of two controllers may overlap though the "
         "difference is sure: both met the same sheets and machines, and are compared on those. Hollow points are not "
         "ranked.",
-        {"": plot}, height=round(110 + 30 * (0.5 - bottom)),
-    )  # fmt: skip
+        {"": plot},
+        height=round(110 + 30 * (0.5 - bottom)),
+    )
 
 
 def _title(standing: Standing, labels: dict[str, str]) -> str:
@@ -116,19 +120,17 @@ def _score_axis(plot: go.Figure, standing: Standing, low: float, high: float) ->
     zero, one = (math.log10(float(frame.at[n, "score"])) for n in (suite.reference, suite.informed))
     ticks = [s / 4 for s in range(-8, 9) if math.log10(low) <= zero + s / 4 * (one - zero) <= math.log10(high)]
     plot.add_scatter(x=[None], y=[None], xaxis="x2", showlegend=False, hoverinfo="skip")
-    plot.update_layout(xaxis2={
-        "overlaying": "x", "side": "top", "matches": None, "range": [math.log10(low), math.log10(high)],
-        "tickvals": [zero + s * (one - zero) for s in ticks], "ticktext": [f"{s:g}".replace("-", "−") for s in ticks],
-        "fixedrange": True, "showgrid": False, "tickfont": {"size": 11, "color": QUIET},
-        "title": {"text": "scale", "font": {"size": 11, "color": QUIET}, "standoff": 0},
-    })  # fmt: skip
+    words = [f"{s:g}".replace("-", "−") for s in ticks]
+    small = {"size": 11, "color": QUIET}
+    place = {"overlaying": "x", "side": "top", "matches": None, "range": [math.log10(low), math.log10(high)]}
+    shown = {"tickvals": [zero + s * (one - zero) for s in ticks], "ticktext": words, "tickfont": small}
+    bare = {"fixedrange": True, "showgrid": False, "title": {"text": "scale", "font": small, "standoff": 0}}
+    plot.update_layout(xaxis2=place | shown | bare)
 
 
 def _text(x: float, y: float, words: str, shift: int = 0) -> dict[str, Any]:
-    return {
-        "x": x, "y": y, "text": words, "showarrow": False, "xanchor": "left",
-        "font": {"size": 11.5, "color": QUIET}, "xshift": shift,
-    }  # fmt: skip
+    font = {"size": 11.5, "color": QUIET}
+    return {"x": x, "y": y, "text": words, "showarrow": False, "xanchor": "left", "font": font, "xshift": shift}
 
 
 def _rows(suite: Suite) -> tuple[dict[str, float], dict[str, float], float]:

@@ -43,10 +43,9 @@ def figure(suites: list[Suite], look: dict[str, Look], labels: dict[str, str]) -
             if one is None:
                 continue
             f, density = one
-            plot.add_scatter(
-                x=f.astype("f4"), y=density.astype("f4"), name=labels[name], line=line(look[name], 1.6), mode="lines",
-                hovertemplate="%{y:.3g} µm/√Hz at %{x:.0f} Hz",
-            )  # fmt: skip
+            drawn = {"name": labels[name], "line": line(look[name], 1.6), "mode": "lines"}
+            told = "%{y:.3g} µm/√Hz at %{x:.0f} Hz"
+            plot.add_scatter(x=f.astype("f4"), y=density.astype("f4"), hovertemplate=told, **drawn)
         if not plot.data:
             continue
         most = max(float(np.max(trace.y)) for trace in plot.data) or 1.0
@@ -64,13 +63,16 @@ def figure(suites: list[Suite], look: dict[str, Look], labels: dict[str, str]) -
     if not views:
         return None
     return Figure(
-        "spectra", "Error spectra",
+        "spectra",
+        "Error spectra",
         f"Density of the true gap error in the traced runs (Welch, segments of {SEGMENT * PERIOD:.3g} s, Hann), where "
         "it is scored and before any alarm. The area under the square of a line is its mean-square error. The "
         "head follows what is slower than the peak of |S|. It cannot follow what is faster; a good loop does not make "
         "that worse.",
-        views, "scenario", height=440,
-    )  # fmt: skip
+        views,
+        "scenario",
+        height=440,
+    )
 
 
 def _mean(runs: list[pd.DataFrame]) -> tuple[np.ndarray, np.ndarray] | None:

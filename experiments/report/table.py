@@ -61,10 +61,8 @@ def methods(suite: Suite) -> list[dict[str, str]]:
             low, value, high = ends(row, name)
             places = known(low, high, value)
             shown[name], shown[f"{name}_span"] = fixed(value, places), span(low, high, places)
-        rows.append({
-            "method": str(row["method"]), "members": str(len(row["members"])), **shown, "best": number(row["best"]),
-            "worst": number(row["worst"]),
-        })  # fmt: skip
+        extremes = {"best": number(row["best"]), "worst": number(row["worst"])}
+        rows.append({"method": str(row["method"]), "members": str(len(row["members"])), **shown, **extremes})
     return rows
 
 
@@ -77,13 +75,11 @@ def unmeasured(suite: Suite) -> list[str]:
 def by_machine(suite: Suite) -> list[dict[str, Any]]:
     """Rows of Ms and margins machine by machine, where there are several."""
     scenarios = suite.results.machines
-    return [
-        {
-            "machine": str(row["machine"]), "scenarios": listed(scenarios.get(row["machine"], [])),
-            "name": str(row["controller"]), "ms": number(row["ms"]), "noise": number(row["ms_noise"]),
-            "span": span(row["ms_noise_low"], row["ms_noise_high"], 2), "gain": headings.gain(row["gain_margin"]),
-            "delay": headings.delay(row["delay_margin"]), "reason": str(row["reason"]),
-            "high": bool(row["ms"] > LIMIT_MS), "high_noise": bool(row["ms_noise"] > LIMIT_MS),
-        }
-        for _, row in suite.results.apart.iterrows()
-    ]  # fmt: skip
+    rows = []
+    for _, row in suite.results.apart.iterrows():
+        one = {"machine": str(row["machine"]), "scenarios": listed(scenarios.get(row["machine"], []))}
+        one |= {"name": str(row["controller"]), "ms": number(row["ms"]), "noise": number(row["ms_noise"])}
+        one |= {"span": span(row["ms_noise_low"], row["ms_noise_high"], 2), "gain": headings.gain(row["gain_margin"])}
+        one |= {"delay": headings.delay(row["delay_margin"]), "reason": str(row["reason"])}
+        rows.append(one | {"high": bool(row["ms"] > LIMIT_MS), "high_noise": bool(row["ms_noise"] > LIMIT_MS)})
+    return rows

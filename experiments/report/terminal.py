@@ -242,9 +242,12 @@ def _outside(results: Results) -> list[str]:
 
 
 WEIGHED = {
-    "cutting_time": "cutting time", "contour_rms": "contour rms", "dross": "dross", "roughness": "Rz",
+    "cutting_time": "cutting time",
+    "contour_rms": "contour rms",
+    "dross": "dross",
+    "roughness": "Rz",
     "energy": "energy",
-}  # fmt: skip
+}
 """Figures of a job that are traded for each other; of each, less is better."""
 
 
@@ -289,13 +292,10 @@ def _methods(results: Results) -> list[Sheet]:
         return []
     what = declared(results.metric).label if results.jobs else "score"
     titles = ["method", "members", what, f"× {results.reference}", "best", "worst"]
-    rows = [
-        [
-            row["method"], str(len(row["members"])), _figure(row, "score"), _figure(row, "ratio"),
-            _number(row["best"]), _number(row["worst"]),
-        ]
-        for _, row in found.iterrows()
-    ]  # fmt: skip
+    rows = []
+    for _, row in found.iterrows():
+        figures = [_figure(row, "score"), _figure(row, "ratio"), _number(row["best"]), _number(row["worst"])]
+        rows.append([row["method"], str(len(row["members"])), *figures])
     note = "members: trainings that differ in their seed alone; intervals are over trainings and over seeds."
     return [Sheet("methods that were trained or tuned several times", titles, [rows], [note])]
 
@@ -310,11 +310,10 @@ def print_blame(shares: Any, headroom: Any) -> None:
     several, sections = shares["error"].nunique() > 1, []
     for (scenario, controller, error), part in shares.groupby(["scenario", "controller", "error"], sort=False):
         whole = part["share"].sum(skipna=False)
-        rows = [
-            ["", "", row.stage, _number(row.share), _ends(row.low, row.high),
-             _number(100.0 * row.share / whole, "{:.1f} %"), _number(row.alone), _ends(row.alone_low, row.alone_high)]
-            for row in part.itertuples()
-        ]  # fmt: skip
+        rows = []
+        for row in part.itertuples():
+            share = [_number(row.share), _ends(row.low, row.high), _number(100.0 * row.share / whole, "{:.1f} %")]
+            rows.append(["", "", row.stage, *share, _number(row.alone), _ends(row.alone_low, row.alone_high)])
         rows[0][:2] = [f"{scenario}, {error}" if several else scenario, controller]
         sections.append([*rows, ["", "", "all", _number(whole), "", "", "", ""]])
     Sheet(
@@ -334,16 +333,17 @@ def print_blame(shares: Any, headroom: Any) -> None:
         notes.append("–: a run failed, so there are no shares; which one stands in coalitions.parquet.")
     elif shares["low"].isna().all():
         notes.append("–: intervals are over seeds, and need two of them.")
-    rows = [
-        [r.scenario, r.controller, _number(r.rms), r.informed, _number(r.informed_rms), _number(r.ratio),
-         _ends(r.low, r.high)]
-        for r in headroom.itertuples()
-    ]  # fmt: skip
+    rows = []
+    for r in headroom.itertuples():
+        other = [r.informed, _number(r.informed_rms), _number(r.ratio), _ends(r.low, r.high)]
+        rows.append([r.scenario, r.controller, _number(r.rms), *other])
     Sheet(
         "beside references with other information: RMS of the true error, and the factor between",
-        ["scenario", "controller", "RMS, µm", "reference", "its RMS, µm", "factor", "interval"], [rows], notes,
+        ["scenario", "controller", "RMS, µm", "reference", "its RMS, µm", "factor", "interval"],
+        [rows],
+        notes,
         words=(0, 1, 3),
-    ).show()  # fmt: skip
+    ).show()
 
 
 def _ends(low: float, high: float) -> str:
@@ -353,31 +353,28 @@ def _ends(low: float, high: float) -> str:
 def print_speed(tables: dict[str, Any]) -> None:
     """Prints the tables of a speed run, the promises last."""
     speed, stages, ratios = tables["speed"], tables["stages"], tables["ratios"]
-    Sheet(
-        f"CPU time of a machine-step (1 ms of cutting), median of {int(speed.rounds.iloc[0])} interleaved rounds",
-        ["", "machines", "threads", "ns", "range", "million/s", "× Pendulum-v1"],
-        [[
-            [r.name, str(r.machines), str(r.threads), f"{r.ns_per_step:,.0f}", f"{r.ns_low:,.0f}–{r.ns_high:,.0f}",
-             f"{1e3 / r.ns_per_step:.3f}", f"{r.times_pendulum:.2f}"]
-            for r in part.itertuples()
-        ] for _, part in speed.groupby("group", sort=False)],
-    ).show()  # fmt: skip
-    Sheet(
-        "the kernel by part, per machine and period",
-        ["", "ns", "share", "ns per substep", "packed", "scalar", "widest register"],
-        [[
-            [r.stage, f"{r.ns:.1f}", f"{r.share:.0%}", f"{r.ns / SUBSTEPS:.2f}" if "substeps" in r.stage else "",
-             _number(r.packed, "{:.0f}"), _number(r.scalar, "{:.0f}"), _number(r.bits, "{:.0f} bit")]
-            for r in stages.itertuples()
-        ]],
-    ).show()  # fmt: skip
-    Sheet("start-up in fresh processes, and memory", ["", "CPU-s", "range"], [[
-        *([r.program, f"{r.cpu_seconds:.2f}", f"{r.low:.2f}–{r.high:.2f}"] for r in tables["startup"].itertuples()),
-        *([f"{r.what}, bytes each", f"{r.bytes:.0f}", ""] for r in tables["memory"].itertuples()),
-    ]]).show()  # fmt: skip
+    rows = []
+    for _, part in speed.groupby("group", sort=False):
+        rows.append([])
+        for r in part.itertuples():
+            times = [f"{r.ns_per_step:,.0f}", f"{r.ns_low:,.0f}–{r.ns_high:,.0f}"]
+            speeds = [f"{1e3 / r.ns_per_step:.3f}", f"{r.times_pendulum:.2f}"]
+            rows[-1].append([r.name, str(r.machines), str(r.threads), *times, *speeds])
+    title = f"CPU time of a machine-step (1 ms of cutting), median of {int(speed.rounds.iloc[0])} interleaved rounds"
+    Sheet(title, ["", "machines", "threads", "ns", "range", "million/s", "× Pendulum-v1"], rows).show()
+    parts = []
+    for r in stages.itertuples():
+        each = f"{r.ns / SUBSTEPS:.2f}" if "substeps" in r.stage else ""
+        widths = [_number(r.packed, "{:.0f}"), _number(r.scalar, "{:.0f}"), _number(r.bits, "{:.0f} bit")]
+        parts.append([r.stage, f"{r.ns:.1f}", f"{r.share:.0%}", each, *widths])
+    titles = ["", "ns", "share", "ns per substep", "packed", "scalar", "widest register"]
+    Sheet("the kernel by part, per machine and period", titles, [parts]).show()
+    start = [[r.program, f"{r.cpu_seconds:.2f}", f"{r.low:.2f}–{r.high:.2f}"] for r in tables["startup"].itertuples()]
+    memory = [[f"{r.what}, bytes each", f"{r.bytes:.0f}", ""] for r in tables["memory"].itertuples()]
+    Sheet("start-up in fresh processes, and memory", ["", "CPU-s", "range"], [start + memory]).show()
     signs, held = {">=": "≥", "<=": "≤"}, {True: "yes", False: "no"}
-    Sheet("what is promised", ["", "measured", "promised", "held"], [[
-        [r.ratio, _number(r.measured), f"{signs[r.sense]} {r.promised:g}",
-         "not measured" if math.isnan(r.held) else held[bool(r.held)]]
-        for r in ratios.itertuples()
-    ]]).show()  # fmt: skip
+    kept = []
+    for r in ratios.itertuples():
+        word = "not measured" if math.isnan(r.held) else held[bool(r.held)]
+        kept.append([r.ratio, _number(r.measured), f"{signs[r.sense]} {r.promised:g}", word])
+    Sheet("what is promised", ["", "measured", "promised", "held"], [kept]).show()

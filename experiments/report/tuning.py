@@ -47,12 +47,15 @@ def figure(found: dict[str, pd.DataFrame], labels: dict[str, str]) -> Figure | N
     if not views:
         return None
     return Figure(
-        "tuned", _title(found, labels),
+        "tuned",
+        _title(found, labels),
         "How the tuned metric changes, on tune seeds, when a single parameter is moved by 20 % (a whole one by at "
         "least 1) from where the search ended. Short bars: it need not be known well. A bar to the left would say that "
         "the search stopped early, or at a limit such as Ms.",
-        views, "controller", height=_height(next(iter(found.values()))),
-    )  # fmt: skip
+        views,
+        "controller",
+        height=_height(next(iter(found.values()))),
+    )
 
 
 def _height(frame: pd.DataFrame) -> int:
@@ -80,11 +83,10 @@ def _view(frame: pd.DataFrame) -> go.Figure:
     plot = go.Figure()
     for side, colour, words in ((-1, COLOURS[0], "20 % less"), (1, COLOURS[1], "20 % more")):
         rows = frame[frame["side"] == side]
-        plot.add_bar(
-            y=rows["parameter"], x=100.0 * (rows[metric] - 1.0), name=words, orientation="h", marker={"color": colour},
-            customdata=rows[["value", "moved"]],
-            hovertemplate="%{customdata[0]:.4g} → %{customdata[1]:.4g}: %{x:+.1f} %",
-        )  # fmt: skip
+        told = "%{customdata[0]:.4g} → %{customdata[1]:.4g}: %{x:+.1f} %"
+        drawn = {"orientation": "h", "marker": {"color": colour}, "hovertemplate": told}
+        x, data = 100.0 * (rows[metric] - 1.0), rows[["value", "moved"]]
+        plot.add_bar(y=rows["parameter"], x=x, name=words, customdata=data, **drawn)
     plot.add_vline(0.0, line={"color": INK, "width": 1})
     plot.update_layout(
         barmode="group",

@@ -105,10 +105,8 @@ def _one(name: str, folder: Path, seeds: int, stamp: dict[str, Any]) -> dict[str
         trace = folder / PARTS / f"{name.replace('/', '-')}.error.txt"
         with runs.atomic(trace) as part:
             part.write_text(traceback.format_exc(), encoding="utf-8")
-    found = {
-        "study": s.name, "document": s.document, "title": s.title, "stamp": stamp, "error": error, "rows": rows,
-        "drawings": drawings, "cpu_seconds": round(time.process_time() - start, 2),
-    }  # fmt: skip
+    found = {"study": s.name, "document": s.document, "title": s.title, "stamp": stamp, "error": error}
+    found |= {"rows": rows, "drawings": drawings, "cpu_seconds": round(time.process_time() - start, 2)}
     runs.write_json(_file(folder, name), found)
     return found
 
@@ -116,8 +114,11 @@ def _one(name: str, folder: Path, seeds: int, stamp: dict[str, Any]) -> dict[str
 def _row(row: Row) -> dict[str, Any]:
     """A row as JSON takes it: texts for readers, numbers beside them."""
     texts = {
-        **asdict(row), "simulation": str(row.simulation), "true": str(row.true), "evidence": str(row.evidence or ""),
-    }  # fmt: skip
+        **asdict(row),
+        "simulation": str(row.simulation),
+        "true": str(row.true),
+        "evidence": str(row.evidence or ""),
+    }
     numbers = {
         key: {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in asdict(value).items()}
         for key, value in (("simulation", row.simulation), ("true", row.true), ("evidence", row.evidence))

@@ -41,19 +41,20 @@ def write(folder: Path, parts: list[Part], record: dict[str, Any], seeds: int) -
     """Writes ``reproduce.html`` and ``reproduce.md`` into the run folder."""
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader([Path(__file__).parent, Path(__file__).parents[1] / "report"]),
-        autoescape=jinja2.select_autoescape(["html"]), undefined=jinja2.StrictUndefined, trim_blocks=True,
+        autoescape=jinja2.select_autoescape(["html"]),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
         lstrip_blocks=True,
-    )  # fmt: skip
+    )
     environment.filters["cell"] = lambda text: str(text).replace("|", "\\|").replace("\n", " ")
 
     def image(drawing: dict[str, Any]) -> str:
         return base64.b64encode((folder / drawing["file"]).read_bytes()).decode("ascii")
 
     for kind in ("html", "md"):
-        text = environment.get_template(f"reproduce.{kind}").render(
-            documents=by_document(parts), counts=counts(parts), verdicts=VERDICTS, record=record, seeds=seeds,
-            command=command, image=image, failed=[p for p in parts if p["error"]],
-        )  # fmt: skip
+        told = {"documents": by_document(parts), "counts": counts(parts), "failed": [p for p in parts if p["error"]]}
+        of_run = {"record": record, "seeds": seeds, "command": command, "image": image}
+        text = environment.get_template(f"reproduce.{kind}").render(**told, **of_run, verdicts=VERDICTS)
         with atomic(folder / f"reproduce.{kind}") as part:
             part.write_text(text, encoding="utf-8")
 
@@ -71,10 +72,9 @@ def show(parts: list[Part]) -> None:
                 table.add_row(part["study"], part["title"], "", f"failed: {part['error']}", "", "")
             for row in part["rows"]:
                 style = STYLES[row["verdict"]]
-                table.add_row(
-                    row["where"], row["claim"], row["paper"], row["simulation"], row["true"],
-                    f"[{style}]{row['verdict']}[/{style}]" + (f" (with {row['instead']})" if row["instead"] else ""),
-                )  # fmt: skip
+                instead = f" (with {row['instead']})" if row["instead"] else ""
+                cells = [row[key] for key in ("where", "claim", "paper", "simulation", "true")]
+                table.add_row(*cells, f"[{style}]{row['verdict']}[/{style}]{instead}")
             table.add_section()
         console.print(table)
     console.print(", ".join(f"{count} {verdict}" for verdict, count in counts(parts).items()))

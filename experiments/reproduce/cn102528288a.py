@@ -50,18 +50,20 @@ def counting(trial: Trial, rows: Rows) -> list[Drawing]:
         band = f * (1.0 + rng.uniform(0.0, 1e-3, 4000))
         phases = rng.uniform(0.0, 1.0, band.size)
         for kind, mean in (("total", 0.0), ("mean", 1.0)):
-            counted = np.array([
-                sensor.counted(gate._replace(mean=mean), float(x), float(u)) for x, u in zip(band, phases, strict=True)
-            ])  # fmt: skip
+            counted = np.array(
+                [
+                    sensor.counted(gate._replace(mean=mean), float(x), float(u))
+                    for x, u in zip(band, phases, strict=True)
+                ]
+            )
             error = counted - band
             scatter[kind].append(1e3 * float(np.std(error)) / steep)
     f1 = float(sensor.oscillator(p, sensor.capacitance(p, 1.0, 1.0), 0.0))
     values = gate.length * 1e-3 * f1
     law_ = 1e3 * f1 / (math.sqrt(6.0) * sensor.CLOCK * gate.length * 1e-3) / _slope(p, 1.0)
-    bias = float(np.mean([
-        sensor.counted(gate._replace(mean=1.0), float(x), float(u)) / x - 1.0
-        for x, u in zip(f1 * (1.0 + rng.uniform(0.0, 1e-3, 4000)), rng.uniform(0.0, 1.0, 4000), strict=True)
-    ]))  # fmt: skip
+    x, u = f1 * (1.0 + rng.uniform(0.0, 1e-3, 4000)), rng.uniform(0.0, 1.0, 4000)
+    ideal = gate._replace(mean=1.0)
+    bias = float(np.mean([sensor.counted(ideal, float(f), float(v)) / f - 1.0 for f, v in zip(x, u, strict=True)]))
 
     @pictured("CN102528288A, measurement")
     def counting(axes: Axes) -> None:
@@ -330,9 +332,11 @@ def scheduled_against_fixed(trial: Trial, rows: Rows) -> list[Drawing]:
     """Whether gains that follow the error are faster and overshoot less than gains that stay."""
     near, far = law.NEAR, law.FAR
     kinds: dict[str, dict[str, float]] = {
-        "scheduled": {}, f"fixed at {100 * near:.0f} %": {"share": near}, f"fixed at {100 * far:.0f} %": {"share": far},
+        "scheduled": {},
+        f"fixed at {100 * near:.0f} %": {"share": near},
+        f"fixed at {100 * far:.0f} %": {"share": far},
         "scheduled, integrals always on": {"gated": 0.0},
-    }  # fmt: skip
+    }
     found = {k: [arrival(trial, gain=g, **change) for g in GAINS] for k, change in kinds.items()}
     ours, small, large, wound = found.values()
     sound = [i for i, a in enumerate(ours) if not a.collided.any()]
@@ -376,8 +380,8 @@ def scheduled_against_fixed(trial: Trial, rows: Rows) -> list[Drawing]:
         if it does not, and overshoot (µm; beyond 1000 it is on the sheet), over the largest position gain (1/s)."""
         for (name, arrivals), colour, line in zip(found.items(), COLOURS, ("-", "--", "-.", ":"), strict=False):
             left.plot(GAINS, [1e3 * np.median(a.time) for a in arrivals], line, color=colour, marker="o", markersize=4)
-            right.semilogy(GAINS, [max(1e3 * np.median(a.over), 1.0) for a in arrivals], line, color=colour, marker="o",
-                           markersize=4, label=name)  # fmt: skip
+            over = [max(1e3 * np.median(a.over), 1.0) for a in arrivals]
+            right.semilogy(GAINS, over, line, color=colour, marker="o", markersize=4, label=name)
         right.axhline(1e3, color=QUIET, linewidth=0.8, linestyle="--")
         right.text(GAINS[0], 9e2, "the sheet", color=QUIET, fontsize=9, va="top")
         right.set_ylim(top=5e4)

@@ -25,9 +25,12 @@ TABLE_2: dict[str, dict[str, Any]] = {
     "static, surface quality": {"feed": 0.2, "dross": 1.0, "roughness": 0.05, "dither": spot.Command()},
     "static, fastest": {"feed": 0.5, "dross": 1.0, "roughness": 0.17, "dither": spot.Command()},
     "dynamic compound": {
-        "feed": 1.0, "dross": 0.9, "roughness": 0.09, "dither": spot.Command(frequency=2000.0, x=0.3, y=0.3, z=1.0),
+        "feed": 1.0,
+        "dross": 0.9,
+        "roughness": 0.09,
+        "dither": spot.Command(frequency=2000.0, x=0.3, y=0.3, z=1.0),
     },
-}  # fmt: skip
+}
 """Huang2024 Table 2 (feed in m/min, dross and roughness in mm) with the dither of Table 1."""
 
 COEFFICIENTS = ("rough", "rough_power", "dross", "burn", "carry")
@@ -102,12 +105,11 @@ def table(p: cut.Params, power: float) -> pd.DataFrame:
         middle = slice(len(full.place) // 4, -len(full.place) // 8)
         f = streamed(p, power, row)
         dross, rough = full.dross[middle].mean(), full.roughness[middle].mean()
-        lines.append({
-            "method": name, "feed, m/min": row["feed"], "dross, paper": row["dross"], "dross, full": dross,
-            "dross, streaming": f.dross, "dross, error": dross / row["dross"] - 1, "Rz, paper": row["roughness"],
-            "Rz, full": rough, "Rz, streaming": f.roughness, "Rz, error": rough / row["roughness"] - 1,
-            "ISO 9013": quality.iso_range(rough, p.thickness), "margin": f.margin,
-        })  # fmt: skip
+        line: dict[str, Any] = {"method": name, "feed, m/min": row["feed"], "dross, paper": row["dross"]}
+        line |= {"dross, full": dross, "dross, streaming": f.dross, "dross, error": dross / row["dross"] - 1}
+        line |= {"Rz, paper": row["roughness"], "Rz, full": rough, "Rz, streaming": f.roughness}
+        line |= {"Rz, error": rough / row["roughness"] - 1, "ISO 9013": quality.iso_range(rough, p.thickness)}
+        lines.append(line | {"margin": f.margin})
     return pd.DataFrame(lines)
 
 
@@ -123,17 +125,20 @@ def main() -> None:
     tables = {
         "coefficients": {name: round(float(getattr(p, name)), 5) for name in COEFFICIENTS},
         "calibration": {
-            "source": "Huang2024 Table 2 and CN102528288A's focus", "coefficients": len(COEFFICIENTS) + 1,
-            "numbers": NUMBERS, "power": round(power, 1),
+            "source": "Huang2024 Table 2 and CN102528288A's focus",
+            "coefficients": len(COEFFICIENTS) + 1,
+            "numbers": NUMBERS,
+            "power": round(power, 1),
             "largest_error": round(float(found.filter(like="error").abs().max().max()), 4),
             "residuals": {
                 row["method"]: {"dross": round(row["dross, error"], 4), "roughness": round(row["Rz, error"], 4)}
                 for _, row in found.iterrows()
             },
             "command": "python -m kerfgym.experiments.reproduce.fit_cut",
-            "kerfgym": meta["kerfgym"], "git": meta["git"],
+            "kerfgym": meta["kerfgym"],
+            "git": meta["git"],
         },
-    }  # fmt: skip
+    }
     lines = [
         f"power = {power:.1f}       # W, effective [C]" if line.startswith("power") else line
         for line in head.split("\n")

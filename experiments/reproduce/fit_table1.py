@@ -89,15 +89,22 @@ def impulse(p: Parameters, height: float) -> float:
 
 def scenario(p: Parameters, height: float) -> Scenario:
     """The experiment at one set height, mm; nominal machine."""
+    axis = Axis(bandwidth=80.0, zeta=0.8, dead_time=0.001, acceleration=14_000.0, resonance=100.0)
+    size = impulse(p, height) * (1 + height / FALLOFF)
+    head = Head(
+        nominal=True, noise=1e-3, impulses=RATE, impulse_spread=SPREAD, impulse_height=size, impulse_falloff=FALLOFF
+    )
+    sheet = Sheet(waves=(Wave(amplitude=p.speed * WAVELENGTH / (2 * np.pi * FEED), wavelength=WAVELENGTH),))
     return Scenario(
-        name=f"xi2023 table 1, {height:g} mm", duration=SETTLE + LASTS, settle=SETTLE, feed=FEED, set_height=height,
-        axis=Axis(bandwidth=80.0, zeta=0.8, dead_time=0.001, acceleration=14_000.0, resonance=100.0),
-        head=Head(
-            nominal=True, noise=1e-3, impulses=RATE, impulse_spread=SPREAD,
-            impulse_height=impulse(p, height) * (1 + height / FALLOFF), impulse_falloff=FALLOFF,
-        ),
-        sheet=Sheet(waves=(Wave(amplitude=p.speed * WAVELENGTH / (2 * np.pi * FEED), wavelength=WAVELENGTH),)),
-    )  # fmt: skip
+        name=f"xi2023 table 1, {height:g} mm",
+        duration=SETTLE + LASTS,
+        settle=SETTLE,
+        feed=FEED,
+        set_height=height,
+        axis=axis,
+        head=head,
+        sheet=sheet,
+    )
 
 
 def roll(p: Parameters, height: float, filter_: str, seeds: Any) -> Recording:
@@ -133,11 +140,9 @@ def medians(p: Parameters, seeds: Any, heights: tuple[float, ...] = (*FITTED, *H
         for name in FILTERS:
             found, paper = largest(p, height, name, seeds), TABLE_1[height][name][1]
             reported = float(np.median(np.abs(found.reported)))
-            lines.append({
-                "height": height, "filter": name, "paper": paper, "reported": reported,
-                "true": float(np.median(found.true)), "deviation": reported / paper - 1,
-                "line": line(height, name) / paper - 1, "fitted": height in FITTED,
-            })  # fmt: skip
+            found_line = {"height": height, "filter": name, "paper": paper, "reported": reported}
+            found_line |= {"true": float(np.median(found.true)), "deviation": reported / paper - 1}
+            lines.append(found_line | {"line": line(height, name) / paper - 1, "fitted": height in FITTED})
     return pd.DataFrame(lines)
 
 
@@ -166,20 +171,18 @@ def main() -> None:
     print(found.to_string(index=False, float_format="%.5f"))
     worst = found[["deviation", "line"]].abs().groupby(found["fitted"]).max()
     held_out = (found.loc[~found["fitted"], ["deviation", "line"]] ** 2).mean() ** 0.5
-    tables = {
-        "parameters": p._asdict(),
-        "record": {
-            "source": "Xi2023 Table 1", "fitted_heights": list(FITTED), "held_out_heights": list(HELD_OUT),
-            "seeds": [SEEDS.start, SEEDS.stop - 1], "parameters": len(p), "numbers": 2 * len(FITTED),
-            "largest_deviation_fitted": round(float(worst.at[True, "deviation"]), 4),
-            "largest_deviation_held_out": round(float(worst.at[False, "deviation"]), 4),
-            "largest_deviation_of_a_line": round(float(worst.at[False, "line"]), 4),
-            "rms_deviation_held_out": round(float(held_out["deviation"]), 4),
-            "rms_deviation_of_a_line": round(float(held_out["line"]), 4),
-            "command": meta["command"], "kerfgym": meta["kerfgym"], "git": meta["git"],
-        },
-        "row": found.round(6).to_dict("records"),
-    }  # fmt: skip
+    record = {"source": "Xi2023 Table 1", "fitted_heights": list(FITTED), "held_out_heights": list(HELD_OUT)}
+    record |= {"seeds": [SEEDS.start, SEEDS.stop - 1], "parameters": len(p), "numbers": 2 * len(FITTED)}
+    deviations = {
+        "largest_deviation_fitted": worst.at[True, "deviation"],
+        "largest_deviation_held_out": worst.at[False, "deviation"],
+        "largest_deviation_of_a_line": worst.at[False, "line"],
+        "rms_deviation_held_out": held_out["deviation"],
+        "rms_deviation_of_a_line": held_out["line"],
+    }
+    record |= {name: round(float(value), 4) for name, value in deviations.items()}
+    record |= {key: meta[key] for key in ("command", "kerfgym", "git")}
+    tables = {"parameters": p._asdict(), "record": record, "row": found.round(6).to_dict("records")}
     with runs.atomic(FILE) as part:
         part.write_text("# Written by " + meta["command"] + "\n\n" + tomli_w.dumps(tables), encoding="utf-8")
     print(f"wrote {FILE.name}", file=sys.stderr)

@@ -101,19 +101,16 @@ def _eqs_10_11(rows: Rows) -> None:
 
 def printed_basis(t: np.ndarray) -> np.ndarray:
     """Eq. 5 as printed, with its two misprints, shape (len(t), 4)."""
-    return np.stack([
-        (-(t**3) + 3 * t**2 - 3 * t + 1) / 6, (3 * t**2 - 6 * t**2 + 4) / 6, (-3 * t**3 - 3 * t**2 + 3 * t + 1) / 6,
-        t**3 / 6,
-    ], axis=1)  # fmt: skip
+    first, last = (-(t**3) + 3 * t**2 - 3 * t + 1) / 6, t**3 / 6
+    middle = ((3 * t**2 - 6 * t**2 + 4) / 6, (-3 * t**3 - 3 * t**2 + 3 * t + 1) / 6)
+    return np.stack([first, *middle, last], axis=1)
 
 
 def general_basis(t: np.ndarray, k: int = 3) -> np.ndarray:
     """Eq. 4: 1/k!·Σ (−1)^r·C(k+1, r)·(t + k − i − r)^k over r ≤ k − i, shape (len(t), k + 1)."""
     factorial = float(np.prod(np.arange(1, k + 1)))
-    return np.stack([
-        sum((-1) ** r * comb(k + 1, r) * (t + k - i - r) ** k for r in range(k - i + 1)) / factorial
-        for i in range(k + 1)
-    ], axis=1)  # fmt: skip
+    sums = [sum((-1) ** r * comb(k + 1, r) * (t + k - i - r) ** k for r in range(k - i + 1)) for i in range(k + 1)]
+    return np.stack([one / factorial for one in sums], axis=1)
 
 
 MATRIX = np.array([[1, 4, 1, 0], [-3, 0, 3, 0], [3, -6, 3, 0], [-1, 3, -3, 1]])
@@ -422,10 +419,8 @@ def absorption(trial: Trial, rows: Rows) -> list[Drawing]:
     """The four things that §4 says of cutting with dither, beside the same beam without, at the same power."""
     steel = materials.material("c45-10")
     amplitudes = np.linspace(0.0, 0.3, 31)
-    share = np.array([
-        fit_cut.beam_of(steel.params, steel.power, DYNAMIC._replace(x=float(a), y=float(a))).absorbed
-        for a in amplitudes
-    ])  # fmt: skip
+    beams = [fit_cut.beam_of(steel.params, steel.power, DYNAMIC._replace(x=a, y=a)) for a in amplitudes.tolist()]
+    share = np.array([beam.absorbed for beam in beams])
     plain = float(fit_cut.beam_of(steel.params, steel.power, spot.Command()).absorbed)
     speeds = [fastest(steel.params, steel.power, d) for d in (spot.Command(), DYNAMIC)]
     without, with_ = (
@@ -511,12 +506,8 @@ def focus_dither(trial: Trial, rows: Rows) -> list[Drawing]:
     strokes = np.linspace(0.0, 5.0, 26)
     lines = {}
     for kilohertz in (2.0, 4.0):
-        figures = [
-            fit_cut.streamed(steel.params, steel.power, {
-                "feed": 1.0, "dither": spot.Command(frequency=1e3 * kilohertz, x=0.3, y=0.3, z=float(z)),
-            })
-            for z in strokes
-        ]  # fmt: skip
+        dithers = [spot.Command(frequency=1e3 * kilohertz, x=0.3, y=0.3, z=float(z)) for z in strokes]
+        figures = [fit_cut.streamed(steel.params, steel.power, {"feed": 1.0, "dither": d}) for d in dithers]
         lines[kilohertz] = np.array([(1e3 * f.roughness, f.dross) for f in figures])
 
     @drawn("Huang2024 Fig. 8", 2)

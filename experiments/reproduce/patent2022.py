@@ -107,9 +107,13 @@ def _characteristic(wide: Axes, near: Axes) -> None:
     grey: the hold's band. To the left of it s multiplies the lift; within it and to the right the factor is 0.01"""
     for axes, reach in ((wide, 0.5), (near, 0.03)):
         d = np.linspace(-reach, reach, 2001)
-        for i, (label, constants) in enumerate({
-            "s = 1, r = 1": {"s": 1.0}, "s = 5, r = 1": {}, "s = 20, r = 1": {"s": 20.0}, "s = 5, r = 4": {"r": 4.0},
-        }.items()):  # fmt: skip
+        cases = {
+            "s = 1, r = 1": {"s": 1.0},
+            "s = 5, r = 1": {},
+            "s = 20, r = 1": {"s": 20.0},
+            "s = 5, r = 4": {"r": 4.0},
+        }
+        for i, (label, constants) in enumerate(cases.items()):
             axes.plot(d, 1e3 * _static(d, **constants), color=COLOURS[i], label=label, ls="--" if "4" in label else "-")
         axes.axvspan(-0.01, 0.01, color="0.9", zorder=0)
         axes.set_xlabel("height difference d, mm")
@@ -297,10 +301,13 @@ def gain(trial: Trial, rows: Rows) -> list[Drawing]:
         left.set(xlabel="height difference d > 0, mm", ylabel="loop gain L/(d·T), 1/s")
         left.legend()
         right.errorbar(
-            sizes, [np.median(m) for m in means],
+            sizes,
+            [np.median(m) for m in means],
             [[np.median(m) - np.quantile(m, 0.1) for m in means], [np.quantile(m, 0.9) - np.median(m) for m in means]],
-            color=COLOURS[0], marker="o", capsize=3,
-        )  # fmt: skip
+            color=COLOURS[0],
+            marker="o",
+            capsize=3,
+        )
         right.set(xlabel="sensitivity s", ylabel="mean true error, µm", xscale="log")
 
     return [gain()]

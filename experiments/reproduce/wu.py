@@ -79,9 +79,12 @@ def lag(trial: Trial, rows: Rows) -> None:
     ideal = [p._replace(**IDEAL) for p in PRESETS.values()]
     runs = [(v, p, kp) for v in speeds for p in ideal for kp in (0.2, KP)]
     seen = axes.travelled(
-        [axes.line(axes.from_rest(v, 500, 3000)) for v, _, _ in runs], [p for _, p, _ in runs],
-        [wu.Params(kp=kp) for _, _, kp in runs], ["axes_signals.error_x"], every=4,
-    )  # fmt: skip
+        [axes.line(axes.from_rest(v, 500, 3000)) for v, _, _ in runs],
+        [p for _, p, _ in runs],
+        [wu.Params(kp=kp) for _, _, kp in runs],
+        ["axes_signals.error_x"],
+        every=4,
+    )
     found = seen["axes_signals.error_x"][-1]
     expected = np.array([v / _kv(kp, p) for v, p, kp in runs])
     off = float(np.abs(found / expected - 1).max())
@@ -247,9 +250,11 @@ def distorted(
     turn, p = settled(1.0, radius, speed), PRESETS["a"]._replace(**IDEAL)
     speeds = axes.from_rest(speed, turn // 2, int(2.6 * turn))
     seen = axes.travelled(
-        [axes.circle(radius, speeds, sense) for sense, _, _ in runs], [p._replace(**drive) for _, drive, _ in runs],
-        [wu.Params(kp=axes.gain(kv, p), **law) for _, _, law in runs], ["x.position", "y.position"],
-    )  # fmt: skip
+        [axes.circle(radius, speeds, sense) for sense, _, _ in runs],
+        [p._replace(**drive) for _, drive, _ in runs],
+        [wu.Params(kp=axes.gain(kv, p), **law) for _, _, law in runs],
+        ["x.position", "y.position"],
+    )
     x, y = seen["x.position"][-turn:], seen["y.position"][-turn:]
     return [(np.arctan2(y[:, i], x[:, i]), np.hypot(x[:, i], y[:, i]) - radius) for i in range(len(runs))]
 
@@ -273,9 +278,11 @@ def equal_gains(trial: Trial, rows: Rows) -> None:
     fields = ["x.position", "y.position"]
     weaker: dict[str, Any] = {"x_plus": MISMATCH, "x_minus": MISMATCH}
     seen = axes.travelled(
-        [axes.line(steady, angle), axes.line(varying, angle)] * 2, [p, p, p._replace(**weaker), p._replace(**weaker)],
-        [law] * 4, fields,
-    )  # fmt: skip
+        [axes.line(steady, angle), axes.line(varying, angle)] * 2,
+        [p, p, p._replace(**weaker), p._replace(**weaker)],
+        [law] * 4,
+        fields,
+    )
     beside = 1e3 * np.abs(seen["y.position"] * np.cos(angle) - seen["x.position"] * np.sin(angle)).max(axis=0)
     for i, text in enumerate(("constant speed", "speed varying between 4 and 8 m/min")):
         rows("line-offset", (float(beside[i]), text), error=float(beside[i]), guess=float(beside[i + 2]), case=text)
@@ -311,15 +318,21 @@ def unequal_gains(trial: Trial, rows: Rows) -> list[Drawing]:
     stronger: dict[str, Any] = {"x_plus": MISMATCH, "x_minus": MISMATCH}
     expected = speed / 2 * abs(1 / (kv * MISMATCH) - 1 / kv)
     seen = axes.travelled(
-        [axes.line(axes.from_rest(speed, 300, 2500), np.pi / 4)], [p._replace(**stronger)],
-        [wu.Params(kp=axes.gain(kv, p))], ["x.position", "y.position"], every=50,
-    )  # fmt: skip
+        [axes.line(axes.from_rest(speed, 300, 2500), np.pi / 4)],
+        [p._replace(**stronger)],
+        [wu.Params(kp=axes.gain(kv, p))],
+        ["x.position", "y.position"],
+        every=50,
+    )
     offset = float(abs(seen["y.position"][-1, 0] - seen["x.position"][-1, 0]) / np.sqrt(2))
     back = {"x_plus": 1 / MISMATCH, "x_minus": 1 / MISMATCH}
     matched, uneven, mended, *four = distorted(
-        radius, speed, [(1.0, {}, {}), (1.0, stronger, {}), (1.0, stronger, back)]
-        + [(sense, drive, {}) for sense, drive, _ in CASES.values()], kv,
-    )  # fmt: skip
+        radius,
+        speed,
+        [(1.0, {}, {}), (1.0, stronger, {}), (1.0, stronger, back)]
+        + [(sense, drive, {}) for sense, drive, _ in CASES.values()],
+        kv,
+    )
     waves = 1e3 * harmonics(*uneven)
     rest = 1e3 * harmonics(*mended)[2]
     rows("unequal-line", (1e3 * offset, 1e3 * expected), holds=abs(offset / expected - 1) < 0.03)
@@ -377,9 +390,12 @@ TIMES = 300.0
 
 
 @drawn(
-    "Wu Fig. 5 (its four inscriptions; the drawings themselves are not available)", 4, height=2.75, sharey=True,
+    "Wu Fig. 5 (its four inscriptions; the drawings themselves are not available)",
+    4,
+    height=2.75,
+    sharey=True,
     words={"TIMES": f"{TIMES:g}"},
-)  # fmt: skip
+)
 def _circles(*panels: Axes, shapes: dict[str, tuple[np.ndarray, np.ndarray]], radius: float) -> None:
     """Circles of R 60 mm at 1.8 m/min, Kv 30 1/s, with gains that differ by 5 %; radial errors × {TIMES}, dashed: equal
     gains; arrows: sense of travel. A gain that is weaker in one direction bulges or flattens only the half travelled
@@ -391,8 +407,8 @@ def _circles(*panels: Axes, shapes: dict[str, tuple[np.ndarray, np.ndarray]], ra
         order = np.argsort(angle)
         theta, r = angle[order], radius + TIMES * error[order]
         ax.plot(r * np.cos(theta), r * np.sin(theta), color=COLOURS[0 if sense > 0 else 1])
-        ax.annotate("", xy=(-sense * 9, 0.55 * radius), xytext=(sense * 9, 0.55 * radius),
-                    arrowprops={"arrowstyle": "->", "color": QUIET})  # fmt: skip
+        left, right = (-sense * 9, 0.55 * radius), (sense * 9, 0.55 * radius)
+        ax.annotate("", xy=left, xytext=right, arrowprops={"arrowstyle": "->", "color": QUIET})
         ax.set_title(f"({key}) {text}", fontsize=8)
         ax.set(aspect="equal", xlabel="x, mm", xlim=(-80, 80), ylim=(-80, 80))
         ax.set_xticks([-60, 0, 60])
@@ -460,9 +476,11 @@ def out_of_round(speed: float, bits: Sequence[int]) -> np.ndarray:
     turn = settled(1.0, SMALL, speed / 0.06)
     speeds = axes.from_rest(speed / 0.06, min(turn, 500), max(1500, turn // 4) + turn)
     seen = axes.travelled(
-        [axes.circle(SMALL, speeds)] * len(bits), drives, [wu.Params(kp=axes.gain(30.0, p))] * len(bits),
+        [axes.circle(SMALL, speeds)] * len(bits),
+        drives,
+        [wu.Params(kp=axes.gain(30.0, p))] * len(bits),
         ["x.position", "y.position"],
-    )  # fmt: skip
+    )
     return 1e3 * np.ptp(np.hypot(seen["x.position"][-turn:], seen["y.position"][-turn:]), axis=0)
 
 
@@ -529,9 +547,12 @@ def approached(resolution: list[tuple[xy_axes.Params, float]]) -> np.ndarray:
         legs += [a + (b - a) * ease for a, b in zip([out, *stops], stops, strict=False)]
     x = np.concatenate([*legs, np.full(_LEG, out)])  # waits: the last 20 ms are not travelled
     seen = axes.travelled(
-        [axes.journey(x, 0 * x)] * len(resolution), [p for p, _ in resolution],
-        [wu.Params(kp=kp) for _, kp in resolution], ["x.position"], every=_LEG,
-    )["x.position"]  # fmt: skip
+        [axes.journey(x, 0 * x)] * len(resolution),
+        [p for p, _ in resolution],
+        [wu.Params(kp=kp) for _, kp in resolution],
+        ["x.position"],
+        every=_LEG,
+    )["x.position"]
     errors = (seen - np.tile(stops, len(APPROACHES))[:, None]).T
     errors = errors.reshape(len(resolution), len(APPROACHES), 2, len(TARGETS) + 1)[..., :-1]
     errors[:, :, 1] = errors[:, :, 1, ::-1].copy()
@@ -562,9 +583,11 @@ def accuracy(trial: Trial, rows: Rows) -> list[Drawing]:
     p = PRESETS["a"]
     speeds = (CUTTING, RAPID)
     seen = axes.travelled(
-        [axes.line(axes.from_rest(v, 500, 2500)) for v in speeds], [p, p], [wu.Params(kp=KP)] * 2,
+        [axes.line(axes.from_rest(v, 500, 2500)) for v in speeds],
+        [p, p],
+        [wu.Params(kp=KP)] * 2,
         ["x.position", "axes_signals.error_x"],
-    )  # fmt: skip
+    )
     for i, (v, text) in enumerate(zip(speeds, ("largest cutting speed", "rapid return"), strict=True)):
         reached = 0.06 * float((seen["x.position"][-1, i] - seen["x.position"][-501, i]) / 0.5)
         holds = abs(reached / (0.06 * v) - 1) < 2e-3
@@ -593,8 +616,8 @@ def _approaches(*panels: Axes, errors: np.ndarray, names: list[str]) -> None:
         ax.axhspan(-10, 10, color="#eceef0", lw=0)
         for side, (marker, text) in enumerate(((">", "towards +x"), ("<", "towards −x"))):
             for k in range(len(APPROACHES)):
-                ax.plot(TARGETS, 1e3 * e[side, k], marker, color=COLOURS[side], ms=5, mfc="none",
-                        label=text if k == 0 else None)  # fmt: skip
+                label = text if k == 0 else None
+                ax.plot(TARGETS, 1e3 * e[side, k], marker, color=COLOURS[side], ms=5, mfc="none", label=label)
         ax.set_title(name, fontsize=9)
         ax.set(xlabel="target, mm")
     panels[0].set(ylabel="position at rest − target, µm")

@@ -56,11 +56,17 @@ AXIS = Axis(bandwidth=80.0, zeta=0.8, dead_time=0.001, acceleration=14_000.0, re
 def _flat(
     height: float, noise: float = 1e-3, feed: float = SPEED, above: float = 0.0, seconds: float = 1.0
 ) -> Scenario:
+    head, lasts = Head(nominal=True, noise=noise, impulses=0.0), SETTLE + seconds
     return Scenario(
-        name="flat", duration=SETTLE + seconds, settle=SETTLE, feed=feed, set_height=height, start_above=above,
+        name="flat",
+        duration=lasts,
+        settle=SETTLE,
+        feed=feed,
+        set_height=height,
+        start_above=above,
         axis=AXIS,
-        head=Head(nominal=True, noise=noise, impulses=0.0),
-    )  # fmt: skip
+        head=head,
+    )
 
 
 # ------------------------------------------------------------------------------------------------------- static

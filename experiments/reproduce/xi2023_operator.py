@@ -51,8 +51,8 @@ def operator(trial: Trial, rows: Rows) -> list[Drawing]:
             name = names.get(int(log["mode"][i]))
             if name:
                 axes.axvline(log["time"][i], color=QUIET, linewidth=0.6, linestyle=":")
-                axes.text(log["time"][i] + 0.05, 101.0, {"move": "centre"}.get(name, name), rotation=90, va="top",
-                          color=QUIET, fontsize=8)  # fmt: skip
+                word = {"move": "centre"}.get(name, name)
+                axes.text(log["time"][i] + 0.05, 101.0, word, rotation=90, va="top", color=QUIET, fontsize=8)
         axes.set(xlabel="time (s)", ylabel="head (mm)", ylim=(-3.0, 103.0))
 
     rows("home", homes, holds=np.abs(homes).max() < 2.0)

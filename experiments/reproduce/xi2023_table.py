@@ -104,8 +104,10 @@ def _table_1(*panels: Axes, found: dict[tuple[float, str], table1.Largest]) -> N
             table1.FITTED, [1e3 * table1.TABLE_1[h][name][1] for h in table1.FITTED], color=QUIET, lw=0.8, label=LINE
         )
         ax.scatter(HEIGHTS, paper, 34, c=["k" if f else "w" for f in fitted], edgecolors="k", zorder=3)
-        for key, label, colour, line in (("reported", "simulated, reported", COLOURS[0], "o-"),
-                                         ("true", "simulated, true gap", COLOURS[1], "s:")):  # fmt: skip
+        for key, label, colour, line in (
+            ("reported", "simulated, reported", COLOURS[0], "o-"),
+            ("true", "simulated, true gap", COLOURS[1], "s:"),
+        ):
             runs = [estimate(1e3 * np.abs(getattr(found[h, name], key))) for h in HEIGHTS]
             middle = np.array([e.value for e in runs])
             bars = np.nan_to_num([middle - [e.low for e in runs], [e.high for e in runs] - middle])
@@ -188,10 +190,10 @@ def _largest(
 
 def _response_time(height: float, trial: Trial) -> float:
     """ms after which an error of 0.05 mm has become 1/e of it."""
+    head = Head(nominal=True, noise=1e-3, impulses=0.0)
     still = Scenario(
-        name="response", duration=0.2, settle=0, feed=0, set_height=height, start_above=0.05, axis=_axis(),
-        head=Head(nominal=True, noise=1e-3, impulses=0.0),
-    )  # fmt: skip
+        name="response", duration=0.2, settle=0, feed=0, set_height=height, start_above=0.05, axis=_axis(), head=head
+    )
     record = rollout.roll(still, stacks.get("xi2023-improved"), seeds_of(trial))
     below = record.error < 0.05 * np.exp(-1.0)
     return float(np.median(below.argmax(axis=0) + 1))

@@ -196,13 +196,11 @@ def _from_format_1(folder: Path, record: dict[str, Any]) -> dict[str, Any]:
     with_jobs = any(case.job for case in cases)
     suite = suites[0] if suites else "contour" if with_jobs else "following"
     rules, materials = scenarios.rules(suite), [workshop.material_of(case) for case in cases if case.job]
-    entry = {
-        "kind": "jobs" if with_jobs else "following", "folder": ".", **{k: record[k] for k in own if k in record},
-        "summaries": {case.name: case.summary for case in cases}, "exempt": [c.name for c in cases if c.exempt],
-        "metric": rules.get("score"), "reference": rules.get("reference"),
-        "labels": list(dict.fromkeys(m.label for m in materials)),
-        "materials": list(dict.fromkeys((m.name, m.thickness) for m in materials)),
-    }  # fmt: skip
+    entry = {"kind": "jobs" if with_jobs else "following", "folder": ".", **{k: record[k] for k in own if k in record}}
+    entry |= {"summaries": {c.name: c.summary for c in cases}, "exempt": [c.name for c in cases if c.exempt]}
+    entry |= {"metric": rules.get("score"), "reference": rules.get("reference")}
+    entry["labels"] = list(dict.fromkeys(m.label for m in materials))
+    entry["materials"] = list(dict.fromkeys((m.name, m.thickness) for m in materials))
     return {**{key: value for key, value in record.items() if key not in own}, "grids": {suite: entry}}
 
 

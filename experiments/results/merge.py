@@ -80,19 +80,17 @@ def labels(archives: list[Archive]) -> list[str]:
 def _versions(archives: dict[str, Archive]) -> list[str]:
     """What the runs do not share of program and machine."""
     out = []
-    of = {
-        name: " ".join(filter(None, [
-            f"kerfgym {a.meta.get('kerfgym')}", str((a.meta.get("git") or {}).get("commit") or "")[:12],
-            "with changes" if (a.meta.get("git") or {}).get("changed") else "",
-        ]))
-        for name, a in archives.items()
-    }  # fmt: skip
+    of = {}
+    for name, a in archives.items():
+        git = a.meta.get("git") or {}
+        version = [f"kerfgym {a.meta.get('kerfgym')}", str(git.get("commit") or "")[:12]]
+        of[name] = " ".join(filter(None, [*version, "with changes" if git.get("changed") else ""]))
     if len(set(of.values())) > 1:
         said = "; ".join(f"{name}: {version}" for name, version in of.items())
         kernels = {a.meta.get("kernel") for a in archives.values()}
-        same = "the simulated machine is the same" if len(kernels) == 1 and None not in kernels else (
-            "the simulated machine may differ, so a difference between controllers of two runs may be due to it"
-        )  # fmt: skip
+        same = "the simulated machine is the same"
+        if len(kernels) != 1 or None in kernels:
+            same = "the simulated machine may differ, so a difference between controllers of two runs may be due to it"
         out.append(f"The runs were made by different versions ({said}); {same}.")
     processors = {(a.meta.get("machine") or {}).get("processor") for a in archives.values()}
     if len(processors) > 1:
@@ -131,19 +129,11 @@ def _joined(
     tables["runs"] = in_order(tables["runs"], order["controller"], order["scenario"])
     core = tuple(c for c in first.core if c in shared)
     seeds = sorted({seed for _, seed in pairs})
-    meta = {
-        **record, "seeds": ranges(seeds), "seed_count": len(seeds), "scenarios": order["scenario"],
-        "controllers": order["controller"], "core": list(core),
-        **{
-            key: {
-                renamed[name][who]: value
-                for name, g in grids.items()
-                for who, value in (g.meta.get(key) or {}).items()
-                if who in renamed[name]
-            }
-            for key in NAMED
-        },
-    }  # fmt: skip
+    meta = {**record, "seeds": ranges(seeds), "seed_count": len(seeds), "scenarios": order["scenario"]}
+    meta |= {"controllers": order["controller"], "core": list(core)}
+    for key in NAMED:
+        values = ((name, *item) for name, g in grids.items() for item in (g.meta.get(key) or {}).items())
+        meta[key] = {renamed[name][who]: value for name, who, value in values if who in renamed[name]}
     found = {label: names for g in grids.values() for label, names in (g.meta.get("machines") or {}).items()}
     if machines := {label: [s for s in names if s in shared] for label, names in found.items()}:
         meta["machines"] = {label: names for label, names in machines.items() if names}

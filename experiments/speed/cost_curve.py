@@ -23,18 +23,16 @@ def picture(costs: pd.DataFrame) -> Figure:
         rows = one[one.name == name].sort_values("machines")
         if len(rows):
             span = [rows.ns_per_step - rows.ns_low, rows.ns_high - rows.ns_per_step]
-            axes.errorbar(
-                rows.machines, rows.ns_per_step, span, label=name, color=COLOURS[i], marker=MARKERS[i], ms=5, lw=1.8,
-                elinewidth=1, capsize=2,
-            )  # fmt: skip
+            looks = {"color": COLOURS[i], "marker": MARKERS[i], "ms": 5, "lw": 1.8, "elinewidth": 1, "capsize": 2}
+            axes.errorbar(rows.machines, rows.ns_per_step, span, label=name, **looks)
     for name in LEVELS:
         rows = one[one.name == name]
         if len(rows):
             level, n = float(rows.ns_per_step.iloc[0]), int(rows.machines.iloc[0])
             axes.axhline(level, color=QUIET, lw=0.9, ls=(0, (4, 2)))
             text = name if n == 1 else f"{name}, N = {n}"
-            axes.annotate(f"{text}: {level:,.0f} ns", (0.99, level), xycoords=("axes fraction", "data"),
-                          ha="right", va="bottom", fontsize=8.5, color=QUIET)  # fmt: skip
+            looks = {"ha": "right", "va": "bottom", "fontsize": 8.5, "color": QUIET}
+            axes.annotate(f"{text}: {level:,.0f} ns", (0.99, level), xycoords=("axes fraction", "data"), **looks)
     axes.set(
         xscale="log", yscale="log", xlabel="machines, N", ylabel="CPU time of a machine-step (1 ms of cutting), ns"
     )

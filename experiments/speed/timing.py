@@ -99,11 +99,9 @@ def measure(todo: list[Task], rounds: int, progress: Callable[[str], None]) -> p
         for task, found in zip(todo, costs, strict=True):
             progress(f"round {round_ + 1} of {rounds}: {task.name}, N = {task.machines}")
             found.append(1e9 * task.cost())
-    return pd.DataFrame({
-        "group": [t.group for t in todo], "name": [t.name for t in todo], "machines": [t.machines for t in todo],
-        "threads": [t.threads for t in todo], "ns_per_step": [statistics.median(c) for c in costs],
-        "ns_low": [min(c) for c in costs], "ns_high": [max(c) for c in costs], "rounds": rounds, "each": costs,
-    })  # fmt: skip
+    of = {name: [getattr(t, name) for t in todo] for name in ("group", "name", "machines", "threads")}
+    of |= {"ns_per_step": [statistics.median(c) for c in costs], "ns_low": [min(c) for c in costs]}
+    return pd.DataFrame({**of, "ns_high": [max(c) for c in costs], "rounds": rounds, "each": costs})
 
 
 def threads_when_loaded(rounds: int, progress: Callable[[str], None]) -> float:
@@ -166,14 +164,11 @@ def speed(
             ppo.share(torch_threads)
         )
     start = startup.measure(rounds, progress)
-    tables = {
-        "speed": costs, "stages": stages(rounds, progress), "memory": kept,
-        "startup": pd.DataFrame([
-            {"program": name, "cpu_seconds": startup.median(v), "low": min(v), "high": max(v)}
-            for name, v in start.items()
-        ]),
-        "ratios": ratios(costs, start, extra),
-    }  # fmt: skip
+    start_rows = [
+        {"program": name, "cpu_seconds": startup.median(v), "low": min(v), "high": max(v)} for name, v in start.items()
+    ]
+    tables = {"speed": costs, "stages": stages(rounds, progress), "memory": kept}
+    tables |= {"startup": pd.DataFrame(start_rows), "ratios": ratios(costs, start, extra)}
     for name, frame in tables.items():
         runs.write_table(folder, name, frame.drop(columns="each", errors="ignore"))
     runs.write_json(

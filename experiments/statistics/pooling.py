@@ -23,8 +23,11 @@ from ...envs.figures import job_metrics, metrics
 from ...envs.figures.registered import Metric
 
 OF: dict[str, Callable[[np.ndarray], Any]] = {
-    "rms": lambda values: np.sqrt(np.mean(np.square(values))), "mean": np.mean, "largest": np.max, "smallest": np.min,
-}  # fmt: skip
+    "rms": lambda values: np.sqrt(np.mean(np.square(values))),
+    "mean": np.mean,
+    "largest": np.max,
+    "smallest": np.min,
+}
 """What a metric's pooling makes of its values."""
 
 

@@ -56,10 +56,9 @@ def standings(results: Any, why: dict[str, list[str]] | None = None, typical: bo
         for name in above.index:
             ranks[name] = 1.0 + int(above[name].sum())
             tied[name] = [o for o in above.index if o != name and not (above.at[o, name] or above.at[name, o])]
-    head = pd.DataFrame({
-        "information": classes, "rank": pd.Series(ranks), "tied": pd.Series(tied), "reasons": pd.Series(why),
-        "note": pd.Series({name: _note(results, name, frame) for name in frame.index}),
-    })  # fmt: skip
+    head = pd.DataFrame({"information": classes, "rank": pd.Series(ranks), "tied": pd.Series(tied)})
+    notes = {name: _note(results, name, frame) for name in frame.index}
+    head = head.assign(reasons=pd.Series(why), note=pd.Series(notes))
     return head.join(frame)
 
 

@@ -11,15 +11,14 @@ from pathlib import Path
 
 ASIDE = (
     "__init__.py",  # the version, which is stored beside the numbers
-    "experiments/cli.py", "experiments/manual/", "experiments/plots/", "experiments/render/", "experiments/report/",
-    "experiments/results/archive.py", "experiments/results/merge.py", "experiments/store/markdown.py",
-    "experiments/store/progress.py", "experiments/store/runs.py", "experiments/store/typed.py",
-    "experiments/studies/marks.py", "experiments/studies/pages.py", "experiments/studies/recorded.py",
-    "experiments/studies/registry.py",
+    *(f"experiments/{room}" for room in ("cli.py", "manual/", "plots/", "render/", "report/")),
+    *(f"experiments/results/{name}.py" for name in ("archive", "merge")),
+    *(f"experiments/store/{name}.py" for name in ("markdown", "progress", "runs", "typed")),
+    *(f"experiments/studies/{name}.py" for name in ("marks", "pages", "recorded", "registry")),
     "envs/paths/",  # what cuts jobs names it, see :data:`stamp.PLANNED`
-    "envs/pictures/", "envs/control/panel.py",
+    *("envs/pictures/", "envs/control/panel.py"),
     "envs/safety/",  # it refuses, or does not
-)  # fmt: skip
+)
 """Files and folders that show or store numbers and make none. Whatever is not named here counts; they count too where
 a study names them."""
 

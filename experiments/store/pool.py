@@ -96,9 +96,12 @@ def spread(
             yield function(task)
     else:
         pool = Parallel(
-            n_jobs=workers, return_as="generator_unordered", inner_max_num_threads=1, initializer=_end_with,
+            n_jobs=workers,
+            return_as="generator_unordered",
+            inner_max_num_threads=1,
+            initializer=_end_with,
             initargs=(os.getpid(),),
-        )  # fmt: skip
+        )
         yield from pool(delayed(function)(task) for task in tasks)
 
 
@@ -135,10 +138,9 @@ def _cluster(workers: int, scheduler: str | None) -> Iterator[None]:
             stack.enter_context(
                 dask.config.set({"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []})
             )
-            cluster = stack.enter_context(LocalCluster(
-                n_workers=workers, threads_per_worker=1, dashboard_address=None, silence_logs=logging.ERROR,
-                host="127.0.0.1", protocol="tls://", security=_certificates(),
-            ))  # fmt: skip
+            shut = {"dashboard_address": None, "silence_logs": logging.ERROR, "security": _certificates()}
+            local = {"threads_per_worker": 1, "host": "127.0.0.1", "protocol": "tls://"}
+            cluster = stack.enter_context(LocalCluster(n_workers=workers, **local, **shut))
             cluster.scheduler.http_server.stop()  # it would serve nothing, but at port 8787
         elif not scheduler.startswith("tls://"):
             print(

@@ -16,9 +16,12 @@ class Bars:
 
     def __init__(self, quiet: bool = False) -> None:
         columns = (
-            TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[count]}"), TimeElapsedColumn(),
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TextColumn("{task.fields[count]}"),
+            TimeElapsedColumn(),
             TimeRemainingColumn(),
-        )  # fmt: skip
+        )
         self._progress = Progress(*columns, console=Console(stderr=True), disable=quiet)
 
     def __enter__(self) -> "Bars":

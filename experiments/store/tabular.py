@@ -14,9 +14,9 @@ COLUMNS = 1000
 """Columns of a table; no run has a tenth of them."""
 
 _TEXTS = (
-    "controller", "information", "scenario", "machine", "signal", "reason", "stage", "unit", "informed", "tied",
-    "reasons", "note", "budget", "parameter", "scenarios", "warnings",
-)  # fmt: skip
+    *("controller", "information", "scenario", "machine", "signal", "reason", "stage", "unit", "informed", "tied"),
+    *("reasons", "note", "budget", "parameter", "scenarios", "warnings"),
+)
 """Columns of words."""
 
 _TEXTS_BESIDE = {"error": {"stage", "informed"}}

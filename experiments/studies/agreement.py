@@ -42,9 +42,12 @@ def compared(here: dict[str, Any], there: dict[str, Any]) -> dict[str, Any]:
         mine, other = here[name]["ratio"], there.get(name, {}).get("ratio")
         quotient = max(mine / other, other / mine) if mine and other else None
         rows[name] = {
-            "here": places_here[name], "there": places_there[name], "ratio_here": mine, "ratio_there": other,
+            "here": places_here[name],
+            "there": places_there[name],
+            "ratio_here": mine,
+            "ratio_there": other,
             "quotient": quotient,
-        }  # fmt: skip
+        }
     quotients = [row["quotient"] for row in rows.values()]
     whole = bool(rows) and None not in quotients
     return {
@@ -70,10 +73,12 @@ def _same_order(here: dict[str, int | None], there: dict[str, int | None]) -> bo
 
 
 @study(
-    "agreement", f"whether the first {FIRST} of {HERE} keep order and ratios on sheets {THERE}",
-    "python -m kerfgym.experiments.manual following elsewhere agreement", 0.1,
+    "agreement",
+    f"whether the first {FIRST} of {HERE} keep order and ratios on sheets {THERE}",
+    "python -m kerfgym.experiments.manual following elsewhere agreement",
+    0.1,
     ("docs/results/[ef]*w*.json",),  # both in one pattern, because one that was never run is no file yet
-)  # fmt: skip
+)
 def agreement(trial: Trial) -> dict[str, Any]:
     """From stored results; nothing is run.
 

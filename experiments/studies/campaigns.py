@@ -18,9 +18,12 @@ _ALL = (*LOADED, *LAWS, *POLICIES, *trained("height-"), *suite("following"))
 
 
 @study(
-    "endurance", "whether followers get worse in minutes",
-    f"python -m {of_endurance.MODULE} --seeds {SEEDS} --duration {SECONDS:g} --docs", 14.0, _ALL,
-)  # fmt: skip
+    "endurance",
+    "whether followers get worse in minutes",
+    f"python -m {of_endurance.MODULE} --seeds {SEEDS} --duration {SECONDS:g} --docs",
+    14.0,
+    _ALL,
+)
 def of_minutes(trial: Trial) -> dict[str, Any]:
     """What is promised, and whether it held."""
     words = ["--seeds", str(SEEDS), "--duration", f"{SECONDS:g}"]
@@ -32,9 +35,12 @@ def of_minutes(trial: Trial) -> dict[str, Any]:
 
 
 @study(
-    "faults", "who is to blame for what followers do when one thing goes wrong for a moment",
-    f"python -m {of_faults.MODULE} --faults {FAULTS} --seed 0 --docs", 2.0, _ALL,
-)  # fmt: skip
+    "faults",
+    "who is to blame for what followers do when one thing goes wrong for a moment",
+    f"python -m {of_faults.MODULE} --faults {FAULTS} --seed 0 --docs",
+    2.0,
+    _ALL,
+)
 def of_moments(trial: Trial) -> dict[str, Any]:
     """Lost runs by cause."""
     words = ["--faults", str(FAULTS), "--seed", "0"]

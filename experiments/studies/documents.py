@@ -12,9 +12,12 @@ SEEDS = 24
 
 
 @study(
-    "reproduction", "every claim of the five documents, with its verdict", f"kerfgym reproduce --seeds {SEEDS}", 6.0,
+    "reproduction",
+    "every claim of the five documents, with its verdict",
+    f"kerfgym reproduce --seeds {SEEDS}",
+    6.0,
     (*LOADED, *PLANNED, *LAWS, "experiments/reproduce/*.py", "experiments/reproduce/*.toml", "envs/suites/*/*.toml"),
-)  # fmt: skip
+)
 def of_documents(trial: Trial) -> dict[str, Any]:
     """Rows by document and verdict."""
     finished = (trial.folder / "run.json").is_file()

@@ -41,9 +41,12 @@ CONTROLLER, TRIALS = "xi2023-improved", 300
 WINDOWS = range(int(NARROW["filter.window"][0]), int(NARROW["filter.window"][1]) + 1)
 
 VALUES: dict[str, tuple[float, ...]] = {
-    "ratio": (0.3, 0.5, 0.7, 0.8, 0.9), "tau": (0.25, 0.5, 1.0, 2.0, 4.0), "jump": (0.02, 0.03, 0.04, 0.06, 0.1),
-    "hold": (1.0, 2.0, 4.0), "trust": (0.03, 0.1, 0.3, 1.0, 3.0),
-}  # fmt: skip
+    "ratio": (0.3, 0.5, 0.7, 0.8, 0.9),
+    "tau": (0.25, 0.5, 1.0, 2.0, 4.0),
+    "jump": (0.02, 0.03, 0.04, 0.06, 0.1),
+    "hold": (1.0, 2.0, 4.0),
+    "trust": (0.03, 0.1, 0.3, 1.0, 3.0),
+}
 """What the finer grid has of the settings beside window and trim; the defaults are among them."""
 
 IMPULSES = 20.0
@@ -132,13 +135,12 @@ def compare(folder: Path, trials: int, threads: int) -> dict[str, Any]:
     for name, frame in (("grid", points), ("test", table), ("impulses", hit)):
         runs.write_table(folder, name, frame)
     means = hit[["with", "without"]].mean()
-    body = {
-        "found": {name: _settings(stack) for name, stack in known.items()},
-        "points": {"grid": int((~points["finer"]).sum()), "finer grid": len(points)},
-        "search_over": {name: ratio_of_scores(table, "search", name)._asdict() for name in list(known)[1:]},
-        "p99_with_impulses_um": means["with"], "p99_without_um": means["without"],
-        "p99_ratio": means["with"] / means["without"], "trials": trials, "threads": threads, "cost_of_search": cost,
-    }  # fmt: skip
+    body: dict[str, Any] = {"found": {name: _settings(stack) for name, stack in known.items()}}
+    body["points"] = {"grid": int((~points["finer"]).sum()), "finer grid": len(points)}
+    body["search_over"] = {name: ratio_of_scores(table, "search", name)._asdict() for name in list(known)[1:]}
+    body |= {"p99_with_impulses_um": means["with"], "p99_without_um": means["without"]}
+    body |= {"p99_ratio": means["with"] / means["without"], "trials": trials, "threads": threads}
+    body["cost_of_search"] = cost
     command = ["python", "-m", "kerfgym.experiments.studies.filter_grid"]
     runs.write_json(folder / "run.json", runs.record(command) | body)
     return body

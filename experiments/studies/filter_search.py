@@ -9,10 +9,12 @@ from .registry import Trial, study
 
 
 @study(
-    "filter-grid", "the filter that a search finds, against the best of a full grid",
-    "python -m kerfgym.experiments.studies.filter_grid", 8.0,
+    "filter-grid",
+    "the filter that a search finds, against the best of a full grid",
+    "python -m kerfgym.experiments.studies.filter_grid",
+    8.0,
     (*LOADED, *LAWS, *suite("following")),
-)  # fmt: skip
+)
 def of_filters(trial: Trial) -> dict[str, Any]:
     """An interrupted one begins anew: the search is a small part of it."""
     if trial.folder.exists():

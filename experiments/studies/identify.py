@@ -61,10 +61,10 @@ def experiment(axis: Axis, seeds: Any, commands: np.ndarray) -> tuple[np.ndarray
 
     The heads hang 12 mm below their set height, so the supervisor lets them go where they are told.
     """
+    head, lasts = Head(noise=0.0, jitter=0.0, impulses=0.0, nominal=True), len(commands) * PERIOD
     scenario = Scenario(
-        name="identification", duration=len(commands) * PERIOD, settle=0.0, feed=0.0, set_height=3.0, axis=axis,
-        head=Head(noise=0.0, jitter=0.0, impulses=0.0, nominal=True),
-    )  # fmt: skip
+        name="identification", duration=lasts, settle=0.0, feed=0.0, set_height=3.0, axis=axis, head=head
+    )
     idle = get("idle")
     seeds = np.atleast_1d(np.asarray(seeds, np.uint64))
     fleet = rollout.fleet_for(scenario, idle, seeds)
@@ -103,9 +103,12 @@ def fit(commands: np.ndarray, course: np.ndarray) -> tuple[servo.Drive, float]:
         return left - left.mean()
 
     found = optimize.least_squares(
-        off, x0=[80.0, 0.8, 1.5], bounds=([20.0, 0.3, 0.0], [250.0, 3.0, 2.999]), x_scale=[50.0, 0.5, 0.5],
+        off,
+        x0=[80.0, 0.8, 1.5],
+        bounds=([20.0, 0.3, 0.0], [250.0, 3.0, 2.999]),
+        x_scale=[50.0, 0.5, 0.5],
         diff_step=1e-5,
-    )  # fmt: skip
+    )
     return servo.Drive(*found.x), float(np.sqrt(np.mean(found.fun**2)))
 
 

@@ -9,10 +9,12 @@ REPEATS = 1000
 
 
 @study(
-    "coverage", "how often 95 % intervals hold the truth",
-    f"python -m kerfgym.experiments.studies.coverage --repeats {REPEATS}", 10.0,
+    "coverage",
+    "how often 95 % intervals hold the truth",
+    f"python -m kerfgym.experiments.studies.coverage --repeats {REPEATS}",
+    10.0,
     (),
-)  # fmt: skip
+)
 def of_intervals(trial: Trial) -> dict[str, Any]:
     """One row for each cell of the table, in percent."""
     found: dict[str, Any] = {}

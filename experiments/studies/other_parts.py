@@ -46,10 +46,12 @@ def beyond() -> list[Scenario]:
 
 
 @study(
-    "contour-beyond", "axes and feeds that nobody was trained on",
+    "contour-beyond",
+    "axes and feeds that nobody was trained on",
     "python -m kerfgym.experiments.manual contour-beyond",
-    2.0, (*LOADED, *PLANNED, *LAWS, *POLICIES, *suite("contour"), *trained("contour-")),
-)  # fmt: skip
+    2.0,
+    (*LOADED, *PLANNED, *LAWS, *POLICIES, *suite("contour"), *trained("contour-")),
+)
 def contour_beyond(trial: Trial) -> dict[str, Any]:
     """On *tune* seeds, because it is no part of the suite."""
     cases = tuple(beyond())
@@ -60,10 +62,12 @@ def contour_beyond(trial: Trial) -> dict[str, Any]:
 
 
 @study(
-    "cutting-parts", "parts that neither policy nor rules have seen",
+    "cutting-parts",
+    "parts that neither policy nor rules have seen",
     "python -m kerfgym.experiments.manual cutting-parts",
-    2.0, (*LOADED, *PLANNED, *LAWS, *POLICIES, *suite("cutting"), *trained("cutting-")),
-)  # fmt: skip
+    2.0,
+    (*LOADED, *PLANNED, *LAWS, *POLICIES, *suite("cutting"), *trained("cutting-")),
+)
 def cutting_parts(trial: Trial) -> dict[str, Any]:
     """The first scenario of the suite with other parts, on test seeds."""
     plain = scenarios.load(scenarios.rules("cutting")["along"])

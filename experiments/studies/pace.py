@@ -12,9 +12,12 @@ ROUNDS = 5
 
 
 @study(
-    "speed", "how fast all of this is, as ratios within one process; the cores should be idle", "kerfgym speed", 8.0,
+    "speed",
+    "how fast all of this is, as ratios within one process; the cores should be idle",
+    "kerfgym speed",
+    8.0,
     (*LAWS, *trained()),
-)  # fmt: skip
+)
 def of_speed(trial: Trial) -> dict[str, Any]:
     """Ratios, promises, and the kernel's stages."""
     if trial.folder.exists():

@@ -15,9 +15,9 @@ from ..store.stamp import changed, said, with_imports
 from . import recorded
 
 MODULES = (
-    "suites", "agreement", "other_parts", "stages", "small", "campaigns", "filter_search", "interval_coverage", "pace",
-    "documents",
-)  # fmt: skip
+    *("suites", "agreement", "other_parts", "stages", "small"),
+    *("campaigns", "filter_search", "interval_coverage", "pace", "documents"),
+)
 """Where studies are registered, in the order in which they are run."""
 
 RUNS = Path("runs") / "figures"
@@ -103,12 +103,11 @@ def run(chosen: Study, workers: int, origin: dict[str, Any] | None = None) -> st
     """Runs a study and stores its results; gives a line about what has changed."""
     before, started, now = recorded.read(chosen.name), time.time(), chosen.stamp()
     found = chosen.make(Trial(chosen, workers))
-    body = {
-        "study": chosen.name, "command": found.pop("command", chosen.command), "seeds": found.pop("seeds", None),
-        "kerfgym": __version__, **(recorded.origin() if origin is None else origin),
-        "processor": runs.record()["machine"]["processor"], "workers": workers,
-        "wall_seconds": round(found.pop("wall_seconds", time.time() - started), 1), "depends": now, **found,
-    }  # fmt: skip
+    body = {key: found.pop(key, default) for key, default in (("command", chosen.command), ("seeds", None))}
+    body = {"study": chosen.name, **body, "kerfgym": __version__, **(recorded.origin() if origin is None else origin)}
+    body |= {"processor": runs.record()["machine"]["processor"], "workers": workers}
+    body["wall_seconds"] = round(found.pop("wall_seconds", time.time() - started), 1)
+    body |= {"depends": now, **found}
     body = recorded.plain(body)
     recorded.write(chosen.name, body)
     count, moved = recorded.differences(before, body)

@@ -18,10 +18,12 @@ SHEETS = (("c45-10", None), ("thin-sheet", None))
 
 
 @study(
-    "calibration", "Huang2024's Table 2 beside the cut's model that was fitted to it",
-    "python -m kerfgym.experiments.reproduce.fit_cut", 0.1,
+    "calibration",
+    "Huang2024's Table 2 beside the cut's model that was fitted to it",
+    "python -m kerfgym.experiments.reproduce.fit_cut",
+    0.1,
     LOADED,
-)  # fmt: skip
+)
 def calibration(trial: Trial) -> dict[str, Any]:
     """The table with the shipped coefficients; nothing is fitted here."""
     steel = material("c45-10")
@@ -30,10 +32,12 @@ def calibration(trial: Trial) -> dict[str, Any]:
 
 
 @study(
-    "quality", "from which following error on dross or roughness change by 1 %",
-    "python -m kerfgym.experiments.manual quality", 0.2,
+    "quality",
+    "from which following error on dross or roughness change by 1 %",
+    "python -m kerfgym.experiments.manual quality",
+    0.2,
     (*LOADED, "experiments/report/cut_quality.py"),
-)  # fmt: skip
+)
 def of_quality(trial: Trial) -> dict[str, Any]:
     """The thresholds that reports draw."""
     found = {}
@@ -44,10 +48,12 @@ def of_quality(trial: Trial) -> dict[str, Any]:
 
 
 @study(
-    "policies", "what the shipped policies' trainings cost, and what other seeds come to",
-    "python -m kerfgym.experiments.studies.ship --seeds 3", 0.1,
+    "policies",
+    "what the shipped policies' trainings cost, and what other seeds come to",
+    "python -m kerfgym.experiments.studies.ship --seeds 3",
+    0.1,
     (*trained(), "agents/trained/*/run.json", "agents/trained/*/*.csv"),
-)  # fmt: skip
+)
 def policies(trial: Trial) -> dict[str, Any]:
     """Read from the records beside the policies; nothing is trained here."""
     return {"numbers": {name: _policy(name) for name in stacks.shelved() if (TRAINED / name).is_dir()}}
@@ -57,13 +63,12 @@ def _policy(name: str) -> dict[str, Any]:
     folder = TRAINED / name
     record = files.json_(folder / "run.json")
     document = files.json_(folder / "policy.json")
-    found = {
-        "environment": record["env"], "algorithm": record["algorithm"], "seed": record["seed"],
-        "steps": record["ledger"]["training_steps"], "simulated_steps": record["ledger"]["simulated_steps"],
-        "cpu_seconds": record["ledger"]["cpu_seconds"], "layers": record["settings"]["policy.net_arch"],
-        "base": record["settings"].get("environment.base"), "control": record["settings"].get("environment.control"),
-        "commit": (document.get("provenance") or {}).get("git", {}).get("commit"),
-    }  # fmt: skip
+    ledger, settings = record["ledger"], record["settings"]
+    found = {"environment": record["env"], "algorithm": record["algorithm"], "seed": record["seed"]}
+    found |= {"steps": ledger["training_steps"], "simulated_steps": ledger["simulated_steps"]}
+    found |= {"cpu_seconds": ledger["cpu_seconds"], "layers": settings["policy.net_arch"]}
+    found |= {"base": settings.get("environment.base"), "control": settings.get("environment.control")}
+    found["commit"] = (document.get("provenance") or {}).get("git", {}).get("commit")
     if (folder / "seeds.csv").is_file():
         frame = pd.read_csv(folder / "seeds.csv")
         columns = [c for c in frame if c in ("score", "ratio") or c.endswith("_over")]

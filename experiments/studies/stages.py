@@ -15,14 +15,17 @@ SEEDS = 24
 CONTROLLERS, SCENARIOS = ("xi2023-improved", "xi2023-tuned", "observer"), ("rough", "impulses")
 """A shape in which delays are felt, and a disturbed sensor."""
 
-_WORDS = ["kerfgym", "blame", *(w for name in CONTROLLERS for w in ("-c", name)),
-          *(w for name in SCENARIOS for w in ("-s", name)), "--seeds", str(SEEDS)]  # fmt: skip
+_CONTROLLERS, _SCENARIOS = ((w for n in names for w in (o, n)) for o, names in (("-c", CONTROLLERS), ("-s", SCENARIOS)))
+_WORDS = ["kerfgym", "blame", *_CONTROLLERS, *_SCENARIOS, "--seeds", str(SEEDS)]
 
 
 @study(
-    "blame", "what each stage of the machine costs a follower", " ".join(_WORDS), 1.0,
+    "blame",
+    "what each stage of the machine costs a follower",
+    " ".join(_WORDS),
+    1.0,
     (*LOADED, *LAWS, *(f"envs/suites/following/{name}.toml" for name in SCENARIOS)),
-)  # fmt: skip
+)
 def of_stages(trial: Trial) -> dict[str, Any]:
     """Shares and headroom; what an interrupted run has done is kept."""
     seeds = split_seeds(SEEDS)

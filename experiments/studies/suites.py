@@ -76,11 +76,9 @@ def concluded(results: Results) -> dict[str, Any]:
             numbers[str(name)]["over"] = dict(row) | {
                 "in": {s: {m: 1.0 / t.at[s, "ratio"] for m, t in there.items()} for s in results.scenarios}
             }
-    return {
-        "seeds": results.meta["seeds"], "wall_seconds": results.meta.get("wall_seconds", 0.0),
-        "scenarios": results.scenarios, "scored": results.scored, "reference": results.reference,
-        "metric": results.metric, "numbers": numbers, "sheets": [asdict(sheet) for sheet in sheets(results)],
-    }  # fmt: skip
+    shown = {"numbers": numbers, "sheets": [asdict(sheet) for sheet in sheets(results)]}
+    own = {name: getattr(results, name) for name in ("scenarios", "scored", "reference", "metric")}
+    return {"seeds": results.meta["seeds"], "wall_seconds": results.meta.get("wall_seconds", 0.0), **own, **shown}
 
 
 def compared(name: str) -> Any:
@@ -104,6 +102,9 @@ def _depends(name: str) -> tuple[str, ...]:
 for _name in scenarios.suites():
     if _name != "drawing":  # it is for a drawing of the user's
         study(
-            _name, f"everything shipped on the suite {_name}",
-            f"kerfgym benchmark --suite {_name} --shipped", MINUTES.get(_name, 6.0), _depends(_name),
-        )(compared(_name))  # fmt: skip
+            _name,
+            f"everything shipped on the suite {_name}",
+            f"kerfgym benchmark --suite {_name} --shipped",
+            MINUTES.get(_name, 6.0),
+            _depends(_name),
+        )(compared(_name))

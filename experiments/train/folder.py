@@ -61,25 +61,23 @@ def into(
     short, peaks = presets.TASKS[settings.env].name, {}
     with Bars() as bars:
         with bars.busy("exporting the policy, comparing it with the model"):
-            exported = export(trained.model, folder / "policy", {
-                "command": record["command"], "git": record["git"], "score_tune": trained.score,
-                "ledger": trained.ledger,
-            })  # fmt: skip
+            origin = {"command": record["command"], "git": record["git"]}
+            origin |= {"score_tune": trained.score, "ledger": trained.ledger}
+            exported = export(trained.model, folder / "policy", origin)
         if ms and short == "height-following":
             with bars.busy("Ms of the standard machine's corner plants"):
                 stack = stacks.resolve(str(exported.folder))
                 measures = {"ms": stability.sensitivity, "ms_noise": stability.broadband}
                 peaks = {name: round(measure(stack).peak, 4) for name, measure in measures.items()}
     if peaks:
-        print("largest |S| over the standard machine's corner plants: Ms {ms:.2f} with sines, {ms_noise:.2f} with noise"
-              .format(**peaks))  # fmt: skip
-    runs.write_json(folder / "run.json", {
-        **record, "kind": "train", "env": settings.env, "algorithm": settings.name, "seed": seed,
-        "settings": settings.flat(), "ledger": trained.ledger,
-        "best": {"score_tune": trained.score, "steps": trained.best_at}, "last": last,
-        "ms": peaks.get("ms"), "ms_noise": peaks.get("ms_noise"),
-        "policy": {"largest_difference": exported.difference, "actions": exported.compared},
-    })  # fmt: skip
+        told = f"Ms {peaks['ms']:.2f} with sines, {peaks['ms_noise']:.2f} with noise"
+        print(f"largest |S| over the standard machine's corner plants: {told}")
+    of_training = {"kind": "train", "env": settings.env, "algorithm": settings.name, "seed": seed}
+    best = {"score_tune": trained.score, "steps": trained.best_at}
+    of_training |= {"settings": settings.flat(), "ledger": trained.ledger, "best": best, "last": last}
+    of_training |= {"ms": peaks.get("ms"), "ms_noise": peaks.get("ms_noise")}
+    policy = {"largest_difference": exported.difference, "actions": exported.compared}
+    runs.write_json(folder / "run.json", {**record, **of_training, "policy": policy})
     print(f"policy: {exported.folder}, at most {exported.difference:.1e} off the model in {exported.compared} actions")
     what = "RMS of the true gap error, µm," if short == "height-following" else "minus the mean return"
     print(f"best {what} on tune seeds {trained.score:.3f}, after {trained.best_at} of {last['steps']} steps")

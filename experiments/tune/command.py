@@ -46,14 +46,22 @@ def task(
             raise InvalidInput(f"--limit {word}: it is written METRIC=NUMBER, such as time=12.5") from None
     chosen = tuple(metric or ()) or (str(rules.get("score", "rms_true")),)
     named = controller or ("wu-tuned" if suite == "contour" else "huang2024-adjusting" if jobs else "xi2023-improved")
+    limits = Limits(ms if ms is not None else (math.inf if jobs else CAP), tuple(given))
     asked = Task(
-        named, what or ("law",), suite, chosen,
-        Limits(ms if ms is not None else (math.inf if jobs else CAP), tuple(given)),
-        seeds if seeds is not None else (8 if jobs else 32), bool(extrapolate),
+        named,
+        what or ("law",),
+        suite,
+        chosen,
+        limits,
+        seeds if seeds is not None else (8 if jobs else 32),
+        bool(extrapolate),
         sampler=sampler or ("tpe+cmaes" if len(chosen) == 1 else "tpe"),
-        trials=(MOST if budget else TRIALS) if trials is None else trials, seed=seed, name=name or "", url=url or "",
+        trials=(MOST if budget else TRIALS) if trials is None else trials,
+        seed=seed,
+        name=name or "",
+        url=url or "",
         budget=steps_left(budget, named) if budget else 0,
-    )  # fmt: skip
+    )
     asked.check()
     return asked
 

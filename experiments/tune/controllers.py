@@ -106,13 +106,9 @@ def concluded(
             outcome.write(folder / "front" / f"{i:02d}.toml", task, candidate, full(candidate))
     final, file = {**full(found), "test": after, "test_before": before}, folder / "tuned.toml"
     outcome.write(file, task, found, final)
-    meta |= {
-        "what": list(task.what), "tuned": {**final, "parameters": found.parameters}, "plots": plots,
-        "front": len(front),
-        "ledger": {
-            "tuning": searched.entry(), "choosing": evaluator.ledger.entry(), "testing": work.validation.entry(),
-        },
-    }  # fmt: skip
+    spent = {"tuning": searched, "choosing": evaluator.ledger, "testing": work.validation}
+    meta |= {"what": list(task.what), "tuned": {**final, "parameters": found.parameters}, "plots": plots}
+    meta |= {"front": len(front), "ledger": {name: ledger.entry() for name, ledger in spent.items()}}
     return Result(task, meta, file, found, front, before, after, near)
 
 
@@ -122,15 +118,14 @@ def _provenance(work: RollOuts, trials: list[FrozenTrial], searched: Ledger) -> 
     limits: dict[str, Any] = {limit.name: limit.most for limit in task.limits.limits} | {"collisions": 0}
     if math.isfinite(task.limits.ms):
         limits["ms"] = task.limits.ms
-    return {
-        "suite": f"{task.suite}-{scenarios.rules(task.suite)['version']}", "metrics": list(task.metrics),
-        "limits": limits, "sampler": staged.told(task.stages, task.trials) if task.stages else task.sampler,
-        "sampler_seed": task.seed, "trials": len(trials),
-        "pruned": sum(t.state.name == "PRUNED" for t in trials), "tune_seeds": ranges(range(task.seeds)),
-        "simulated_steps": cost["simulated_steps"], "cpu_seconds": cost["cpu_seconds"],
-        **({"budget": task.budget} if task.budget else {}),
-        "start": dict(work.base.provenance),  # what the controller as it stood was tuned with
-    }  # fmt: skip
+    sampler = staged.told(task.stages, task.trials) if task.stages else task.sampler
+    pruned = sum(t.state.name == "PRUNED" for t in trials)
+    out: dict[str, Any] = {"suite": f"{task.suite}-{scenarios.rules(task.suite)['version']}"}
+    out |= {"metrics": list(task.metrics), "limits": limits, "sampler": sampler, "sampler_seed": task.seed}
+    out |= {"trials": len(trials), "pruned": pruned, "tune_seeds": ranges(range(task.seeds))}
+    out |= {key: cost[key] for key in ("simulated_steps", "cpu_seconds")}
+    out |= {"budget": task.budget} if task.budget else {}
+    return out | {"start": dict(work.base.provenance)}  # what the controller as it stood was tuned with
 
 
 tune = functools.partial(over.carry_out, conclude=concluded)

@@ -195,10 +195,9 @@ class _Rung:
         found: Figures = {}
         for scenario, mine in zip(self.scenarios, self.machines, strict=True):
             part = slice(mine[0], mine[-1] + 1)
-            record = Recording(
-                scenario, whole.seeds[part], whole.set_height[part], whole.data[:, :, part], whole.collided[part],
-                whole.lowest[part], to_the_end=True,
-            )  # fmt: skip
+            ends = (whole.collided[part], whole.lowest[part])
+            head = (scenario, whole.seeds[part], whole.set_height[part])
+            record = Recording(*head, whole.data[:, :, part], *ends, to_the_end=True)
             broken = metrics.broken(record)
             found[scenario.name] = {
                 name: figure if name == "collision" else np.where(broken, np.nan, figure)

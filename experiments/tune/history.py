@@ -150,10 +150,9 @@ def slices(
         mine = whole[whole[axis.name].notna()]
         for good, marker in ((False, "x"), (True, "o")):
             part = mine[mine["feasible"] == good]
-            axes.scatter(
-                part[axis.name], part[name], c=part["trial"], cmap="Blues", vmin=-0.4 * len(trials), vmax=len(trials),
-                marker=marker, s=14, linewidths=0.8 if good is False else 0,
-            )  # fmt: skip
+            looks = {"marker": marker, "s": 14, "linewidths": 0.8 if good is False else 0}
+            shades = {"c": part["trial"], "cmap": "Blues", "vmin": -0.4 * len(trials), "vmax": len(trials)}
+            axes.scatter(part[axis.name], part[name], **shades, **looks)
         if axis.log:
             axes.set_xscale("log")
         if axis.choices:

@@ -1,6 +1,7 @@
 """``kerfgym tune ppo``: the search of a training's settings, what comes of it, and what is printed of that."""
 
 import functools
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -70,11 +71,9 @@ def task(
     if others:
         raise InvalidInput(f"--{others[0]} is for controllers; the settings of {what[0]} are searched without")
     base = presets.preset(what[0], env or next(iter(presets.TASKS)), presets.parsed(assignments))
-    return TrainingTask(
-        base, short_steps(base) if steps is None else steps, 1 if threads is None else threads,
-        sampler=sampler or "tpe", trials=TRIALS if trials is None else trials, seed=seed, name=name or "",
-        url=url or "",
-    )  # fmt: skip
+    steps, trials = short_steps(base) if steps is None else steps, TRIALS if trials is None else trials
+    which = {"sampler": sampler or "tpe", "name": name or "", "url": url or ""}
+    return TrainingTask(base, steps, 1 if threads is None else threads, trials=trials, seed=seed, **which)
 
 
 def frame(trials: list[FrozenTrial]) -> pd.DataFrame:
@@ -83,11 +82,9 @@ def frame(trials: list[FrozenTrial]) -> pd.DataFrame:
     for trial in trials:
         well = feasible(trial)
         state = "complete" if well else "failed" if trial.state == TrialState.COMPLETE else "pruned"
-        rows.append({
-            "trial": trial.number, "state": state, "feasible": well, "score": trial.values[0] if well else float("nan"),
-            **{key: trial.user_attrs.get(key) for key in ("steps", "training_steps", "cpu_seconds", "error")},
-            **trial.params,
-        })  # fmt: skip
+        row = {"trial": trial.number, "state": state, "feasible": well, "score": trial.values[0] if well else math.nan}
+        row |= {key: trial.user_attrs.get(key) for key in ("steps", "training_steps", "cpu_seconds", "error")}
+        rows.append(row | trial.params)
     return pd.DataFrame(rows)
 
 
@@ -113,25 +110,21 @@ def concluded(
     spent.check("tune")
     cost, counts = spent.entry(), table["state"].value_counts()
     first = next((t.values[0] for t in good if t.number == 0), None)
-    provenance = {
-        **origin, "trial": best.number, "score_tune": best.values[0],
-        **({} if first is None else {"score_tune_preset": first}),
-        "trial_steps": task.steps, "sampler": task.sampler, "seed": task.seed, "trials": len(trials),
-        "pruned": int(counts.get("pruned", 0)), "failed": int(counts.get("failed", 0)),
-        "tune_seeds": cost["seeds"]["tune"], "simulated_steps": cost["simulated_steps"],
-        "cpu_seconds": cost["cpu_seconds"],
-    }  # fmt: skip
+    provenance = {**origin, "trial": best.number, "score_tune": best.values[0]}
+    provenance |= {} if first is None else {"score_tune_preset": first}
+    provenance |= {"trial_steps": task.steps, "sampler": task.sampler, "seed": task.seed, "trials": len(trials)}
+    provenance |= {"pruned": int(counts.get("pruned", 0)), "failed": int(counts.get("failed", 0))}
+    provenance["tune_seeds"] = cost["seeds"]["tune"]
+    provenance |= {key: cost[key] for key in ("simulated_steps", "cpu_seconds")}
     plots = history.written(folder, _pictures(work, table))
     file = folder / f"{task.base.name}.toml"
     head = f"# kerfgym train {task.base.name} --preset {file.as_posix()}\n"
     runs.write_text(file, head + tomli_w.dumps({**settings.plain(), presets.PROVENANCE: provenance}))
     cost["seeds"]["train"] = f"from {scenarios.SPLITS['train'].start}"
     cost["training_steps"] = sum(t.user_attrs["training_steps"] for t in trials)
-    meta |= {
-        "kind": "tune", "algorithm": task.base.name, "env": task.base.env, "threads": task.threads,
-        "tuned": {**provenance, "parameters": best.params}, "settings": settings.flat(), "plots": plots,
-        "ledger": {"tuning": cost},
-    }  # fmt: skip
+    of_search = {"kind": "tune", "algorithm": task.base.name, "env": task.base.env, "threads": task.threads}
+    tuned = {**provenance, "parameters": best.params}
+    meta |= {**of_search, "tuned": tuned, "settings": settings.flat(), "plots": plots, "ledger": {"tuning": cost}}
     return Learned(task, meta, file, best, settings)
 
 

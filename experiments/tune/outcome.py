@@ -55,9 +55,11 @@ def frame(trials: list[FrozenTrial], task: Task) -> pd.DataFrame:
         finished = trial.values if trial.state == TrialState.COMPLETE else [math.nan] * len(task.metrics)
         row |= {m: v if abs(v) < goals.FAILED else math.nan for m, v in zip(task.metrics, finished, strict=True)}
         row |= {
-            "ms": trial.user_attrs.get("ms"), "feasible": feasible(trial),
-            "steps": trial.user_attrs.get("steps"), "cpu_seconds": trial.user_attrs.get("cpu_seconds"),
-        }  # fmt: skip
+            "ms": trial.user_attrs.get("ms"),
+            "feasible": feasible(trial),
+            "steps": trial.user_attrs.get("steps"),
+            "cpu_seconds": trial.user_attrs.get("cpu_seconds"),
+        }
         row |= {f"limit {name}": value for name, value in trial.constraints.items()}
         rows.append(row | trial.params)
     return pd.DataFrame(rows)
@@ -107,9 +109,11 @@ def best(work: RollOuts, trials: list[FrozenTrial]) -> tuple[Found, dict[str, An
     value, at = min(again)
     found, trial = kept[at]
     more = {
-        "score_tune": trial.values[0], "score_checked": value, "checked_on": ranges(range(task.final_seeds)),
+        "score_tune": trial.values[0],
+        "score_checked": value,
+        "checked_on": ranges(range(task.final_seeds)),
         "ms_steps": work.ms_steps + sum(t.user_attrs.get("ms_steps", 0) for t in trials),
-    }  # fmt: skip
+    }
     return found, more, many.ledger
 
 
@@ -225,12 +229,10 @@ def sensitivity(work: RollOuts, found: Found) -> pd.DataFrame:
     for name, side, moved in moves(found.controller, spans):
         with contextlib.suppress(InvalidInput):  # such as a trim that would eat the window
             values, peak, crashes = measure(found.controller.varied({name: moved}))
-            rows.append({
-                "parameter": name, "value": found.parameters[name], "side": side, "moved": moved,
-                **{m: told_number(v / p) if p else math.nan
-                   for m, v, p in zip(task.metrics, values, plain, strict=True)},
-                "ms": peak, "ms_before": ms, "collisions": crashes,
-            })  # fmt: skip
+            both = zip(task.metrics, values, plain, strict=True)
+            figures = {m: told_number(v / p) if p else math.nan for m, v, p in both}
+            row = {"parameter": name, "value": found.parameters[name], "side": side, "moved": moved, **figures}
+            rows.append(row | {"ms": peak, "ms_before": ms, "collisions": crashes})
     columns = ["parameter", "value", "side", "moved", *task.metrics, "ms", "ms_before", "collisions"]
     return pd.DataFrame(rows, columns=columns)
 

@@ -88,16 +88,16 @@ def carry_out(
         work = crew.carried_out(task, workers, threads, told)
         trials, meta = done(work.study), runs.record(command)
         meta["packages"] |= {name: metadata.version(name) for name in task.packages}
-        origin = {
-            "command": meta["command"], "kerfgym": meta["kerfgym"], "git": meta["git"].get("commit", "unknown"),
-            "python": meta["python"], "optuna": meta["packages"]["optuna"], "study": storage.digest(task.words),
-        }  # fmt: skip
+        origin = {key: meta[key] for key in ("command", "kerfgym")} | {"git": meta["git"].get("commit", "unknown")}
+        origin |= {"python": meta["python"], "optuna": meta["packages"]["optuna"], "study": storage.digest(task.words)}
         spent = Ledger(steps_of(trials), sum(t.user_attrs.get("cpu_seconds", 0.0) for t in trials))
         result = conclude(work, trials, spent, meta, origin, told)
         meta |= {
-            "study": origin["study"], "space": [axis.words for axis in task.space.axes], "workers": workers,
+            "study": origin["study"],
+            "space": [axis.words for axis in task.space.axes],
+            "workers": workers,
             "wall_seconds": round(time.time() - started, 1),
-        }  # fmt: skip
+        }
         runs.write_json(folder / "run.json", _plain(meta))
         return result
 

@@ -125,11 +125,13 @@ def _row(name: str, task: Task, record: dict[str, Any]) -> dict[str, Any]:
     """What a search came to: on test seeds, and at which cost."""
     tuned = record["tuned"]
     return {
-        "search": name, "controller": task.controller, "cap": task.limits.ms,
+        "search": name,
+        "controller": task.controller,
+        "cap": task.limits.ms,
         **{f"{key}_test": value for key, value in tuned["test"].items()},
         **{key: tuned.get(key) for key in ("ms", "trials", "sampler", "tune_seeds", "simulated_steps", "cpu_seconds")},
         "parameters": json.dumps(tuned["parameters"]),
-    }  # fmt: skip
+    }
 
 
 def write(path: Path, study: Study, name: str, tuned: dict[str, Any], before: dict[str, Any]) -> None:
@@ -162,10 +164,8 @@ def preset_record(task: Task, tuned: dict[str, Any], before: dict[str, Any]) -> 
         record |= {"checked_on": tuned["checked_on"], f"score_checked{unit}": round(tuned["score_checked"], 4)}
     sampler = staged.told(task.stages, task.trials) if task.stages else task.sampler
     record |= {"trials": tuned["trials"], "searched": len(task.space.axes), "sampler": sampler}
-    for key in (
-        "sampler_seed", "tune_seeds", "simulated_steps", "ms_steps", "cpu_seconds", "kerfgym", "git", "python",
-        "relative",
-    ):  # fmt: skip
+    cost = ("tune_seeds", "simulated_steps", "ms_steps", "cpu_seconds")
+    for key in ("sampler_seed", *cost, "kerfgym", "git", "python", "relative"):
         if key in tuned:
             record[key] = tuned[key]
     if task.relative:

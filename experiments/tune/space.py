@@ -28,9 +28,12 @@ READ = "read"
 """Group of the settings that the controller's own kind of filter reads."""
 
 NARROW = {
-    "filter.window": (1.0, 15.0), "filter.trim": (0.0, 7.0), "filter.hold": (0.0, 10.0), "filter.tau": (0.0, 20.0),
+    "filter.window": (1.0, 15.0),
+    "filter.trim": (0.0, 7.0),
+    "filter.hold": (0.0, 10.0),
+    "filter.tau": (0.0, 20.0),
     "filter.jump": (0.005, 0.5),
-}  # fmt: skip
+}
 """Ranges searched unless told otherwise, where the declared ones go far beyond what a height follower can use."""
 
 

@@ -242,9 +242,11 @@ def _again(make: Callable[[], Any]) -> Any:
         try:
             return make()
         except (
-            sqlalchemy.exc.IntegrityError, sqlalchemy.exc.ProgrammingError, sqlalchemy.exc.OperationalError,
+            sqlalchemy.exc.IntegrityError,
+            sqlalchemy.exc.ProgrammingError,
+            sqlalchemy.exc.OperationalError,
             optuna.exceptions.StorageInternalError,
-        ):  # fmt: skip
+        ):
             if attempt == TRIES - 1:
                 raise
             time.sleep(0.05 * 2**attempt)

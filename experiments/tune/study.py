@@ -109,17 +109,17 @@ class Task(Search):
         if self.relative:
             other = controller(self.relative)
             fixed += [f"{n}={p.value}" for n, p in other.parameters().items()] + other.program
-        return [
-            f"controller {self.controller}", f"suite {self.suite}", f"metric {', '.join(self.metrics)}",
-            f"Ms ≤ {self.limits.ms:g}", *(f"{limit.name} ≤ {limit.most:g}" for limit in self.limits.limits),
-            f"sampler {self.sampler}", f"seed {self.seed}", f"tune seeds 0-{self.seeds - 1}",
-            *(["extrapolate"] if self.extrapolate else []), *(axis.words for axis in self.space.axes),
-            *(stage.words for stage in self.stages), *([f"trials {self.trials}"] if self.stages else []),
-            *(f"also {dict(changes)}" for changes in self.also),
-            *([f"digits {self.digits}"] if self.digits != 5 else []),
-            *(f"{name}={other}" for name, other in self.space.ties.items()),
-            *([f"relative to {self.relative}"] if self.relative else []), f"{storage.FIXED}{storage.digest(fixed)}",
-        ]  # fmt: skip
+        words = [f"controller {self.controller}", f"suite {self.suite}", f"metric {', '.join(self.metrics)}"]
+        words += [f"Ms ≤ {self.limits.ms:g}", *(f"{limit.name} ≤ {limit.most:g}" for limit in self.limits.limits)]
+        words += [f"sampler {self.sampler}", f"seed {self.seed}", f"tune seeds 0-{self.seeds - 1}"]
+        words += ["extrapolate"] if self.extrapolate else []
+        words += [part.words for part in (*self.space.axes, *self.stages)]
+        words += [f"trials {self.trials}"] if self.stages else []
+        words += [f"also {dict(changes)}" for changes in self.also]
+        words += [f"digits {self.digits}"] if self.digits != 5 else []
+        words += [f"{name}={other}" for name, other in self.space.ties.items()]
+        words += [f"relative to {self.relative}"] if self.relative else []
+        return [*words, f"{storage.FIXED}{storage.digest(fixed)}"]
 
     @property
     def expected(self) -> int:
@@ -241,9 +241,12 @@ class RollOuts(Work):
             values = None
         apart = {"ms_steps": self.ms_steps} if self.ms_steps else {}
         self.over(
-            trial, values, steps=ledger.steps - steps - self._again - self.ms_steps,
-            cpu_seconds=round(ledger.cpu_seconds - seconds, 4), **apart,
-        )  # fmt: skip
+            trial,
+            values,
+            steps=ledger.steps - steps - self._again - self.ms_steps,
+            cpu_seconds=round(ledger.cpu_seconds - seconds, 4),
+            **apart,
+        )
 
     def _values(self, trial: Trial) -> list[float]:
         task, limits, first = self.task, self.task.limits, trial.number == 0

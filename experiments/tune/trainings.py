@@ -92,11 +92,9 @@ class TrainingTask(Search):
         searched = {name.removeprefix(REST) for name in start}
         fixed = [f"{key}={value!r}" for key, value in self.base.flat().items() if key not in (*searched, "steps")]
         fixed += [f"{name} from {value!r}" for name, value in start.items()]
-        return [
-            f"algorithm {self.base.name}", f"environment {self.base.env}", f"steps {self.steps}",
-            f"sampler {self.sampler}", f"seed {self.seed}", f"threads {self.threads}",
-            *(axis.words for axis in self.space.axes), f"{storage.FIXED}{storage.digest(fixed)}",
-        ]  # fmt: skip
+        words = [f"algorithm {self.base.name}", f"environment {self.base.env}"]
+        words += [f"{name} {getattr(self, name)}" for name in ("steps", "sampler", "seed", "threads")]
+        return [*words, *(axis.words for axis in self.space.axes), f"{storage.FIXED}{storage.digest(fixed)}"]
 
     def samplers(self, explore: int) -> tuple[Any, Any]:
         """What the user asked for; scores are RMS errors, or minus a return, which has any sign."""
@@ -150,10 +148,8 @@ class Trainings(Work):
             values, spent = [goals.FAILED], {"error": str(error)}
             trial.set_constraint("finite", goals.FAR)
         ledger = training.ledger if training else {"simulated_steps": 0, "training_steps": 0, "cpu_seconds": 0.0}
-        self.over(
-            trial, values, steps=ledger["simulated_steps"], training_steps=ledger["training_steps"],
-            cpu_seconds=ledger["cpu_seconds"], **spent,
-        )  # fmt: skip
+        spent |= {"training_steps": ledger["training_steps"], "cpu_seconds": ledger["cpu_seconds"]}
+        self.over(trial, values, steps=ledger["simulated_steps"], **spent)
         shutil.rmtree(place / "parts", ignore_errors=True)  # the checkpoint, of which there would be many
 
     def _begun(self, chosen: Settings, place: Path, trial: Trial) -> Training:

@@ -17,9 +17,11 @@ MODULE = "kerfgym.experiments.studies.corpus"
 
 
 def main(
-    folder: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="FOLDER")]], limit: float = TIME_LIMIT,
-    name: str = "corpus", docs: str = "",
-) -> None:  # fmt: skip
+    folder: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="FOLDER")]],
+    limit: float = TIME_LIMIT,
+    name: str = "corpus",
+    docs: str = "",
+) -> None:
     """Read every drawing and programme of a folder, and tell what became of each.
 
     Args:

@@ -12,10 +12,9 @@ NEAR = 1e-3
 
 def summary(found: list[Verdict]) -> Sheet:
     """A row for each format."""
-    sheet = Sheet("Drawings and programmes", [
-        "format", "files", "accepted", "refused", "nothing to cut", "failed", "accepted of those that count",
-        "compared with a reference", "within 1 µm of it", "slowest, s",
-    ])  # fmt: skip
+    verdicts = ["accepted", "refused", "nothing to cut", "failed", "accepted of those that count"]
+    references = ["compared with a reference", "within 1 µm of it"]
+    sheet = Sheet("Drawings and programmes", ["format", "files", *verdicts, *references, "slowest, s"])
     rows = []
     for kind in sorted({v.kind for v in found}):
         mine = [v for v in found if v.kind == kind]
@@ -23,11 +22,10 @@ def summary(found: list[Verdict]) -> Sheet:
         counted = [v for v in mine if v.counted and v.outcome != NOTHING]
         good = sum(v.outcome == ACCEPTED for v in counted)
         compared = [v.deviation_mm for v in mine if v.deviation_mm is not None]
-        rows.append([
-            kind, str(len(mine)), *(str(count[o]) for o in (ACCEPTED, REFUSED, NOTHING, FAILED)),
-            f"{good}/{len(counted)} ({good / len(counted):.1%})" if counted else "–", str(len(compared)),
-            str(sum(d <= NEAR for d in compared)), f"{max(v.seconds for v in mine):.2f}",
-        ])  # fmt: skip
+        verdicts = [str(count[o]) for o in (ACCEPTED, REFUSED, NOTHING, FAILED)]
+        share = f"{good}/{len(counted)} ({good / len(counted):.1%})" if counted else "–"
+        near, slowest = str(sum(d <= NEAR for d in compared)), f"{max(v.seconds for v in mine):.2f}"
+        rows.append([kind, str(len(mine)), *verdicts, share, str(len(compared)), near, slowest])
     sheet.sections.append(rows)
     failed = [v for v in found if v.outcome == FAILED]
     sheet.notes = [
@@ -52,11 +50,12 @@ def farthest(found: list[Verdict], folder: Path, most: int = 10) -> Sheet:
     """The accepted programmes that are farthest from the reference."""
     sheet = Sheet("Farthest from the reference", ["file", "µm", "length, mm", "box, mm", "reference"])
     with_one = sorted((v for v in found if v.deviation_mm is not None), key=lambda v: -(v.deviation_mm or 0.0))
-    sheet.sections.append([
-        [_name(v, folder), f"{1e3 * (v.deviation_mm or 0.0):.3f}", f"{v.length_mm:.3f}",
-         " × ".join(f"{side:.3f}" for side in v.box or ()), v.reference or ""]
-        for v in with_one[:most]
-    ])  # fmt: skip
+    lines = []
+    for v in with_one[:most]:
+        box = " × ".join(f"{side:.3f}" for side in v.box or ())
+        apart = f"{1e3 * (v.deviation_mm or 0.0):.3f}"
+        lines.append([_name(v, folder), apart, f"{v.length_mm:.3f}", box, v.reference or ""])
+    sheet.sections.append(lines)
     return sheet
 
 

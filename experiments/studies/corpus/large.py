@@ -62,9 +62,12 @@ def _rings(space: Any, _: np.random.Generator) -> None:
 
 
 DRAWINGS: dict[str, Callable[[Any, np.random.Generator], None]] = {
-    "sheet with 12 000 holes": _parts_with_holes, "60 000 open lines": _open_lines, "60 000 lines in a row": _a_chain,
-    "3000 huge circles on each other": _huge_circles, "3000 rings within each other": _rings,
-}  # fmt: skip
+    "sheet with 12 000 holes": _parts_with_holes,
+    "60 000 open lines": _open_lines,
+    "60 000 lines in a row": _a_chain,
+    "3000 huge circles on each other": _huge_circles,
+    "3000 rings within each other": _rings,
+}
 
 
 def main(name: str = "large", docs: bool = False) -> None:

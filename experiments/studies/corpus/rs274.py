@@ -62,9 +62,12 @@ def _run(found: str, programme: Path, original: Path) -> Output | None:
         table.write_text("".join(f"T{n} P{n} Z0 D0\n" for n in sorted(tools)))
         try:
             done = subprocess.run(
-                [found, "-g", "-t", str(table), "-v", str(stored), str(programme)], cwd=original.parent,
-                capture_output=True, stdin=subprocess.DEVNULL, timeout=TIME_LIMIT,
-            )  # fmt: skip
+                [found, "-g", "-t", str(table), "-v", str(stored), str(programme)],
+                cwd=original.parent,
+                capture_output=True,
+                stdin=subprocess.DEVNULL,
+                timeout=TIME_LIMIT,
+            )
         except subprocess.TimeoutExpired:
             return None
     said = [line.strip() for line in done.stderr.decode("latin-1").splitlines()]

@@ -65,12 +65,11 @@ def endurance(
         judged = judge(windows, max(1, tests))
         rows.append(head | {"drawing": drawing} | _columns(judged._replace(word=NOT_JUDGED) if drawing else judged))
         count = len(windows.rms)
-        pieces.append(pd.DataFrame({
-            **head, "seed": [s for s in task.seeds for _ in range(count)],
-            "start_s": [w * window for _ in task.seeds for w in range(count)],
-            "rms_um": windows.rms.T.ravel(), "largest_um": windows.largest.T.ravel(),
-            "lost": windows.lost.repeat(count),
-        }))  # fmt: skip
+        seeds = [s for s in task.seeds for _ in range(count)]
+        starts = [w * window for _ in task.seeds for w in range(count)]
+        errors = {"rms_um": windows.rms.T.ravel(), "largest_um": windows.largest.T.ravel()}
+        lost = windows.lost.repeat(count)
+        pieces.append(pd.DataFrame({**head, "seed": seeds, "start_s": starts, **errors, "lost": lost}))
     return pd.DataFrame(rows), pd.concat(pieces, ignore_index=True)
 
 

@@ -24,11 +24,10 @@ def table(frame: pd.DataFrame) -> Sheet:
         frame: columns ``sheet``, ``controller``, ``drawing`` and the fields of :class:`worse.Verdict`, intervals in
             columns of their own (``rms_growth``, ``rms_growth_low``, …).
     """
-    sheet = Sheet("Errors with time, µm", [
-        "controller", "sheet", "RMS, first 10 s", "RMS later", "growth of RMS", "largest, first 10 s",
-        "largest later", "later over first", "above", "growth of largest", "> 50 µm", "> 100 µm", "bursts",
-        "lost", "verdict",
-    ])  # fmt: skip
+    rms = ["RMS, first 10 s", "RMS later", "growth of RMS"]
+    largest = ["largest, first 10 s", "largest later", "later over first", "above", "growth of largest"]
+    ends = ["> 50 µm", "> 100 µm", "bursts", "lost", "verdict"]
+    sheet = Sheet("Errors with time, µm", ["controller", "sheet", *rms, *largest, *ends])
     for _, part in frame.groupby("sheet", sort=False):
         sheet.sections.append([_row(row) for _, row in part.iterrows()])
     worse = frame[frame["word"] == WORSE]
@@ -54,10 +53,12 @@ def promises(frame: pd.DataFrame) -> list[dict[str, Any]]:
     """What is promised, what was measured, and whether it held; nothing about what was not run."""
     found = [
         {
-            "what": "controllers that get worse with time", "measured": float((frame["word"] == WORSE).sum()),
-            "promised": 0.0, "held": bool((frame["word"] != WORSE).all()),
+            "what": "controllers that get worse with time",
+            "measured": float((frame["word"] == WORSE).sum()),
+            "promised": 0.0,
+            "held": bool((frame["word"] != WORSE).all()),
         }
-    ]  # fmt: skip
+    ]
     for _, row in frame[(frame["controller"] == SUBJECT) & ~frame["drawing"]].iterrows():
         for what, measured, most in (
             ("largest error later over first", row["ratio"], LIMIT),
@@ -90,14 +91,12 @@ def promised(found: list[dict[str, Any]]) -> Sheet:
 
 
 def _row(row: Any) -> list[str]:
-    return [
-        row["controller"], row["sheet"], _number(row["rms_first"]), _number(row["rms_later"]),
-        _growth(row, "rms_growth"), _number(row["largest_first"]), _number(row["largest_later"]),
-        f"> {MOST:g}" if row["ratio"] > MOST else _number(row["ratio"]),
-        "–" if math.isnan(row["above"]) else f"{row['above']:.0%}",
-        _growth(row, "largest_growth"), str(row["over_50"]), str(row["over_100"]), str(row["bursts"]),
-        f"{row['lost']}/{row['seeds']}", row["word"],
-    ]  # fmt: skip
+    ratio = f"> {MOST:g}" if row["ratio"] > MOST else _number(row["ratio"])
+    above = "–" if math.isnan(row["above"]) else f"{row['above']:.0%}"
+    rms = [_number(row["rms_first"]), _number(row["rms_later"]), _growth(row, "rms_growth")]
+    largest = [_number(row["largest_first"]), _number(row["largest_later"]), ratio, above]
+    counts = [_growth(row, "largest_growth"), *(str(row[key]) for key in ("over_50", "over_100", "bursts"))]
+    return [row["controller"], row["sheet"], *rms, *largest, *counts, f"{row['lost']}/{row['seeds']}", row["word"]]
 
 
 def _number(value: float) -> str:

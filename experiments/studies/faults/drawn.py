@@ -128,8 +128,11 @@ def words(fault: Fault) -> str:
     end = "highest" if fault.second > 0.5 else "lowest"
     second = f" then {fault.second:g}" if fault.length > 1 else ""
     told = {
-        SPIKES: f"{fault.value:g}{second} mm/s", DELAYED: f"by {fault.back:g} ms", SCALED: f"× {fault.value:g}",
-        SATURATED: f"at {fault.value:g} × the {end} of the table", IMPULSE: f"× {fault.value:.1f}",
+        SPIKES: f"{fault.value:g}{second} mm/s",
+        DELAYED: f"by {fault.back:g} ms",
+        SCALED: f"× {fault.value:g}",
+        SATURATED: f"at {fault.value:g} × the {end} of the table",
+        IMPULSE: f"× {fault.value:.1f}",
         SHOWER: f"of {fault.value / PERIOD:g} per second, up to {fault.second:g} ms long,",
-    }.get(fault.kind, "")  # fmt: skip
+    }.get(fault.kind, "")
     return f"{KINDS[int(fault.kind)]} {told}".strip() + f" from {fault.start:g} ms on for {fault.length:g} ms"

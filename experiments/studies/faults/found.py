@@ -23,12 +23,10 @@ def made(
     kept = pages.Campaign(MODULE, words, folder, jobs)
     with progress("faults") as told:
         frame = campaign(controllers, faults, seed, jobs, told)
-    found = {
-        "seed": seed, "controllers": list(controllers), "scenarios": list(SCENARIOS),
-        "faults": len(frame), "seeds": f"test, from {scenarios.SPLITS['test'].start} on",
-        "lost": int(frame["lost"].sum()), "lost_by": frame["cause"].value_counts().drop("", errors="ignore").to_dict(),
-        "harmed": len(harmed(frame)),
-    }  # fmt: skip
+    found = {"seed": seed, "controllers": list(controllers), "scenarios": list(SCENARIOS), "faults": len(frame)}
+    found |= {"seeds": f"test, from {scenarios.SPLITS['test'].start} on", "lost": int(frame["lost"].sum())}
+    found["lost_by"] = frame["cause"].value_counts().drop("", errors="ignore").to_dict()
+    found["harmed"] = len(harmed(frame))
     runs.write_table(folder, "faults", frame)
     kept.publish(sheets(frame, seed), found, f"{PAGE}.md", mark)
     return frame

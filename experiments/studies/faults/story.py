@@ -34,8 +34,10 @@ def story(case: str, seed: int = 0) -> list[Sheet]:
     why = f"cause: {verdict['cause']}." if verdict["cause"] else f"not lost; excess: {verdict['excess'] or 'none'}."
     ways = Sheet(
         f"{pieces[0]} · {pieces[1]}, seed {given[0].seed} · {given[0].name}: {words(given[0].fault)}",
-        ["run", "lost", "lowest gap, mm", "moved by the fault, mm", "alarm"], [rows], [why],
-    )  # fmt: skip
+        ["run", "lost", "lowest gap, mm", "moved by the fault, mm", "alarm"],
+        [rows],
+        [why],
+    )
     return [ways, _course(scenario, stack, given)]
 
 
@@ -55,11 +57,9 @@ def _course(scenario: scenarios.Scenario, stack: stacks.Stack, given: list) -> S
     for i in range(count):
         x = record[i, :, 0]
         spoilt = "×" if fault.start <= first + i < fault.start + fault.length else ""
-        rows.append([
-            f"{first + i}", spoilt, *(f"{x[names[k]]:.3f}" for k in ("gap", "raw_height", "height")),
-            f"{wishes[i]:.5g}", f"{x[names['command']]:.5g}", f"{x[names['velocity']]:.1f}",
-            supervisor.MODES[int(x[names["mode"]])],
-        ])  # fmt: skip
+        heights = [f"{x[names[k]]:.3f}" for k in ("gap", "raw_height", "height")]
+        speeds = [f"{wishes[i]:.5g}", f"{x[names['command']]:.5g}", f"{x[names['velocity']]:.1f}"]
+        rows.append([f"{first + i}", spoilt, *heights, *speeds, supervisor.MODES[int(x[names["mode"]])]])
     notes = ["wish: what the supervisor gets after this period; command: what the drive got in it, mm/s."]
     titles = ["ms", "fault", "gap, mm", "raw height", "height", "wish", "command", "velocity", "mode"]
     return Sheet("the shipped run", titles, [rows], notes)

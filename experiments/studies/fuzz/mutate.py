@@ -16,22 +16,22 @@ from ....envs.engine.quantity import InvalidInput
 from ....envs.safety import files
 
 NUMBERS = (
-    "0", "-1", "1", "-0.0", "1e300", "-1e300", "1e-300", "1e12", "1e999", "nan", "inf", "-inf", "2147483648",
-    "9223372036854775808", "18446744073709551616", "1e308", "5e-324", "9" * 30, "9" * 400, "9" * 5000, "0x10", "1_0",
-    "1.5.2", "3,5", "",
-)  # fmt: skip
+    *("0", "-1", "1", "-0.0", "1e300", "-1e300", "1e-300", "1e12", "1e999", "nan", "inf", "-inf", "2147483648"),
+    *("9223372036854775808", "18446744073709551616", "1e308", "5e-324", "9" * 30, "9" * 400, "9" * 5000),
+    *("0x10", "1_0", "1.5.2", "3,5", ""),
+)
 
 WORDS = (
-    "null", "true", "[]", "{}", '""', "../../x", "/dev/zero", "/etc/passwd", "pipe", "x.py:Mine", "\\u0000", "ä€𝄞",
-    "a" * 256, "a" * 5000, "%s%n", "${HOME}", "{{7*7}}", "<script>", "#", ";", "(", "]", "}", "]]>", "&a;",
-    "\t", "\r", " = ",
-)  # fmt: skip
+    *("null", "true", "[]", "{}", '""', "../../x", "/dev/zero", "/etc/passwd", "pipe", "x.py:Mine", "\\u0000", "ä€𝄞"),
+    *("a" * 256, "a" * 5000, "%s%n", "${HOME}", "{{7*7}}", "<script>", "#", ";", "(", "]", "}", "]]>", "&a;"),
+    *("\t", "\r", " = "),
+)
 
 VALUES: tuple[Any, ...] = (
-    None, True, False, 0, -1, 1, 0.5, 1e300, float("nan"), float("inf"), 2**63 - 1, 2**63, 10**30, 10**400, "", "x",
-    "1", "../../x", "/dev/zero", "/proc/self/mem", "pipe", "evil.py:Mine", "a\0b", "\ud800", [], {}, [None], [[[]]],
-    {"a": 1}, {"": {}}, ["x", 1], [1.5, "x"], "a" * 256, "a" * 3000, "9" * 5000,
-)  # fmt: skip
+    *(None, True, False, 0, -1, 1, 0.5, 1e300, float("nan"), float("inf"), 2**63 - 1, 2**63, 10**30, 10**400),
+    *("", "x", "1", "../../x", "/dev/zero", "/proc/self/mem", "pipe", "evil.py:Mine", "a\0b", "\ud800"),
+    *([], {}, [None], [[[]]], {"a": 1}, {"": {}}, ["x", 1], [1.5, "x"], "a" * 256, "a" * 3000, "9" * 5000),
+)
 
 KEYS = ("x", "../x", "", "a\0b", "a" * 300, "__proto__", "é")
 
@@ -202,8 +202,9 @@ def _places(tree: Any, depth: int = 0) -> Iterator[tuple[int, Any, Any]]:
 
 
 CHANGES: tuple[Change, ...] = (
-    flip, cut, end, repeat, move, lines, number, number, word, word, insert, insert, recode, double, value, value,
-)  # fmt: skip
+    *(flip, cut, end, repeat, move, lines, number, number),
+    *(word, word, insert, insert, recode, double, value, value),
+)
 """As often as each is here."""
 
 

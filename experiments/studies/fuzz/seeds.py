@@ -135,10 +135,8 @@ def runs(folder: Path) -> None:
         grids.Grid("following", ("pid", "xi2023-tuned", "preview-5ms"), short, range(1000, 1003), ("wavy", "step")),
         grids.Grid("contour", ("wu",), circle, range(1000, 1002), ("contour-circle",)),
     ]
-    run_grids(
-        wanted, folder / "run", workers=1, with_blame=True, with_detuned=True, quiet=True,
-        command=["kerfgym", "benchmark"],
-    )  # fmt: skip
+    command = ["kerfgym", "benchmark"]
+    run_grids(wanted, folder / "run", workers=1, with_blame=True, with_detuned=True, quiet=True, command=command)
     record = json.loads((folder / "run" / "run.json").read_text(encoding="utf-8"))
     for grid in record["grids"].values():
         del grid["tables"]  # hashes, by which a changed table is told without being shown
@@ -147,10 +145,8 @@ def runs(folder: Path) -> None:
     (folder / "words.json").write_text(json.dumps(Task(**JOURNALED).words), encoding="utf-8")
 
 
-JOURNALED: dict[str, Any] = {
-    "controller": "pid", "what": ("law.kp", "law.ki"), "suite": "drawing", "seeds": 1, "trials": 3, "name": "x",
-    "sampler": "cmaes",
-}  # fmt: skip
+_SEARCHED = {"controller": "pid", "what": ("law.kp", "law.ki"), "suite": "drawing"}
+JOURNALED: dict[str, Any] = {**_SEARCHED, "seeds": 1, "trials": 3, "name": "x", "sampler": "cmaes"}
 """The search whose journal is changed."""
 
 
@@ -158,9 +154,8 @@ def make(folder: Path) -> None:
     """All of them, in folders by kind; the folder appears when it is whole."""
     half = folder.with_name(f"{folder.name}.part")
     shutil.rmtree(half, ignore_errors=True)
-    for name, function in {
-        "drawings": drawings, "tables": tables, "settings": settings, "policies": policies, "runs": runs,
-    }.items():  # fmt: skip
+    for function in (drawings, tables, settings, policies, runs):
+        name = function.__name__
         (half / name).mkdir(parents=True)
         function(half / name)
     half.rename(folder)

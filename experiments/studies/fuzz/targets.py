@@ -217,11 +217,10 @@ def _odd(draw: random.Random, path: Path) -> None:
     found = [path] if path.is_file() else sorted(file for file in path.rglob("*") if file.is_file())
     file = draw.choice(found)
     file.rename(aside := file.with_name("aside"))
-    draw.choice((
-        lambda: os.mkfifo(file), lambda: file.symlink_to("/dev/zero"), lambda: file.symlink_to("/dev/stdin"),
-        lambda: file.symlink_to("/proc/self/mem"), lambda: file.symlink_to(file.name), lambda: file.symlink_to("none"),
-        lambda: file.symlink_to(aside), lambda: file.mkdir(), lambda: None, file.touch,
-    ))()  # fmt: skip
+    ends = ("/dev/zero", "/dev/stdin", "/proc/self/mem", file.name, "none", aside)
+    links = [functools.partial(file.symlink_to, end) for end in ends]
+    others: list[Callable[[], Any]] = [file.mkdir, lambda: None, file.touch]
+    draw.choice([functools.partial(os.mkfifo, file), *links, *others])()
 
 
 def case(name: str, number: int, seed: int, seeds: Path, folder: Path) -> Path:

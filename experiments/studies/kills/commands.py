@@ -76,43 +76,36 @@ def _reproduce(folder: Path) -> Figures:
 _RUNS = ("runs.csv", "runs.parquet", "summary.csv")
 
 _BENCHMARK = (
-    "benchmark", "-c", "pid", "-c", "xi2023-improved", "-s", "wavy.toml", "-s", "step.toml", "-s", "impulses.toml",
-    "--seeds", "6", "--no-cost", "--no-blame", "--no-detuned",
-)  # fmt: skip
+    *("benchmark", "-c", "pid", "-c", "xi2023-improved", "-s", "wavy.toml", "-s", "step.toml", "-s", "impulses.toml"),
+    *("--seeds", "6", "--no-cost", "--no-blame", "--no-detuned"),
+)
 
-_TRAINING = (
-    "--set", "environment.num_envs=8", "--set", "algorithm.n_steps=64", "--set", "algorithm.batch_size=128",
-    "--set", "environment.max_steps=200", "--set", 'environment.scenario="wavy.toml"',
-    "--set", 'evaluation.scenario="wavy.toml"', "--set", "evaluation.episodes=4",
-)  # fmt: skip
+_SET = (
+    *("environment.num_envs=8", "algorithm.n_steps=64", "algorithm.batch_size=128", "environment.max_steps=200"),
+    *('environment.scenario="wavy.toml"', 'evaluation.scenario="wavy.toml"', "evaluation.episodes=4"),
+)
+_TRAINING = tuple(word for one in _SET for word in ("--set", one))
+
+_SEARCH = (
+    *("tune", "filter.window=3..8", "law.kv", "--suite", "drawing", "--seeds", "1", "--threads", "1"),
+    *("--budget", "4000000", "--trials", "60", "--sampler"),
+)
+_PPO = ("tune", "ppo", "--trials", "4", "--steps", "1024", "--threads", "1", *_TRAINING)
+_LONG = ("--steps", "8192", "--no-ms", "--set", "checkpoint.every=1024", "--set", "evaluation.every=2048", *_TRAINING)
+_OTHER = tuple(word.replace("pid", "xi2023-tuned") for word in _BENCHMARK)
+_TWO = ((*_BENCHMARK, "--no-ms", "--name", "a"), (*_OTHER, "--no-ms", "--name", "b"))
+
+
+def _benchmarked(folder: Path) -> dict[str, Any]:
+    return _tables(folder, *_RUNS, "traces.parquet")
+
 
 COMMANDS: dict[str, Command] = {
-    "benchmark": Command(
-        _BENCHMARK, lambda folder: _tables(folder, *_RUNS, "traces.parquet"), spent=(".begun", "parts"),
-    ),
-    **{
-        f"tune {sampler}": Command(
-            (
-                "tune", "filter.window=3..8", "law.kv", "--suite", "drawing", "--seeds", "1", "--threads", "1",
-                "--budget", "4000000", "--trials", "60", "--sampler", sampler,
-            ),
-            _searched("tuned.toml"),
-        )
-        for sampler in SAMPLERS
-    },
-    "tune ppo": Command(
-        ("tune", "ppo", "--trials", "4", "--steps", "1024", "--threads", "1", *_TRAINING), _searched("ppo.toml")
-    ),
-    "train": Command(
-        ("train", "ppo", "--steps", "8192", "--no-ms", "--set", "checkpoint.every=1024", "--set",
-         "evaluation.every=2048", *_TRAINING),
-        _train,
-    ),
+    "benchmark": Command(_BENCHMARK, _benchmarked, spent=(".begun", "parts")),
+    **{f"tune {sampler}": Command((*_SEARCH, sampler), _searched("tuned.toml")) for sampler in SAMPLERS},
+    "tune ppo": Command(_PPO, _searched("ppo.toml")),
+    "train": Command(("train", "ppo", *_LONG), _train),
     "reproduce": Command(("reproduce", "wu", "--seeds", "6", "--jobs", "2"), _reproduce),
-    "report": Command(
-        ("report", "a", "b"), lambda folder: _tables(folder, *_RUNS),
-        before=((*_BENCHMARK, "--no-ms", "--name", "a"),
-                (*(word.replace("pid", "xi2023-tuned") for word in _BENCHMARK), "--no-ms", "--name", "b")),
-    ),
-}  # fmt: skip
+    "report": Command(("report", "a", "b"), lambda folder: _tables(folder, *_RUNS), before=_TWO),
+}
 """By the name that the campaign takes."""

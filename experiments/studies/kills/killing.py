@@ -119,10 +119,11 @@ def _at_moment(place: Path, command: Command, at: float, group: bool) -> tuple[s
 def _at_step(place: Path, command: Command, step: int, made: int) -> tuple[str, bool]:
     """Lets the command kill itself and all its processes."""
     with (place / "first.txt").open("w") as log:
-        over = subprocess.run(
-            _words(command, (*STEPPED, str(step))), cwd=place, stdout=log, stderr=log, start_new_session=True,
-            timeout=LONGEST, check=False,
-        ).returncode == 0  # fmt: skip
+        words = _words(command, (*STEPPED, str(step)))
+        done = subprocess.run(
+            words, cwd=place, stdout=log, stderr=log, start_new_session=True, timeout=LONGEST, check=False
+        )
+        over = done.returncode == 0
     return f"at step {step} of {made} of writing", over
 
 

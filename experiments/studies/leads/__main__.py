@@ -18,8 +18,11 @@ MODULE = "kerfgym.experiments.studies.leads"
 
 def main(
     folders: Annotated[tyro.conf.Positional[tuple[Path, ...]], tyro.conf.arg(metavar="FOLDER …")] = (),
-    contours: int = 6000, seed: int = 0, name: str = "leads", docs: bool = False,
-) -> None:  # fmt: skip
+    contours: int = 6000,
+    seed: int = 0,
+    name: str = "leads",
+    docs: bool = False,
+) -> None:
     """Plan lead-ins into contours made at random, and those of drawings, and look for any that is not in the scrap.
 
     Args:
@@ -54,9 +57,12 @@ def main(
     everything = pd.concat(frames, ignore_index=True)
     wrong = everything[everything["wrong"] != ""]
     facts = {
-        "cpu_seconds": round(time.process_time() - started, 1), "seed": seed, "contours": len(everything),
-        "wrong": len(wrong), "on_the_contour": int((everything["how"] == "on the contour").sum()),
-    }  # fmt: skip
+        "cpu_seconds": round(time.process_time() - started, 1),
+        "seed": seed,
+        "contours": len(everything),
+        "wrong": len(wrong),
+        "on_the_contour": int((everything["how"] == "on the contour").sum()),
+    }
     runs.write_table(place, "leads", everything)
     lines = (f"{row.source}, contour {row.contour + 1}: {row.wrong}" for row in wrong.head(20).itertuples())
     campaign.publish([sheet_of(everything, refused, drawn)], facts, "jobs.md", "leads" if docs else None, told=lines)
