@@ -246,13 +246,26 @@ def _flight(network: Network, fleet: Fleet, hook: tuple[int, int, Deck], period:
     weights, layers, stride = _laid_out(network)
     n, count = network.normaliser, fleet.size
     return Deck(
-        Io, act=act, observe=observe, environment=environment, observations=environment.owned("observations"),
-        actions=environment.owned("actions"), size=network.size, width=network.actions, period=period,
-        since=np.zeros(count), work=np.zeros((count, stride), np.float32), stride=stride, frames=network.frames,
+        Io,
+        act=act,
+        observe=observe,
+        environment=environment,
+        observations=environment.owned("observations"),
+        actions=environment.owned("actions"),
+        size=network.size,
+        width=network.actions,
+        period=period,
+        since=np.zeros(count),
+        work=np.zeros((count, stride), np.float32),
+        stride=stride,
+        frames=network.frames,
         normaliser=0 if n is None else (2 if network.normalises_frames else 1),
-        scales=np.concatenate([[n.clip], n.mean, n.scale]) if n else np.zeros(1), weights=weights, layers=layers,
-        depth=len(layers), output=OUTPUTS.index(network.output),
-    )  # fmt: skip
+        scales=np.concatenate([[n.clip], n.mean, n.scale]) if n else np.zeros(1),
+        weights=weights,
+        layers=layers,
+        depth=len(layers),
+        output=OUTPUTS.index(network.output),
+    )
 
 
 def _laid_out(network: Network) -> tuple[np.ndarray, np.ndarray, int]:

@@ -488,7 +488,7 @@ def tune(
     if study is not None:
         from .tune import searches, study_file
 
-        others = {"sampler": sampler, "seed": seed or None, "env": env, "steps": steps}
+        others: dict[str, Any] = {"sampler": sampler, "seed": seed or None, "env": env, "steps": steps}
         others |= {"set": set_ or None, "storage": storage}
         if given := [option for option, value in (for_controllers | others).items() if value is not None]:
             raise InvalidInput(f"--{given[0]} is not given beside --study; the study file says it")

@@ -104,9 +104,15 @@ def _named(known: Mapping[str, Team]) -> list[Team]:
 
 
 def _all(
-    teams: Sequence[Team], chosen: Sequence[Scenario], seeds: Sequence[int], stages: Sequence[str],
-    threads: int, parts: Path, told: Told, ledger: Ledger,
-) -> list[Blame]:  # fmt: skip
+    teams: Sequence[Team],
+    chosen: Sequence[Scenario],
+    seeds: Sequence[int],
+    stages: Sequence[str],
+    threads: int,
+    parts: Path,
+    told: Told,
+    ledger: Ledger,
+) -> list[Blame]:
     """Every controller in every scenario; what lies in ``parts`` already is not computed again."""
     pairs = [(scenario, team) for scenario in chosen for team in teams]
     found, done, total = [], 0, sum(game.episodes(*pair, len(seeds), stages) for pair in pairs)

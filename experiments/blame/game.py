@@ -195,9 +195,13 @@ def _idealising(stages: Sequence[str], coalition: np.ndarray) -> Callable[[Fleet
 
 
 def _squares(
-    scenario: Scenario, team: Team, seeds: Sequence[int] | np.ndarray, threads: int, ledger: Ledger,
+    scenario: Scenario,
+    team: Team,
+    seeds: Sequence[int] | np.ndarray,
+    threads: int,
+    ledger: Ledger,
     change: Callable[[Fleet], None] | None = None,
-) -> dict[str, np.ndarray]:  # fmt: skip
+) -> dict[str, np.ndarray]:
     """Mean-square true errors of each run, µm²; NaN of one that failed."""
     if scenario.job:
         fleet, job, _ = jobs.roll(scenario, team, seeds, threads=threads, change=change)

@@ -111,9 +111,14 @@ class Injection:
     """
 
     def __init__(
-        self, stack: Stack, frequencies: np.ndarray = FREQUENCIES, settle: float = SETTLE, window: float = WINDOW,
-        threads: int = 1, machine: Machine = STANDARD,
-    ) -> None:  # fmt: skip
+        self,
+        stack: Stack,
+        frequencies: np.ndarray = FREQUENCIES,
+        settle: float = SETTLE,
+        window: float = WINDOW,
+        threads: int = 1,
+        machine: Machine = STANDARD,
+    ) -> None:
         self.frequencies, self.scenario, self.machine = np.asarray(frequencies), _scenario(settle, window), machine
         corners, tones = np.meshgrid(np.arange(machine.size), self.frequencies, indexing="ij")
         self.corner, self.tone = corners.ravel(), tones.ravel()

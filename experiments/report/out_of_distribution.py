@@ -11,9 +11,14 @@ from .suite import Suite
 NAME = "ood"
 
 SHIFTS = {
-    "fast": "400 mm/s", "noisy": "3 × noise", "late": "dead time 3 ms", "soft": "drive 40 Hz", "stiff": "drive 150 Hz",
-    "low": "set height 0.3 mm", "spatter": "3 × impulses",
-}  # fmt: skip
+    "fast": "400 mm/s",
+    "noisy": "3 × noise",
+    "late": "dead time 3 ms",
+    "soft": "drive 40 Hz",
+    "stiff": "drive 150 Hz",
+    "low": "set height 0.3 mm",
+    "spatter": "3 × impulses",
+}
 """First word of a scenario's name, and what lies beyond the range there."""
 
 

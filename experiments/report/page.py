@@ -85,8 +85,13 @@ def page(folder: Path, grids: dict[str, Results], meta: dict[str, Any]) -> str:
         lstrip_blocks=True,
     )
     return loader.get_template("report.html").render(
-        chapters=chapters, matrix=answer.matrix({c["suite"].name: c["cards"] for c in chapters}), labels=labels,
-        look=look, several=len(suites) > 1, what=what_ran(suites), plans=plan.shown(suites),
+        chapters=chapters,
+        matrix=answer.matrix({c["suite"].name: c["cards"] for c in chapters}),
+        labels=labels,
+        look=look,
+        several=len(suites) > 1,
+        what=what_ran(suites),
+        plans=plan.shown(suites),
         warnings=[*map(str, meta.get("notes") or ()), *warnings(suites)],
         command=" ".join(map(str, command)) if isinstance(command, list | tuple) else str(command),
         spectra=_there([spectra.figure(suites, look, labels)]),
@@ -94,14 +99,18 @@ def page(folder: Path, grids: dict[str, Results], meta: dict[str, Any]) -> str:
         quality=[cut_quality.figure(*steel) for steel in materials(suites)],
         tuned=_there([tuning.figure({**tuning.presets(suites), **tuning.studies(controllers)}, labels)]),
         trained=_there([training.figure(curves, look, labels)]),
-        beyond=out_of_distribution.table(suites, labels), beyond_name=out_of_distribution.NAME,
+        beyond=out_of_distribution.table(suites, labels),
+        beyond_name=out_of_distribution.NAME,
         blamed=_there(blame.figure(s, look, labels) for s in suites),
         headroom=[row for s in suites for row in blame.headroom(s, labels)],
         widgets={name: Markup(as_json(data)) if data else None for name, data in widgets.items()},
-        limits=limits.sentences(suites, learned), record=record(suites, meta), is_figure=_is_figure,
-        css=Markup((HERE / "report.css").read_text(encoding="utf-8")), plotly=Markup(_plotly()),
+        limits=limits.sentences(suites, learned),
+        record=record(suites, meta),
+        is_figure=_is_figure,
+        css=Markup((HERE / "report.css").read_text(encoding="utf-8")),
+        plotly=Markup(_plotly()),
         scripts=Markup("\n".join((HERE / name).read_text(encoding="utf-8") for name in SCRIPTS)),
-    )  # fmt: skip
+    )
 
 
 def _plotly() -> str:
@@ -133,14 +142,19 @@ def _chapter(
         fronts.figure(suite, standings, look, labels),
     ]
     return {
-        "suite": suite, "headline": answer.headline(own, labels), "figures": _there(figures),
+        "suite": suite,
+        "headline": answer.headline(own, labels),
+        "figures": _there(figures),
         "remarks": answer.remarks(suite, own, labels, LIMIT_MS),
         "caveats": answer.caveats(suite, own, labels, LIMIT_MS),
-        "cards": answer.cards(suite, standings, look, labels), "groups": table.groups(suite, standings),
+        "cards": answer.cards(suite, standings, look, labels),
+        "groups": table.groups(suite, standings),
         "unranked": {name: list(why) for name, why in own.frame["reasons"].items() if why},
-        "methods": table.methods(suite), "ranked_by": headings.ranked_by(suite), "machines": table.by_machine(suite),
+        "methods": table.methods(suite),
+        "ranked_by": headings.ranked_by(suite),
+        "machines": table.by_machine(suite),
         "unmeasured": table.unmeasured(suite),
-    }  # fmt: skip
+    }
 
 
 def materials(suites: list[Suite]) -> list[tuple[str, float | None]]:

@@ -11,9 +11,13 @@ from ..results.conclusions import INFORMED, Results
 from ..statistics.ranks import order
 
 TITLES = {
-    "following": "Height following", "ood": "Out of distribution", "contour": "Contours", "cutting": "Cutting",
-    "repeated": "Repeated passes", "drawing": "Along a drawing",
-}  # fmt: skip
+    "following": "Height following",
+    "ood": "Out of distribution",
+    "contour": "Contours",
+    "cutting": "Cutting",
+    "repeated": "Repeated passes",
+    "drawing": "Along a drawing",
+}
 
 KNOWS = {
     "sensor": "sees only what the machine measures",

@@ -353,7 +353,7 @@ def _ends(low: float, high: float) -> str:
 def print_speed(tables: dict[str, Any]) -> None:
     """Prints the tables of a speed run, the promises last."""
     speed, stages, ratios = tables["speed"], tables["stages"], tables["ratios"]
-    rows = []
+    rows: list[list[list[str]]] = []
     for _, part in speed.groupby("group", sort=False):
         rows.append([])
         for r in part.itertuples():

@@ -105,7 +105,8 @@ def _one(name: str, folder: Path, seeds: int, stamp: dict[str, Any]) -> dict[str
         trace = folder / PARTS / f"{name.replace('/', '-')}.error.txt"
         with runs.atomic(trace) as part:
             part.write_text(traceback.format_exc(), encoding="utf-8")
-    found = {"study": s.name, "document": s.document, "title": s.title, "stamp": stamp, "error": error}
+    found: dict[str, Any] = {"study": s.name, "document": s.document, "title": s.title}
+    found |= {"stamp": stamp, "error": error}
     found |= {"rows": rows, "drawings": drawings, "cpu_seconds": round(time.process_time() - start, 2)}
     runs.write_json(_file(folder, name), found)
     return found

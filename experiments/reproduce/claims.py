@@ -177,9 +177,16 @@ def judged(holds: Any, verdict: str, otherwise: str = FAILS) -> str:
 
 
 def weighed(
-    where: str, claim: str, paper: str, simulation: Estimate | str, evidence: Evidence, note: str = "",
-    true: Estimate | str = "", otherwise: str = FAILS, instead: str = "",
-) -> Row:  # fmt: skip
+    where: str,
+    claim: str,
+    paper: str,
+    simulation: Estimate | str,
+    evidence: Evidence,
+    note: str = "",
+    true: Estimate | str = "",
+    otherwise: str = FAILS,
+    instead: str = "",
+) -> Row:
     """A row whose verdict follows from its evidence.
 
     *Reproduced* if the run lies within the tolerance and the trivial predictor does not; *trend only* if both do, or if
@@ -207,9 +214,16 @@ class Rows(list[Row]):
         self._entries = files.toml(Path(__file__).parent / f"{document}.toml")
 
     def __call__(
-        self, key: str, figures: Any = (), holds: Any = None, error: Any = None, guess: float = np.nan, case: str = "",
-        true: Estimate | str = "", **given: Any,
-    ) -> None:  # fmt: skip
+        self,
+        key: str,
+        figures: Any = (),
+        holds: Any = None,
+        error: Any = None,
+        guess: float = np.nan,
+        case: str = "",
+        true: Estimate | str = "",
+        **given: Any,
+    ) -> None:
         """Adds the row of an entry.
 
         Args:

@@ -15,9 +15,14 @@ from .verdicts import CALIBRATED, FAILS, INPUT, NOT, PRESENT, REPRODUCED, TREND,
 
 Part = dict[str, Any]
 STYLES = {
-    REPRODUCED: "green", CALIBRATED: "cyan", TREND: "yellow", INPUT: "blue", PRESENT: "blue", FAILS: "red",
+    REPRODUCED: "green",
+    CALIBRATED: "cyan",
+    TREND: "yellow",
+    INPUT: "blue",
+    PRESENT: "blue",
+    FAILS: "red",
     NOT: "magenta",
-}  # fmt: skip
+}
 """Colours in the terminal, by verdict."""
 
 

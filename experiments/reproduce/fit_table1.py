@@ -171,7 +171,11 @@ def main() -> None:
     print(found.to_string(index=False, float_format="%.5f"))
     worst = found[["deviation", "line"]].abs().groupby(found["fitted"]).max()
     held_out = (found.loc[~found["fitted"], ["deviation", "line"]] ** 2).mean() ** 0.5
-    record = {"source": "Xi2023 Table 1", "fitted_heights": list(FITTED), "held_out_heights": list(HELD_OUT)}
+    record: dict[str, Any] = {
+        "source": "Xi2023 Table 1",
+        "fitted_heights": list(FITTED),
+        "held_out_heights": list(HELD_OUT),
+    }
     record |= {"seeds": [SEEDS.start, SEEDS.stop - 1], "parameters": len(p), "numbers": 2 * len(FITTED)}
     deviations = {
         "largest_deviation_fitted": worst.at[True, "deviation"],

@@ -20,9 +20,16 @@ class Drawing:
 
 
 def drawn(
-    source: str, columns: int = 1, rows: int = 1, height: float = 3.6, grid: dict[str, Any] | None = None,
-    spines: bool = True, layout: Any = "constrained", words: dict[str, Any] | None = None, **shared: Any,
-) -> Callable[[Callable[..., None]], Callable[..., Drawing]]:  # fmt: skip
+    source: str,
+    columns: int = 1,
+    rows: int = 1,
+    height: float = 3.6,
+    grid: dict[str, Any] | None = None,
+    spines: bool = True,
+    layout: Any = "constrained",
+    words: dict[str, Any] | None = None,
+    **shared: Any,
+) -> Callable[[Callable[..., None]], Callable[..., Drawing]]:
     """Makes a drawing of a function that draws, called as the function is; it gets the axes before its own arguments.
 
     Args:

@@ -25,9 +25,13 @@ SHOWN = ("x", "y", "speed", "error", "phase", "gap_error", "margin", "roughness"
 
 
 def roll(
-    scenario: Scenario, team: Team, seeds: Any, record: bool = False, threads: int = 1,
+    scenario: Scenario,
+    team: Team,
+    seeds: Any,
+    record: bool = False,
+    threads: int = 1,
     change: Callable[[Fleet], None] | None = None,
-) -> tuple[Fleet, Any, np.ndarray | None]:  # fmt: skip
+) -> tuple[Fleet, Any, np.ndarray | None]:
     """The job of a scenario under a team, one machine per seed, until all are done or have taken too long.
 
     Args:

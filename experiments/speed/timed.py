@@ -62,9 +62,16 @@ class Task:
 
 
 def _repeated(
-    group: str, name: str, size: int, step: Callable[[], Any], calls: int, lived: Callable[[], proof.Life],
-    threads: int = 1, periods: int = 1, prepare: Callable[[], Any] = lambda: None,
-) -> Task:  # fmt: skip
+    group: str,
+    name: str,
+    size: int,
+    step: Callable[[], Any],
+    calls: int,
+    lived: Callable[[], proof.Life],
+    threads: int = 1,
+    periods: int = 1,
+    prepare: Callable[[], Any] = lambda: None,
+) -> Task:
     """``step`` so many times, each of so many periods of ``size`` machines."""
 
     def run() -> int:

@@ -33,9 +33,17 @@ LEVELS = {"rolling": (4.0, 7.0), "about rest": (-1.5, 1.5)}
 """mm/s, of the command; 3 mm/s apart, so that the drive's jerk limit is not met."""
 
 NOMINAL = Axis(
-    bandwidth=80.0, zeta=0.8, dead_time=0.001, latency=0.0005, acceleration=14000.0, resonance=100.0, friction=800.0,
-    bristle=0.005, stiction=1.4, stribeck=3.0,
-)  # fmt: skip
+    bandwidth=80.0,
+    zeta=0.8,
+    dead_time=0.001,
+    latency=0.0005,
+    acceleration=14000.0,
+    resonance=100.0,
+    friction=800.0,
+    bristle=0.005,
+    stiction=1.4,
+    stribeck=3.0,
+)
 """The machine in the middle of the ranges in docs/physics.md#the-z-axis."""
 
 

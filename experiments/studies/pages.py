@@ -61,9 +61,14 @@ class Campaign:
         self._begun = time.time()
 
     def publish(
-        self, sheets: list[Sheet], found: dict[str, Any], page: str, mark: str | None, documented: int | None = None,
+        self,
+        sheets: list[Sheet],
+        found: dict[str, Any],
+        page: str,
+        mark: str | None,
+        documented: int | None = None,
         told: Iterable[str] = (),
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Keeps the record, shows the tables, and writes the first of them into the manual.
 
         Args:

@@ -15,9 +15,19 @@ SETTINGS = "settings.toml"
 
 
 def train(
-    algorithm: str, env: str | None, steps: int | None, seed: int, assignments: list[str], name: str | None,
-    device: str, threads: int, ms: bool, overwrite: bool, resume: bool, preset: Path | None = None,
-) -> Path:  # fmt: skip
+    algorithm: str,
+    env: str | None,
+    steps: int | None,
+    seed: int,
+    assignments: list[str],
+    name: str | None,
+    device: str,
+    threads: int,
+    ms: bool,
+    overwrite: bool,
+    resume: bool,
+    preset: Path | None = None,
+) -> Path:
     """Trains a policy and writes its run folder; see ``cli.train``.
 
     Raises:
@@ -70,8 +80,8 @@ def into(
                 measures = {"ms": stability.sensitivity, "ms_noise": stability.broadband}
                 peaks = {name: round(measure(stack).peak, 4) for name, measure in measures.items()}
     if peaks:
-        told = f"Ms {peaks['ms']:.2f} with sines, {peaks['ms_noise']:.2f} with noise"
-        print(f"largest |S| over the standard machine's corner plants: {told}")
+        figures = f"Ms {peaks['ms']:.2f} with sines, {peaks['ms_noise']:.2f} with noise"
+        print(f"largest |S| over the standard machine's corner plants: {figures}")
     of_training = {"kind": "train", "env": settings.env, "algorithm": settings.name, "seed": seed}
     best = {"score_tune": trained.score, "steps": trained.best_at}
     of_training |= {"settings": settings.flat(), "ledger": trained.ledger, "best": best, "last": last}

@@ -24,10 +24,23 @@ def trains(what: tuple[str, ...], env: str | None, steps: int | None, assignment
 
 
 def task(
-    what: tuple[str, ...], trials: int | None, sampler: str | None, seed: int, url: str | None, name: str | None,
-    controller: str | None, suite: str | None, metric: list[str] | None, ms: float | None, jitter: float | None,
-    overshoot: float | None, limit: list[str] | None, seeds: int | None, budget: str | None, extrapolate: bool | None,
-) -> Task:  # fmt: skip
+    what: tuple[str, ...],
+    trials: int | None,
+    sampler: str | None,
+    seed: int,
+    url: str | None,
+    name: str | None,
+    controller: str | None,
+    suite: str | None,
+    metric: list[str] | None,
+    ms: float | None,
+    jitter: float | None,
+    overshoot: float | None,
+    limit: list[str] | None,
+    seeds: int | None,
+    budget: str | None,
+    extrapolate: bool | None,
+) -> Task:
     """The study that a user asks for; defaults depend on whether the suite's scenarios are jobs.
 
     Raises:

@@ -106,9 +106,9 @@ def concluded(
             outcome.write(folder / "front" / f"{i:02d}.toml", task, candidate, full(candidate))
     final, file = {**full(found), "test": after, "test_before": before}, folder / "tuned.toml"
     outcome.write(file, task, found, final)
-    spent = {"tuning": searched, "choosing": evaluator.ledger, "testing": work.validation}
+    ledgers = {"tuning": searched, "choosing": evaluator.ledger, "testing": work.validation}
     meta |= {"what": list(task.what), "tuned": {**final, "parameters": found.parameters}, "plots": plots}
-    meta |= {"front": len(front), "ledger": {name: ledger.entry() for name, ledger in spent.items()}}
+    meta |= {"front": len(front), "ledger": {name: ledger.entry() for name, ledger in ledgers.items()}}
     return Result(task, meta, file, found, front, before, after, near)
 
 

@@ -54,9 +54,14 @@ class Evaluator:
     """
 
     def __init__(
-        self, base: Team, suite: str, seeds: Any, threads: int = 1, extrapolate: bool = False,
+        self,
+        base: Team,
+        suite: str,
+        seeds: Any,
+        threads: int = 1,
+        extrapolate: bool = False,
         relative: Team | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.base, self.suite, self.threads = base, suite, threads
         self._plain = Evaluator(relative, suite, seeds, threads, extrapolate) if relative else None
         self._unit: dict[Any, Figures] = {}

@@ -3,7 +3,7 @@
 import functools
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -53,9 +53,18 @@ class Learned(over.Result):
 
 
 def task(
-    what: tuple[str, ...], env: str | None, steps: int | None, assignments: list[str], trials: int | None,
-    sampler: str | None, seed: int, url: str | None, name: str | None, threads: int | None, others: list[str],
-) -> TrainingTask:  # fmt: skip
+    what: tuple[str, ...],
+    env: str | None,
+    steps: int | None,
+    assignments: list[str],
+    trials: int | None,
+    sampler: str | None,
+    seed: int,
+    url: str | None,
+    name: str | None,
+    threads: int | None,
+    others: list[str],
+) -> TrainingTask:
     """The study that a user asks for.
 
     Args:
@@ -72,8 +81,8 @@ def task(
         raise InvalidInput(f"--{others[0]} is for controllers; the settings of {what[0]} are searched without")
     base = presets.preset(what[0], env or next(iter(presets.TASKS)), presets.parsed(assignments))
     steps, trials = short_steps(base) if steps is None else steps, TRIALS if trials is None else trials
-    which = {"sampler": sampler or "tpe", "name": name or "", "url": url or ""}
-    return TrainingTask(base, steps, 1 if threads is None else threads, trials=trials, seed=seed, **which)
+    whole = TrainingTask(base, steps, 1 if threads is None else threads, trials=trials, seed=seed)
+    return replace(whole, sampler=sampler or "tpe", name=name or "", url=url or "")
 
 
 def frame(trials: list[FrozenTrial]) -> pd.DataFrame:

@@ -85,9 +85,15 @@ class Seeded(BaseSampler):
     """
 
     def __init__(
-        self, name: str, space: Space, seed: int, explore: int, cost: Callable[[FrozenTrial], float],
-        startup: int = STARTUP, turns: int = TURNS,
-    ) -> None:  # fmt: skip
+        self,
+        name: str,
+        space: Space,
+        seed: int,
+        explore: int,
+        cost: Callable[[FrozenTrial], float],
+        startup: int = STARTUP,
+        turns: int = TURNS,
+    ) -> None:
         self.name, self.space, self.seed, self.explore, self.cost = name, space, seed, explore, cost
         self.startup, self.turns = startup, turns
         self._for, self._inner = -1, cast(BaseSampler, RandomSampler(seed=0))
@@ -183,9 +189,14 @@ class Seeded(BaseSampler):
 
 
 def ask(
-    axes: list[Axis], start: dict[str, Any], asked: list[FrozenTrial], cost: Callable[[FrozenTrial], float],
-    sigma: float, seed: int, number: int,
-) -> tuple[int, list[float]]:  # fmt: skip
+    axes: list[Axis],
+    start: dict[str, Any],
+    asked: list[FrozenTrial],
+    cost: Callable[[FrozenTrial], float],
+    sigma: float,
+    seed: int,
+    number: int,
+) -> tuple[int, list[float]]:
     """Generation and point (0 to 1 on every axis) of CMA-ES' next trial, from the finished ones that it asked for.
 
     Of a lone axis the point has a second number, without effect: the library needs two dimensions.

@@ -35,9 +35,14 @@ COUNTED = ("trials", "simulated_steps", "ms_steps", "cpu_seconds", "git", "start
 
 
 def carry_out(
-    study: Study, folder: Path, workers: int = 1, threads: int | None = None, overwrite: bool = False,
-    resume: bool = False, told: crew.Told = lambda finished, total, last: None,
-) -> pd.DataFrame:  # fmt: skip
+    study: Study,
+    folder: Path,
+    workers: int = 1,
+    threads: int | None = None,
+    overwrite: bool = False,
+    resume: bool = False,
+    told: crew.Told = lambda finished, total, last: None,
+) -> pd.DataFrame:
     """Makes every search of a study, or what is left of them; one row for each, those that found nothing without.
 
     Args:

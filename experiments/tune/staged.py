@@ -190,9 +190,14 @@ class Staged(_Together):
     """
 
     def __init__(
-        self, stages: tuple[Stage, ...], space: Space, seed: int, trials: int, cap: float,
+        self,
+        stages: tuple[Stage, ...],
+        space: Space,
+        seed: int,
+        trials: int,
+        cap: float,
         also: tuple[dict[str, float], ...] = (),
-    ) -> None:  # fmt: skip
+    ) -> None:
         super().__init__(space.axes)
         self.stages, self.space, self.seed, self.cap, self.also = stages, space, seed, cap, also
         ends, self._firsts = 0, []

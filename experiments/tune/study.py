@@ -113,7 +113,7 @@ class Task(Search):
         words += [f"Ms ≤ {self.limits.ms:g}", *(f"{limit.name} ≤ {limit.most:g}" for limit in self.limits.limits)]
         words += [f"sampler {self.sampler}", f"seed {self.seed}", f"tune seeds 0-{self.seeds - 1}"]
         words += ["extrapolate"] if self.extrapolate else []
-        words += [part.words for part in (*self.space.axes, *self.stages)]
+        words += [*(axis.words for axis in self.space.axes), *(stage.words for stage in self.stages)]
         words += [f"trials {self.trials}"] if self.stages else []
         words += [f"also {dict(changes)}" for changes in self.also]
         words += [f"digits {self.digits}"] if self.digits != 5 else []

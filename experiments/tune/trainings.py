@@ -148,8 +148,8 @@ class Trainings(Work):
             values, spent = [goals.FAILED], {"error": str(error)}
             trial.set_constraint("finite", goals.FAR)
         ledger = training.ledger if training else {"simulated_steps": 0, "training_steps": 0, "cpu_seconds": 0.0}
-        spent |= {"training_steps": ledger["training_steps"], "cpu_seconds": ledger["cpu_seconds"]}
-        self.over(trial, values, steps=ledger["simulated_steps"], **spent)
+        cost = {key: ledger[key] for key in ("training_steps", "cpu_seconds")}
+        self.over(trial, values, steps=ledger["simulated_steps"], **cost, **spent)
         shutil.rmtree(place / "parts", ignore_errors=True)  # the checkpoint, of which there would be many
 
     def _begun(self, chosen: Settings, place: Path, trial: Trial) -> Training:

@@ -16,10 +16,16 @@ QUICK = (("xi2023-tuned", "self-tuning"), 4, 60.0)
 
 def main(
     controllers: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME …")] = (),
-    sheets: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME …")] = (), seeds: int = 24, split: str = "test",
-    duration: float = 300.0, path: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None, quick: bool = False,
-    name: str = "endurance", jobs: int = 1, docs: bool = False,
-) -> None:  # fmt: skip
+    sheets: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME …")] = (),
+    seeds: int = 24,
+    split: str = "test",
+    duration: float = 300.0,
+    path: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    quick: bool = False,
+    name: str = "endurance",
+    jobs: int = 1,
+    docs: bool = False,
+) -> None:
     """Run every follower for minutes, and tell whether it gets worse.
 
     Args:

@@ -19,9 +19,14 @@ PAGE, DRAWN = "endurance", "endurance-drawing"
 
 
 def made(
-    controllers: Sequence[str], found: dict[str, Scenario], seeds: Sequence[int], folder: Path, words: list[str],
-    jobs: int = 1, mark: str | None = None,
-) -> pd.DataFrame:  # fmt: skip
+    controllers: Sequence[str],
+    found: dict[str, Scenario],
+    seeds: Sequence[int],
+    folder: Path,
+    words: list[str],
+    jobs: int = 1,
+    mark: str | None = None,
+) -> pd.DataFrame:
     """Runs controllers over sheets, keeps and shows the verdicts, and writes them between ``mark``, if one is named."""
     campaign = pages.Campaign(MODULE, words, folder, jobs)
     with progress("runs") as told:

@@ -85,8 +85,8 @@ class _Tally:
         unknown = (np.arange(len(counts))[:, None] >= self.lost_in) | (counts == 0)
         with np.errstate(invalid="ignore", divide="ignore"):
             rms = np.sqrt(np.array(self.squares) / counts)
-        errors = (np.where(unknown, np.nan, values) for values in (rms, self.largest))
-        return Windows(*errors, counts, np.isfinite(self.lost_in), self.done // self.each, seconds)
+        rms, largest = (np.where(unknown, np.nan, values) for values in (rms, self.largest))
+        return Windows(rms, largest, counts, np.isfinite(self.lost_in), self.done // self.each, seconds)
 
 
 def stream(scenario: Scenario, stack: Stack, seeds: Sequence[int], window: float = WINDOW, threads: int = 1) -> Windows:

@@ -79,12 +79,22 @@ def judge(found: Windows, tests: int = 1) -> Verdict:
         above = (largest[later] > largest[first])[np.isfinite(largest[later] + largest[first])]
     one, rest = _largest(largest[first]), _largest(known)
     return Verdict(
-        seeds=rms.shape[1], lost=int(found.lost.sum()), rms_first=_pooled(found, first),
-        rms_later=_pooled(found, later), largest_first=one, largest_later=rest, ratio=rest / one,
-        above=float(above.mean()) if above.size else np.nan, rms_growth=rms_growth, largest_growth=largest_growth,
-        bursts=int(bursts.sum()), over_50=int((largest > 50.0).sum()), over_100=int((largest > HIGH).sum()),
-        windows=int(np.isfinite(largest).sum()), word=_word(rms_growth, largest_growth),
-    )  # fmt: skip
+        seeds=rms.shape[1],
+        lost=int(found.lost.sum()),
+        rms_first=_pooled(found, first),
+        rms_later=_pooled(found, later),
+        largest_first=one,
+        largest_later=rest,
+        ratio=rest / one,
+        above=float(above.mean()) if above.size else np.nan,
+        rms_growth=rms_growth,
+        largest_growth=largest_growth,
+        bursts=int(bursts.sum()),
+        over_50=int((largest > 50.0).sum()),
+        over_100=int((largest > HIGH).sum()),
+        windows=int(np.isfinite(largest).sum()),
+        word=_word(rms_growth, largest_growth),
+    )
 
 
 def _word(rms: Interval, largest: Interval) -> str:

@@ -16,10 +16,15 @@ QUICK = (("xi2023-tuned", "lqg", "self-tuning"), 240)
 
 
 def main(
-    controllers: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME …")] = (), faults: int = 12000, seed: int = 0,
-    quick: bool = False, case: Annotated[str | None, tyro.conf.arg(metavar="CONTROLLER/SCENARIO/NUMBER")] = None,
-    name: str = "faults", jobs: int = 1, docs: bool = False,
-) -> None:  # fmt: skip
+    controllers: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME …")] = (),
+    faults: int = 12000,
+    seed: int = 0,
+    quick: bool = False,
+    case: Annotated[str | None, tyro.conf.arg(metavar="CONTROLLER/SCENARIO/NUMBER")] = None,
+    name: str = "faults",
+    jobs: int = 1,
+    docs: bool = False,
+) -> None:
     """Put faults into every follower's command and sensor, and tell who is to blame for what they do.
 
     Args:

@@ -16,9 +16,14 @@ PAGE = "faults"
 
 
 def made(
-    controllers: Sequence[str], faults: int, seed: int, folder: Path, words: list[str], jobs: int = 1,
+    controllers: Sequence[str],
+    faults: int,
+    seed: int,
+    folder: Path,
+    words: list[str],
+    jobs: int = 1,
     mark: str | None = None,
-) -> pd.DataFrame:  # fmt: skip
+) -> pd.DataFrame:
     """Puts faults into controllers, keeps and shows the tables, and writes them between ``mark``, if one is named."""
     kept = pages.Campaign(MODULE, words, folder, jobs)
     with progress("faults") as told:

@@ -218,9 +218,9 @@ def _odd(draw: random.Random, path: Path) -> None:
     file = draw.choice(found)
     file.rename(aside := file.with_name("aside"))
     ends = ("/dev/zero", "/dev/stdin", "/proc/self/mem", file.name, "none", aside)
-    links = [functools.partial(file.symlink_to, end) for end in ends]
-    others: list[Callable[[], Any]] = [file.mkdir, lambda: None, file.touch]
-    draw.choice([functools.partial(os.mkfifo, file), *links, *others])()
+    links = (functools.partial(file.symlink_to, end) for end in ends)
+    plain: list[Callable[[], Any]] = [functools.partial(os.mkfifo, file), *links, file.mkdir]
+    draw.choice([*plain, lambda: None, file.touch])()
 
 
 def case(name: str, number: int, seed: int, seeds: Path, folder: Path) -> Path:

@@ -140,9 +140,13 @@ def _islands(rng: Random) -> list[Polygon]:
 
 
 KINDS: dict[str, Callable[[Random], list[Polygon]]] = {
-    "holes": _holes, "slots": _slots, "acute corners": _acute, "nests with 1 mm gaps": _nest,
-    "thin bridges of scrap": _bridges, "parts in holes": _islands,
-}  # fmt: skip
+    "holes": _holes,
+    "slots": _slots,
+    "acute corners": _acute,
+    "nests with 1 mm gaps": _nest,
+    "thin bridges of scrap": _bridges,
+    "parts in holes": _islands,
+}
 """What sheets are made of."""
 
 
