@@ -234,9 +234,8 @@ class Compiled:
         document, task = self.policy.document, self.policy.task
         if document.control == "schedule":
             fleet.widest_window(LONGEST_WINDOW, LARGEST_TRIM)
-        io = _flight(
-            self.policy.network, fleet, task.hook(fleet, document.control, document.observation["kind"]), task.period
-        )
+        hook = task.hook(fleet, document.control, document.observation["kind"])
+        io = _flight(self.policy.network, fleet, hook, task.period)
         fleet.pilot("job" if task.with_job else "height", stage_address(fly), io)
 
 

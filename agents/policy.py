@@ -168,9 +168,8 @@ class Policy:
                 f"policy '{folder}': {WEIGHTS} is damaged, or not this policy's: its SHA-256 is {found[:12]}…, "
                 f"{DOCUMENT} says {document.weights[:12]}…"
             )
-        document = document.model_copy(
-            update={"provenance": stacks.recorded(document.provenance, f"policy '{folder}': provenance")}
-        )
+        origin = stacks.recorded(document.provenance, f"policy '{folder}': provenance")
+        document = document.model_copy(update={"provenance": origin})
         check(document, f"policy '{folder}'")
         return Policy(document, _network(document, weights, folder), str(folder))
 

@@ -47,12 +47,10 @@ def headroom(found: Sequence[Blame]) -> pd.DataFrame:
         for name, informed in blame.references.items():
             squares = [blame.errors[0], informed]
             ratio = _intervals([np.sqrt(s) for s in squares], log_score, np.array([[1.0, -1.0]]))[0]
-            rows.append(
-                [blame.scenario, blame.controller, name, *(math.sqrt(s.mean()) for s in squares), *np.exp(ratio)]
-            )
-    return pd.DataFrame(
-        rows, columns=["scenario", "controller", "informed", "rms", "informed_rms", "ratio", "low", "high"]
-    )
+            sizes = (math.sqrt(s.mean()) for s in squares)
+            rows.append([blame.scenario, blame.controller, name, *sizes, *np.exp(ratio)])
+    columns = ["scenario", "controller", "informed", "rms", "informed_rms", "ratio", "low", "high"]
+    return pd.DataFrame(rows, columns=columns)
 
 
 def _intervals(values: list[np.ndarray], statistic: Statistic, combinations: np.ndarray) -> list[Interval]:

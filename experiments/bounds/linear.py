@@ -68,9 +68,8 @@ def ensemble(scenario: Scenario) -> Ensemble:
     on = {name: _share(scenario, name) for name in ("waves", "vibrations", "random")}
     waves = len(scenario.sheet.waves)
     for part, share, ratios in ((slice(0, waves), on["waves"], paces), (slice(waves, None), on["vibrations"], [1.0])):
-        variance, omega, sensor = (
-            each[part].ravel() for each in (lines.amplitude**2 / 2.0 / fleet.size, lines.omega, lines.sensor)
-        )
+        power = lines.amplitude**2 / 2.0 / fleet.size
+        variance, omega, sensor = (each[part].ravel() for each in (power, lines.omega, lines.sensor))
         for ratio in ratios if variance.any() else ():
             mean += spectrum.tones(share * variance / len(ratios), ratio * omega, sensor)
     if scenario.sheet.vibrations:

@@ -353,9 +353,8 @@ def suite(name: str) -> Callable[[], str]:
 
     def made() -> str:
         core = scenarios.core(name)
-        rows = (
-            (f"`{key}`", case.summary, "yes" if key in core else "no") for key, case in scenarios.suite(name).items()
-        )
+        cases = scenarios.suite(name).items()
+        rows = ((f"`{key}`", case.summary, "yes" if key in core else "no") for key, case in cases)
         return table(("scenario", "what happens", "in the score"), rows)
 
     return made
@@ -402,9 +401,8 @@ def _given(value: Any) -> str:
 def _distribution(value: Any) -> str:
     """As it would stand in the file."""
     given = {key: content for key, content in asdict(value).items() if (key, content) != ("sign", "+")}
-    body = ", ".join(
-        f"{key} = {list(content) if isinstance(content, tuple) else content}" for key, content in given.items()
-    )
+    plain = ((key, list(content) if isinstance(content, tuple) else content) for key, content in given.items())
+    body = ", ".join(f"{key} = {content}" for key, content in plain)
     return f"{{ {body} }}"
 
 
@@ -463,9 +461,8 @@ def _page(text: Iterable[str]) -> str:
 
 def stale() -> dict[Path, str]:
     """The pages that are older than the code, as they should be."""
-    return {
-        path: text for path, text in pages().items() if not path.is_file() or path.read_text(encoding="utf-8") != text
-    }
+    old = lambda path: path.read_text(encoding="utf-8") if path.is_file() else None  # noqa: E731
+    return {path: text for path, text in pages().items() if old(path) != text}
 
 
 def main() -> None:

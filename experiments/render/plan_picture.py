@@ -96,9 +96,8 @@ class _Plan:
         head, foot, below = 0.62, 0.78, 0.17 * len(lines) + (0.12 if lines else 0.0)
         height = self.tall + head + foot + below
         page = Figure(figsize=(self.wide, height), dpi=DPI_SMALL if self.small else DPI, facecolor="white")
-        axes = page.add_axes(
-            (LEFT / self.wide, (foot + below) / height, 1.0 - (LEFT + RIGHT) / self.wide, self.tall / height)
-        )
+        low, wide = (foot + below) / height, 1.0 - (LEFT + RIGHT) / self.wide
+        axes = page.add_axes((LEFT / self.wide, low, wide, self.tall / height))
         self._axes(axes)
         self._draw(axes)
         self._numbers(axes, page)

@@ -66,9 +66,8 @@ def remarks(suite: Suite, standing: Standing, labels: dict[str, str], limit_ms: 
     if best is not None and not suite.jobs:
         row = summary.loc[best]
         if row["runs"] > 0 and not row["collisions"]:
-            out.append(
-                f"{labels[best]} touched the sheet in none of the {int(row['runs'])} runs in which it should not."
-            )
+            runs = int(row["runs"])
+            out.append(f"{labels[best]} touched the sheet in none of the {runs} runs in which it should not.")
         peaks = peaks_of(row)
         if not peaks:
             out.append("Its sensitivity peak Ms was not measured.")
@@ -127,9 +126,8 @@ def caveats(suite: Suite, standing: Standing, labels: dict[str, str], limit_ms: 
         )
     for why, names in reasons.items():
         are = "is" if len(names) == 1 else "are"
-        out.append(
-            f"{listed(f'{labels[n]} ({estimate(standing, n)})' for n in names)} {are} {word} but not ranked ({why})"
-        )
+        said = listed(f"{labels[n]} ({estimate(standing, n)})" for n in names)
+        out.append(f"{said} {are} {word} but not ranked ({why})")
     return out
 
 

@@ -63,9 +63,8 @@ def figure(name: str, thickness: float | None = None) -> Figure:
         x, y, value = (frame[key].iloc[1:] for key in ("error", f"{column}_change", column))
         drawn = {"line": {"color": COLOURS[i], "width": 2}, "marker": {"symbol": SYMBOLS[i], "size": 7}}
         told = "%{y:.2f} % at %{x:g} µm: %{customdata:.3g} " + ("mm" if column == "dross" else "µm")
-        plot.add_scatter(
-            x=x, y=100 * y, name=title, mode="lines+markers", customdata=value, hovertemplate=told, **drawn
-        )
+        how = {"mode": "lines+markers", "customdata": value, "hovertemplate": told}
+        plot.add_scatter(x=x, y=100 * y, name=title, **how, **drawn)
     plot.add_hline(100 * SHOWS, line={"color": QUIET, "width": 1, "dash": "dot"})
     if np.isfinite(limit):
         plot.add_vline(limit, line={"color": INK, "width": 1, "dash": "4px,3px"})

@@ -183,9 +183,8 @@ def _of_metric(suite: Suite, metric: Metric) -> Column:
         int(shown.seldom),
     )
     text = plain if shown.brief else figure
-    return Column(
-        metric.title, column, lambda row: text(row, column, shown.form), page if metric.name in suite.metrics else None
-    )
+    on_page = page if metric.name in suite.metrics else None
+    return Column(metric.title, column, lambda row: text(row, column, shown.form), on_page)
 
 
 def ranked_by(suite: Suite) -> str:

@@ -92,9 +92,8 @@ def groups_of(suites: list[Suite], run: Callable[[Suite, int, dict[str, pd.DataF
             if (made := run(suite, *next(iter(suite.traces[scenario].items()))))
         ]
         if entries:
-            groups.append(
-                {"suite": suite.title, "scenarios": entries, "chosen": shown_first(suite), "order": suite.ranked}
-            )
+            group = {"suite": suite.title, "scenarios": entries}
+            groups.append({**group, "chosen": shown_first(suite), "order": suite.ranked})
     return groups
 
 
@@ -150,9 +149,8 @@ def _run(suite: Suite, seed: int, parts: dict[str, pd.DataFrame]) -> dict[str, A
         out["shared"] = {"signals": ["sheet"], **pack([Channel(thinned(sheet, stride), SIGNALS["sheet"].resolution)])}
     counted = _together([mask for _, mask in errors.values()])
     time = first["time"].to_numpy(float)
-    out["idle"] = [[float(time[a]), float(time[min(b, len(time) - 1)])] for a, b in _stretches(~counted[: len(time)])][
-        :200
-    ]
+    last, idle = len(time) - 1, _stretches(~counted[: len(time)])
+    out["idle"] = [[float(time[a]), float(time[min(b, last)])] for a, b in idle][:200]
     chosen = [name for name in shown_first(suite) if name in errors] or list(errors)
     first_alarm = min((alarms[name] for name in chosen if name in alarms), default=None)
     start, stop = interesting([errors[name] for name in chosen], PERIOD, first_alarm)

@@ -60,16 +60,14 @@ def figure(standing: Standing, look: dict[str, Look], labels: dict[str, str]) ->
         told = f"{fixed(value, places)} {metric.unit} ({span(first, last, places)})<extra></extra>"
         told = f"{labels[name]}: {told}"
         plot.add_scatter(x=[value], y=[y], mode="markers", showlegend=False, marker=marker, hovertemplate=told)
-        annotations.append(
-            {**_text(1.0, y, fixed(value, places), 6), "xref": "paper", "font": {"size": 13, "color": INK}}
-        )
+        above = {"xref": "paper", "font": {"size": 13, "color": INK}}
+        annotations.append({**_text(1.0, y, fixed(value, places), 6), **above})
     for information, y in headings.items():
         words = "sensor only" if information == "sensor" else f"{information}, not ranked"
         annotations.append({**_text(0.0, y, words), "xref": "paper"})
     if suite.reference in standing.order:
-        plot.add_vline(
-            float(frame.at[suite.reference, "score"]), line={"color": INK, "width": 1, "dash": "4px,3px"}, layer="below"
-        )
+        dashes = {"color": INK, "width": 1, "dash": "4px,3px"}
+        plot.add_vline(float(frame.at[suite.reference, "score"]), line=dashes, layer="below")
     for i, (label, bound) in enumerate(limits.items()):
         dash = "1px,3px" if label == LABEL else "6px,2px,1px,2px"
         plot.add_vline(bound, line={"color": INK, "width": 2, "dash": dash}, layer="below")

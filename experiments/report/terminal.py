@@ -181,9 +181,8 @@ def _machines(results: Results) -> list[str]:
     if not len(measured):
         return []
     labels = list(dict.fromkeys(measured["machine"]))
-    which = (
-        f"of the machine that was run ({labels[0]})" if len(labels) == 1 else f"of any of the {len(labels)} machines"
-    )
+    count = len(labels)
+    which = f"of the machine that was run ({labels[0]})" if count == 1 else f"of any of the {count} machines"
     return [
         f"Ms, gain, delay: on the worst corner plant {which};",
         *(f"not measured: {', '.join(names)} on {at}: {why}." for (at, why), names in results.unmeasured),

@@ -62,9 +62,8 @@ def reproduce(
         parts = [found[s.name] for s in chosen]
         claims_page.write(folder, parts, record, seeds)
         failed = [part["study"] for part in parts if part["error"]]
-        runs.write_json(
-            folder / "run.json", {**record, "seeds": seeds, "studies": [s.name for s in chosen], "failed": failed}
-        )
+        of_run = {"seeds": seeds, "studies": [s.name for s in chosen], "failed": failed}
+        runs.write_json(folder / "run.json", record | of_run)
     return parts
 
 

@@ -45,9 +45,8 @@ class Estimate:
         unit = f" {self.unit}" if self.unit else ""
         if np.isnan(self.low):
             return f"{_text(self.value, self.digits)}{unit}"
-        return (
-            f"{_text(self.value, self.digits)} [{_text(self.low, self.digits)}, {_text(self.high, self.digits)}]{unit}"
-        )
+        value, low, high = (_text(each, self.digits) for each in (self.value, self.low, self.high))
+        return f"{value} [{low}, {high}]{unit}"
 
 
 def _text(value: float, digits: int) -> str:

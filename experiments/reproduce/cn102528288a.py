@@ -317,9 +317,8 @@ class Arrival:
 
 def arrival(trial: Trial, **gains: float) -> Arrival:
     """A way down by :data:`ABOVE` onto a level sheet with gains of :mod:`fixed_gains`, over the seeds."""
-    case = scenarios.load("flat").varied(
-        start_above=ABOVE, duration=1.5, settle=0.1, set_height=1.0, head={"impulses": 0.0}
-    )
+    hung = {"start_above": ABOVE, "set_height": 1.0}
+    case = scenarios.load("flat").varied(duration=1.5, settle=0.1, head={"impulses": 0.0}, **hung)
     law_ = stack.as_stack(fixed_gains, "fixed-gains").varied({**OPEN, **{f"law.{k}": v for k, v in gains.items()}})
     record = rollout.roll(case, law_, np.arange(trial.seeds))
     near = np.abs(record.error) < ARRIVED
@@ -395,9 +394,8 @@ def scheduled_against_fixed(trial: Trial, rows: Rows) -> list[Drawing]:
 def _integral_and_pid(trial: Trial, rows: Rows) -> None:
     """What the integral gains do to the error on a slope, and the tuned law beside a tuned PID."""
     seeds = np.arange(trial.seeds)
-    slope = scenarios.load("flat").varied(
-        duration=2.0, settle=1.5, head={"impulses": 0.0}, sheet={"tilt": 0.005}, feed=SPEED
-    )
+    tilted = {"head": {"impulses": 0.0}, "sheet": {"tilt": 0.005}}
+    slope = scenarios.load("flat").varied(duration=2.0, settle=1.5, feed=SPEED, **tilted)
     means = [
         1e3 * np.abs(np.where(r.scored, r.error, 0.0).sum(axis=0) / r.scored.sum(axis=0))
         for r in (
@@ -520,9 +518,8 @@ def processes(trial: Trial, rows: Rows) -> list[Drawing]:
     saved = np.asarray(ways) - np.asarray(leaps)
     rows("staged-pierce", pierces, holds=np.isfinite(pierces).all())
     rows("frog-leap", (saved, np.median(leaps), np.median(ways)), holds=np.min(saved) > 0.0)
-    rows(
-        "protected-way", (np.median(across), np.median(ways)), holds=np.max(np.asarray(across) - np.asarray(ways)) < 0.0
-    )
+    holds = np.max(np.asarray(across) - np.asarray(ways)) < 0.0
+    rows("protected-way", (np.median(across), np.median(ways)), holds=holds)
     rows("edge-finding", edges, holds=np.abs(edges).max() < 200.0)
     rows("focus-compensation", focus, holds=np.max(focus) < 100.0)
     rows("process-contacts", (touched, 6 * trial.seeds), holds=touched == 0)

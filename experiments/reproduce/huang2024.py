@@ -423,9 +423,8 @@ def absorption(trial: Trial, rows: Rows) -> list[Drawing]:
     share = np.array([beam.absorbed for beam in beams])
     plain = float(fit_cut.beam_of(steel.params, steel.power, spot.Command()).absorbed)
     speeds = [fastest(steel.params, steel.power, d) for d in (spot.Command(), DYNAMIC)]
-    without, with_ = (
-        jobs_of(DITHERS[name][0], "cut-square", trial.seeds, DITHERS[name][1]) for name in ("none", "circular")
-    )
+    pair = (DITHERS[name] for name in ("none", "circular"))
+    without, with_ = (jobs_of(one, "cut-square", trial.seeds, other) for one, other in pair)
     rows("absorbed-share", (100 * plain, 100 * share[-1]), holds=share[-1] > 1.02 * plain)
     rows("largest-feed", (speeds, SAME), holds=speeds[1] > 1.02 * speeds[0])
     for name, unit, said in (("dross", "mm", "“smaller dross”"), ("roughness", "µm", "“improves roughness”")):
@@ -546,9 +545,8 @@ def adjusting_unit(trial: Trial, rows: Rows) -> list[Drawing]:
     signals = stacks.get(names[1]).law.signals._fields
     fed = [name for name in ("speed", "lag", "contour_error", "height") if name in signals]
     missing = sorted({"pressure", "margin", "kerf", "power"} - set(signals))
-    rows(
-        "signals-of-the-unit", (", ".join(fed), ", ".join(missing)), holds={"speed", "lag", "contour_error"} <= set(fed)
-    )
+    holds = {"speed", "lag", "contour_error"} <= set(fed)
+    rows("signals-of-the-unit", (", ".join(fed), ", ".join(missing)), holds=holds)
     return [_adjusting()]
 
 

@@ -215,17 +215,15 @@ def chatter(trial: Trial, rows: Rows) -> list[Drawing]:
     flat, noisy = _flat(), _flat(head=IMPULSES)
     still = _run(trial, flat, "patent2022")
     without = _run(trial, flat, "patent2022:law.smallest=0")
-    none, before = (
-        np.where(r.scored, r["wish"] == 0.0, 0.0).sum(axis=0) / r.scored.sum(axis=0) for r in (still, without)
-    )
+    held = (np.where(r.scored, r["wish"] == 0.0, 0.0).sum(axis=0) / r.scored.sum(axis=0) for r in (still, without))
+    none, before = held
     guess = float((100 * (1 - before)).min())
     error = float((100 * (1 - none)).max())
     rows("hold", (100 * none, 1e6 * law.Params().smallest, 100 * np.median(before)), error=error, guess=guess)
     own = _run(trial, noisy, "patent2022")
     pid = _run(trial, noisy, "pid")
-    planner = roll(
-        noisy, stacks.python_stack(_Planner, "planner"), _seeds(trial)[: max(6, trial.seeds // 3)], trial.threads
-    )
+    few = _seeds(trial)[: max(6, trial.seeds // 3)]
+    planner = roll(noisy, stacks.python_stack(_Planner, "planner"), few, trial.threads)
     jitter = {name: metrics.jitter(r) for name, r in (("own", own), ("pid", pid), ("planner", planner))}
     ratio = jitter["pid"] / jitter["own"]
     rows("less-chatter", ratio, holds=np.all(ratio > 1.0))

@@ -117,9 +117,8 @@ def z_domain(trial: Trial, rows: Rows) -> None:
     t, off = 4e-3, {"first": 0.0, "sum": 0.0, "product": 0.0, "poles": 0.0}
     single, open_loop = np.inf, np.inf  # A of a drive with T1 alone; the cubic of the open loop
     for p in (*PRESETS.values(), xy_axes.Params(tau=0.003)):
-        number, under, _ = signal.cont2discrete(
-            (np.trim_zeros([p.tau, 1.0], "f"), [p.t1 * p.t2, p.t1 + p.t2, 1.0]), t, method="zoh"
-        )
+        drive = (np.trim_zeros([p.tau, 1.0], "f"), [p.t1 * p.t2, p.t1 + p.t2, 1.0])
+        number, under, _ = signal.cont2discrete(drive, t, method="zoh")
         number = number.ravel()
         c, d = np.exp(-t / p.t1), np.exp(-t / p.t2)
         c1, c2 = (p.t1 - p.tau) / (p.t1 - p.t2), (p.tau - p.t2) / (p.t1 - p.t2)

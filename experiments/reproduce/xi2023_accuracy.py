@@ -162,9 +162,8 @@ def dynamic_accuracy(trial: Trial, rows: Rows) -> list[Drawing]:
         found = {name: np.array([_limit(a, e) for e in errors]) for name, (a, errors) in _waves(length, trial).items()}
         first, last = (float(np.median(found[name])) for name in ("xi2023-improved", "observer"))
         wave = 1e3 * p.speed * length / (2 * np.pi * SPEED)
-        rows(
-            "waviness", (1e3 * found["xi2023-improved"], length, 1e3 * last, 1e3 * usual, p, wave), holds=first >= usual
-        )
+        told = (1e3 * found["xi2023-improved"], length, 1e3 * last, 1e3 * usual, p, wave)
+        rows("waviness", told, holds=first >= usual)
     return [_dynamic(slopes, gain)]
 
 

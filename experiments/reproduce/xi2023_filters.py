@@ -93,9 +93,8 @@ def moving_average(trial: Trial, rows: Rows) -> list[Drawing]:
     weights = ratio ** np.arange(5) / (ratio ** np.arange(5)).sum()
     share = 1 / (tau + 1)
     lagged = lfilter([share], [1, share - 1], x, zi=[(1 - share) * x[0]])[0]
-    apart = max(
-        float(np.abs(others[4:, 0] - lfilter(weights, 1, x)[4:]).max()), float(np.abs(others[:, 1] - lagged).max())
-    )
+    filtered = np.abs(others[4:, 0] - lfilter(weights, 1, x)[4:])
+    apart = max(float(filtered.max()), float(np.abs(others[:, 1] - lagged).max()))
     sample = max(float(np.abs(x[k:-k] - centred(x, k)).max()) for k in HALVES)
     late, settled = _against_lag(5)
     rows("moving-average", off, error=off, guess=sample, tolerance=ROUNDING)
@@ -144,9 +143,8 @@ def improved_filter(trial: Trial, rows: Rows) -> list[Drawing]:
     untrimmed = max(float(np.nanmax(np.abs(plain[:, i] - six_steps(x, n)))) for i, n in enumerate(lengths))
     pair = [kind("mean", window=5), kind("improved", window=5)]
     hits = {count: np.isin(np.arange(40), range(count)).astype(float) for count in (1, 2)}
-    leak = {
-        count: np.abs(machine_filters(pair, _response(shape)) - REST).max(axis=0) / 1e3 for count, shape in hits.items()
-    }
+    leaks = {n: np.abs(machine_filters(pair, _response(shape)) - REST) for n, shape in hits.items()}
+    leak = {n: gone.max(axis=0) / 1e3 for n, gone in leaks.items()}
     ramp = _response(np.arange(1.0, 41.0))
     late = [float((ramp[-1] - value) / 1e3) for value in machine_filters(pair, ramp)[-1]]
     rows("six-steps", off, error=off, guess=untrimmed, tolerance=ROUNDING)

@@ -100,9 +100,8 @@ def _table_1(*panels: Axes, found: dict[tuple[float, str], table1.Largest]) -> N
         fitted = [h in table1.FITTED for h in HEIGHTS]
         paper = np.array([1e3 * table1.TABLE_1[h][name][1] for h in HEIGHTS])
         ax.plot(HEIGHTS, paper, "k--", lw=1, label="paper")
-        ax.plot(
-            table1.FITTED, [1e3 * table1.TABLE_1[h][name][1] for h in table1.FITTED], color=QUIET, lw=0.8, label=LINE
-        )
+        fits = [1e3 * table1.TABLE_1[h][name][1] for h in table1.FITTED]
+        ax.plot(table1.FITTED, fits, color=QUIET, lw=0.8, label=LINE)
         ax.scatter(HEIGHTS, paper, 34, c=["k" if f else "w" for f in fitted], edgecolors="k", zorder=3)
         for key, label, colour, line in (
             ("reported", "simulated, reported", COLOURS[0], "o-"),

@@ -33,9 +33,8 @@ def picture(costs: pd.DataFrame) -> Figure:
             text = name if n == 1 else f"{name}, N = {n}"
             looks = {"ha": "right", "va": "bottom", "fontsize": 8.5, "color": QUIET}
             axes.annotate(f"{text}: {level:,.0f} ns", (0.99, level), xycoords=("axes fraction", "data"), **looks)
-    axes.set(
-        xscale="log", yscale="log", xlabel="machines, N", ylabel="CPU time of a machine-step (1 ms of cutting), ns"
-    )
+    axes.set(xscale="log", yscale="log", xlabel="machines, N")
+    axes.set_ylabel("CPU time of a machine-step (1 ms of cutting), ns")
     axes.set_title("What one millisecond of one machine costs", loc="left", color=INK)
     axes.set_xticks([1, 8, 32, 128, 512, 1024, 4096], [1, 8, 32, 128, 512, 1024, 4096])
     axes.minorticks_off()

@@ -119,9 +119,8 @@ def stages(rounds: int, progress: Callable[[str], None]) -> pd.DataFrame:
     """A row for each stage of the period: nanoseconds per machine and period, and what it was compiled to."""
     progress("stages of the kernel")
     costs = [kernel_parts.stage_costs() for _ in range(rounds + 1)][1:]
-    frame = pd.DataFrame(
-        [{"stage": n, "ns": 1e9 * statistics.median(c[n] for c in costs)} for n in kernel_parts.STAGES]
-    )
+    median = statistics.median
+    frame = pd.DataFrame([{"stage": n, "ns": 1e9 * median(c[n] for c in costs)} for n in kernel_parts.STAGES])
     frame["share"] = frame["ns"] / frame["ns"].sum()
     progress("instructions of the kernel")
     return frame.merge(pd.DataFrame(kernel_parts.table()), on="stage", how="left")
@@ -171,9 +170,8 @@ def speed(
     tables |= {"startup": pd.DataFrame(start_rows), "ratios": ratios(costs, start, extra)}
     for name, frame in tables.items():
         runs.write_table(folder, name, frame.drop(columns="each", errors="ignore"))
-    runs.write_json(
-        folder / "rounds.json", {f"{r.name}, N = {r.machines}, {r.threads}": r.each for r in costs.itertuples()}
-    )
+    each = {f"{r.name}, N = {r.machines}, {r.threads}": r.each for r in costs.itertuples()}
+    runs.write_json(folder / "rounds.json", each)
     from .cost_curve import picture
 
     with runs.atomic(folder / "cost.png") as part:

@@ -135,9 +135,8 @@ def _cluster(workers: int, scheduler: str | None) -> Iterator[None]:
         if scheduler is None:
             # Whoever can talk to a scheduler can have its workers run code. This one and its workers listen on this
             # machine only, and talk TLS with certificates that are made now and never written down.
-            stack.enter_context(
-                dask.config.set({"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []})
-            )
+            silent: dict[str, Any] = {f"distributed.{who}.http.routes": [] for who in ("scheduler", "worker")}
+            stack.enter_context(dask.config.set(silent))
             shut = {"dashboard_address": None, "silence_logs": logging.ERROR, "security": _certificates()}
             local = {"threads_per_worker": 1, "host": "127.0.0.1", "protocol": "tls://"}
             cluster = stack.enter_context(LocalCluster(n_workers=workers, **local, **shut))

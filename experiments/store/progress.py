@@ -53,9 +53,8 @@ class Bars:
         task = self._progress.add_task(what, total=None, count="")
 
         def told(done: int, total: int, last: str) -> None:
-            self._progress.update(
-                task, completed=done, total=total, count=f"{done}/{total}", description=f"{what} · {last}"
-            )
+            count, words = f"{done}/{total}", f"{what} · {last}"
+            self._progress.update(task, completed=done, total=total, count=count, description=words)
 
         yield told
 

@@ -27,6 +27,5 @@ def of_documents(trial: Trial) -> dict[str, Any]:
     if failed:
         raise RuntimeError(f"{', '.join(failed)} failed; see {trial.folder / 'parts'}")
     found = {name: claims_page.counts([p for p in parts if p["document"] == name]) for name in claims.DOCUMENTS}
-    return {
-        "numbers": {"documents": found, "all": claims_page.counts(parts), "rows": sum(len(p["rows"]) for p in parts)}
-    }
+    rows = sum(len(p["rows"]) for p in parts)
+    return {"numbers": {"documents": found, "all": claims_page.counts(parts), "rows": rows}}

@@ -62,9 +62,8 @@ def grid() -> Iterator[tuple[bool, dict[str, Any]]]:
             for trim in range((window + 1) // 2) if "trim" in READS[kind] else (0,):
                 for values in itertools.product(*(VALUES[s] for s in settings)):
                     point: dict[str, Any] = {"window": float(window), "trim": float(trim)}
-                    point = {k: v for k, v in point.items() if k in READS[kind]} | dict(
-                        zip(settings, values, strict=True)
-                    )
+                    kept = {k: v for k, v in point.items() if k in READS[kind]}
+                    point = kept | dict(zip(settings, values, strict=True))
                     finer = any(point[name] != plain[name] for name in settings)
                     yield finer, {"filter.kind": kind} | {f"filter.{k}": v for k, v in point.items()}
 
@@ -81,9 +80,8 @@ def search_grid(task: Task, threads: int, told: Any) -> pd.DataFrame:
         ms = evaluator.exact_peak(candidate)
         value = score("rms_true", figures, evaluator.core)
         kept = ms <= task.limits.ms and max(broken.values()) <= 0 and np.isfinite(value)
-        rows.append(
-            {**point, "finer": finer, "rms_true": value, "ms": ms, "collisions": broken["collision"], "keeps": kept}
-        )
+        seen = {"rms_true": value, "ms": ms, "collisions": broken["collision"]}
+        rows.append({**point, "finer": finer, **seen, "keeps": kept})
         told(i + 1, len(points), point["filter.kind"])
     return pd.DataFrame(rows).sort_values(["keeps", "rms_true"], ascending=[False, True], kind="stable")
 

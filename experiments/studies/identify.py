@@ -126,9 +126,8 @@ def identify(axis: Axis, seeds: Any, levels: tuple[float, float]) -> Identified:
     courses, fleet = experiment(axis, seeds, commands)
     fits = [fit(commands, course) for course in courses.T]
     bandwidth, zeta, dead_time = np.array([drive for drive, _ in fits]).T
-    return Identified(
-        bandwidth, zeta, dead_time, np.array([rms for _, rms in fits]), fleet.column("z.omega") / (2 * np.pi)
-    )
+    errors, omega = np.array([rms for _, rms in fits]), fleet.column("z.omega")
+    return Identified(bandwidth, zeta, dead_time, errors, omega / (2 * np.pi))
 
 
 def main() -> None:

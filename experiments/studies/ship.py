@@ -101,9 +101,8 @@ def seeds_of(name: str, count: int) -> pd.DataFrame:
     policies = {str(run / "policy"): seed for seed, run in folders.items()}
     reference = str(scenarios.rules(suite).get("reference", REFERENCE))
     (grid,) = grids.plan([suite], [reference, *policies])
-    found = benchmarking.run_grids(
-        [grid], Path("runs") / f"shipped-{name}-seeds", with_cost=False, overwrite=True, workers=1
-    )[suite]
+    place = Path("runs") / f"shipped-{name}-seeds"
+    found = benchmarking.run_grids([grid], place, with_cost=False, overwrite=True, workers=1)[suite]
     summary, surely = found.summary(), comparison.figures(found)
     traded = comparison.relative(found, WEIGHED) if found.jobs else None
     rows = []

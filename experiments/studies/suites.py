@@ -70,9 +70,7 @@ def concluded(results: Results) -> dict[str, Any]:
         whole = comparison.relative(results, WEIGHED)
         apart = {metric: comparison.by_scenario(replace(results, metric=metric)) for metric in WEIGHED}
         for name, row in whole.iterrows():
-            there = {
-                metric: table[table["controller"] == name].set_index("scenario") for metric, table in apart.items()
-            }
+            there = {key: table[table["controller"] == name].set_index("scenario") for key, table in apart.items()}
             numbers[str(name)]["over"] = dict(row) | {
                 "in": {s: {m: 1.0 / t.at[s, "ratio"] for m, t in there.items()} for s in results.scenarios}
             }

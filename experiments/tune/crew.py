@@ -107,9 +107,8 @@ def _processes(task: Search, workers: int, threads: int, stale: list[int], tell:
         InvalidInput: one of them died.
     """
     context = multiprocessing.get_context("spawn")
-    group = [
-        context.Process(target=_worker, args=(task, threads, stale[i::workers]), daemon=True) for i in range(workers)
-    ]
+    shares = [(task, threads, stale[i::workers]) for i in range(workers)]
+    group = [context.Process(target=_worker, args=share, daemon=True) for share in shares]
     for process in group:
         process.start()
     try:

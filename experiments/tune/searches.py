@@ -69,9 +69,8 @@ def carry_out(
         command = list(typed.TYPED.get()) or ["kerfgym", "tune", "--study", study.name]
         one = delayed(functools.partial(_search, folder=folder, threads=threads, command=command))
         tell = told if workers == 1 else None
-        each = Parallel(n_jobs=workers, return_as="generator")(
-            one(name, task, told=tell) for name, task in study.searches.items()
-        )
+        todo = (one(name, task, told=tell) for name, task in study.searches.items())
+        each = Parallel(n_jobs=workers, return_as="generator")(todo)
         records: dict[str, dict[str, Any]] = {}
         for name, record in zip(study.searches, each, strict=True):
             records[name] = record

@@ -124,9 +124,8 @@ class Space:
             if not axis.choices and not axis.whole and axis.name in out:
                 out[axis.name] = min(max(out[axis.name], axis.low), axis.high)
         for name in [n for n in out if n.endswith("filter.trim")]:
-            window = float(
-                out.get(name.replace(".trim", ".window"), self.start.get(name.replace("trim", "window"), 64))
-            )
+            window = self.start.get(name.replace("trim", "window"), 64)
+            window = float(out.get(name.replace(".trim", ".window"), window))
             out[name] = min(float(out[name]), float((int(window) - 1) // 2))
         return out
 

@@ -39,9 +39,8 @@ def main(
         for verdict in verdicts(paths, limit):
             found.append(verdict)
             told(len(found), len(paths), verdict.path.name)
-    runs.write_json(
-        out / "verdicts.json", [{**vars(v), "path": str(v.path), "box": list(v.box) if v.box else None} for v in found]
-    )
+    records = [{**vars(v), "path": str(v.path), "box": list(v.box) if v.box else None} for v in found]
+    runs.write_json(out / "verdicts.json", records)
     shown = [summary(found), list_of(found, folder, REFUSED), list_of(found, folder, FAILED), farthest(found, folder)]
     shown = [sheet for sheet in shown if sheet.sections and sheet.sections[0]]
     campaign.publish(shown, {}, "corpus.md", docs, documented=2)

@@ -164,9 +164,8 @@ def _feed(s: _State, strokes: list, points: Complex, path: Path) -> None:
         return
     path.rounding = max(path.rounding, 0.5e-4 * s.size * (2.0 if len(points) > 2 else 1.0) * math.sqrt(2.0))
     speed = s.speeds.get(min(s.spindles)) if s.spindles else next(iter(s.speeds.values()), None)
-    strokes.append(
-        _Stroke(points, s.feed, frozenset(s.spindles), speed, frozenset(s.outputs), tuple(s.levels.values()))
-    )
+    levels = tuple(s.levels.values())
+    strokes.append(_Stroke(points, s.feed, frozenset(s.spindles), speed, frozenset(s.outputs), levels))
 
 
 def _arc(s: _State, n: list[float]) -> Complex:

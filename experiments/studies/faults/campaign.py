@@ -28,9 +28,8 @@ class Task(NamedTuple):
 def work(task: Task) -> pd.DataFrame:
     """One row a fault, see :func:`culprits.judged`."""
     given = [drawn(task.scenario, task.first + i, task.seed) for i in range(task.faults)]
-    return judged(scenarios.load(task.scenario), stacks.resolve(task.controller), given).assign(
-        controller=task.controller
-    )
+    found = judged(scenarios.load(task.scenario), stacks.resolve(task.controller), given)
+    return found.assign(controller=task.controller)
 
 
 def campaign(

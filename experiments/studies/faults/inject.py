@@ -24,9 +24,8 @@ from ....envs.plant.controller import Privileged, stage_address
 from ....envs.plant.fleet import Fleet
 
 KINDS = ("none", "spikes", "frozen", "delayed", "scaled", "dropout", "stuck", "saturated", "impulse", "shower")
-NONE, SPIKES, FROZEN, DELAYED, SCALED, DROPOUT, STUCK, SATURATED, IMPULSE, SHOWER = (
-    float(i) for i in range(len(KINDS))
-)
+_CODES = (float(i) for i in range(len(KINDS)))
+NONE, SPIKES, FROZEN, DELAYED, SCALED, DROPOUT, STUCK, SATURATED, IMPULSE, SHOWER = _CODES
 
 NEVER = 1e18
 """Start of a fault that does not come."""

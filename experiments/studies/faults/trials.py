@@ -66,9 +66,8 @@ def repeats(
         plain, faultless = _run(scenario, stack, some, None, None, threads)
         for name in names:
             without = REPEATS[name]
-            found[name].append(
-                faultless if without is None else _run(scenario, stack, some, without, plain, threads)[1]
-            )
+            ran = faultless if without is None else _run(scenario, stack, some, without, plain, threads)[1]
+            found[name].append(ran)
     return {
         name: Repeat(*(np.concatenate([getattr(p, f) for p in parts]) for f in Repeat.__dataclass_fields__))
         for name, parts in found.items()

@@ -201,9 +201,8 @@ def _in_run(data: bytes, seed: Path, folder: Path) -> Path:
     run = seed.parents[1]
     shutil.copytree(run, folder / run.name)
     changed = folder / seed.relative_to(run.parent)
-    changed.with_suffix(".csv" if changed.suffix == ".parquet" else ".parquet").unlink(
-        missing_ok=True
-    )  # else it is read
+    other = changed.with_suffix(".csv" if changed.suffix == ".parquet" else ".parquet")
+    other.unlink(missing_ok=True)  # else it is read
     changed.write_bytes(data)
     return folder / run.name
 

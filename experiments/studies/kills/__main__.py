@@ -54,9 +54,8 @@ def kills(
             found = [str(met[kind]) for kind in ("nothing", "begun", "record", "over")]
             rows.append([name, str(met.total()), *found, str(wrong)])
             print(f"{name}: {met.total()} kills, {wrong} with a bad end", file=sys.stderr, flush=True)
-    print(
-        table(["command", "kills", "met nothing", "a run begun", "its record written", "it was over", "bad ends"], rows)
-    )
+    moments_met = ["met nothing", "a run begun", "its record written", "it was over"]
+    print(table(["command", "kills", *moments_met, "bad ends"], rows))
     return bad
 
 
