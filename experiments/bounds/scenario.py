@@ -61,13 +61,8 @@ def _straight(fleet: Fleet, scenario: Scenario, i: int, sight: Sight) -> tuple[f
     known = lasting.mean_square(random, sight, horizons, reach, scored) if random.xx > 0.0 else 0.0
     steps, calm = _steps(fleet, scenario, i, axis)
     guess = _learned(fleet, scenario, i, random, sight.noise, axis)
-    return (
-        max(known, calm * known + steps),
-        max(guess, calm * guess + steps),
-        linear.ensemble(scenario).error(sight.noise, axis.horizon),
-        known,
-        steps,
-    )
+    fixed = linear.ensemble(scenario).error(sight.noise, axis.horizon)
+    return max(known, calm * known + steps), max(guess, calm * guess + steps), fixed, known, steps
 
 
 def _learned(fleet: Fleet, scenario: Scenario, i: int, random: Random, sigma: float, axis: Reach) -> float:

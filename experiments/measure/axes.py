@@ -1,6 +1,6 @@
 """The X/Y axes alone: journeys given as points, travelled by the machine's position loops and seen every period."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from types import SimpleNamespace
 from typing import Any
 
@@ -71,16 +71,14 @@ def fleet_of(journeys: Sequence[Any], axes: Sequence[xy_axes.Params], laws: Sequ
 
 
 def travelled(
-    journeys: Sequence[Any],
-    axes: Sequence[xy_axes.Params],
-    laws: Sequence[wu.Params],
-    fields: Sequence[str],
-    every: int = 1,
+    runs: Iterable[tuple[Any, xy_axes.Params, wu.Params]], fields: Sequence[str], every: int = 1
 ) -> dict[str, Floats]:
     """Fields of the gantries, arrays (periods / ``every``, machines), see ``gantry.PLACES`` for their names.
 
-    The last 20 ms of a journey are not travelled, since the interpolator is ahead of the axes.
+    A run is a journey, its axes and its law. The last 20 ms of a journey are not travelled, since the interpolator is
+    ahead of the axes.
     """
+    journeys, axes, laws = zip(*runs, strict=True)
     fleet = fleet_of(journeys, axes, laws)
     assert fleet.gantries
     seen: dict[str, list[Floats]] = {name: [] for name in fields}

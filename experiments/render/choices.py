@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import UseAppendAction, arg
 
@@ -47,9 +47,7 @@ class Options:
         """
         from ...envs.scenarios import Reading
 
-        given: dict[str, Any] = {"units": self.units, "layers": self.layers, "colours": self.colours, "join": self.join}
-        kept = {name: value for name, value in given.items() if value not in (None, ())}
-        return Reading(**kept, text=self.text, hatches=self.hatches)
+        return Reading(**{name: value for name, value in vars(self).items() if value not in (None, ())})
 
 
 def tell(path: Path, reading: "Reading") -> None:

@@ -73,9 +73,5 @@ def logarithmic(low: float, high: float) -> dict[str, Any]:
         for s in steps
         if low <= s * 10.0**k * (1 + 1e-9) and s * 10.0**k <= high * (1 + 1e-9)
     ]
-    return {
-        "type": "log",
-        "range": [math.log10(low), math.log10(high)],
-        "tickvals": ticks,
-        "ticktext": [f"{tick:g}" for tick in ticks],
-    }
+    ends, names = [math.log10(low), math.log10(high)], [f"{tick:g}" for tick in ticks]
+    return {"type": "log", "range": ends, "tickvals": ticks, "ticktext": names}

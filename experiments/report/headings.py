@@ -174,14 +174,9 @@ def _of_metric(suite: Suite, metric: Metric) -> Column:
         under += ", ISO 9013"
     if not shown.brief:
         under += f", {metric.better} is better"
-    page = OnPage(
-        shown.group,
-        shown.head or metric.label,
-        under,
-        shown.said.format(summary=metric.summary, over=OVER_SCORED) or said(metric),
-        lambda suite, standings: cells.of_metric(suite, standings, metric),
-        int(shown.seldom),
-    )
+    words = shown.said.format(summary=metric.summary, over=OVER_SCORED) or said(metric)
+    of = functools.partial(cells.of_metric, metric=metric)
+    page = OnPage(shown.group, shown.head or metric.label, under, words, of, int(shown.seldom))
     text = plain if shown.brief else figure
     on_page = page if metric.name in suite.metrics else None
     return Column(metric.title, column, lambda row: text(row, column, shown.form), on_page)

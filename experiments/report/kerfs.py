@@ -52,12 +52,8 @@ def _run(suite: Suite, seed: int, parts: dict[str, pd.DataFrame]) -> dict[str, A
     if not controllers:
         return None
     limits = {name: limits_of(np.concatenate(arrays), QUANTITIES[name]) for name, arrays in seen.items()}
-    return {
-        "seed": seed,
-        "limits": limits,
-        "controllers": controllers,
-        "first": {"contour_rms": "contour"}.get(suite.metric, suite.metric if suite.metric in limits else "standoff"),
-    }
+    first = {"contour_rms": "contour"}.get(suite.metric, suite.metric if suite.metric in limits else "standoff")
+    return {"seed": seed, "limits": limits, "controllers": controllers, "first": first}
 
 
 def coloured(

@@ -46,21 +46,15 @@ def sentences(suites: list[Suite], learned: list[str]) -> list[tuple[str, str]]:
              "from tuning; only equal budgets compare laws."),
         ]  # fmt: skip
     if jobs:
-        out.append(
-            (
-                "The interpolator runs 5 ms ahead.",
-                "So a feed override comes into force 5 ms after it was decided; a "
-                "machine with a longer buffer would do worse with what decides late.",
-            )
-        )
+        said = "So a feed override comes into force 5 ms after it was decided; a machine with a longer buffer would do "
+        said += "worse with what decides late."
+        out.append(("The interpolator runs 5 ms ahead.", said))
     if learned:
-        out.append(
-            (
-                "A learned policy is one training.",
-                f"{', '.join(learned)}: the interval does not hold the luck of the "
-                "training seed. Another training of the same recipe may end elsewhere.",
-            )
+        said = (
+            f"{', '.join(learned)}: the interval does not hold the luck of the training seed. Another training of the "
         )
+        said += "same recipe may end elsewhere."
+        out.append(("A learned policy is one training.", said))
     return out
 
 

@@ -47,12 +47,8 @@ def pack(channels: Sequence[Channel]) -> dict[str, Any]:
         steps.append(float(f"{step:.9g}"))
     table = np.concatenate(whole) if whole else np.zeros(0, np.int16)
     split = table.astype("<i2").view(np.uint8).reshape(-1, 2).T.tobytes()
-    return {
-        "samples": len(channels[0].values) if channels else 0,
-        "low": lows,
-        "step": steps,
-        "data": base64.b64encode(zlib.compress(split, 7)).decode("ascii"),
-    }
+    count, data = len(channels[0].values) if channels else 0, base64.b64encode(zlib.compress(split, 7)).decode("ascii")
+    return {"samples": count, "low": lows, "step": steps, "data": data}
 
 
 def thinned(values: Floats, stride: int) -> Floats:

@@ -47,14 +47,12 @@ def figure(standing: Standing, look: dict[str, Look], labels: dict[str, str]) ->
             drawn = {"mode": "lines", "line": {"color": colour, "width": 3 if fair else 1.5}}
             plot.add_scatter(x=[first, min(last, high)], y=[y, y], **drawn, hoverinfo="skip", showlegend=False)
         if reported is not None and math.isfinite(float(reported[name])):
-            plot.add_scatter(
-                x=[float(reported[name])],
-                y=[y],
-                mode="markers",
-                showlegend=False,
-                marker={"symbol": "line-ns-open", "size": 11, "color": colour, "line": {"width": 2}},
-                hovertemplate=f"{labels[name]}, reported: {number(float(reported[name]))} {metric.unit}<extra></extra>",
+            x, tick = (
+                float(reported[name]),
+                {"symbol": "line-ns-open", "size": 11, "color": colour, "line": {"width": 2}},
             )
+            told = f"{labels[name]}, reported: {number(x)} {metric.unit}<extra></extra>"
+            plot.add_scatter(x=[x], y=[y], mode="markers", showlegend=False, marker=tick, hovertemplate=told)
         edge = {"width": 0 if fair else 2, "color": colour}
         marker = {"symbol": look[name].symbol + ("" if fair else "-open"), "size": 11, "color": colour, "line": edge}
         told = f"{fixed(value, places)} {metric.unit} ({span(first, last, places)})<extra></extra>"

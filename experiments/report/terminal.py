@@ -336,13 +336,9 @@ def print_blame(shares: Any, headroom: Any) -> None:
     for r in headroom.itertuples():
         other = [r.informed, _number(r.informed_rms), _number(r.ratio), _ends(r.low, r.high)]
         rows.append([r.scenario, r.controller, _number(r.rms), *other])
-    Sheet(
-        "beside references with other information: RMS of the true error, and the factor between",
-        ["scenario", "controller", "RMS, µm", "reference", "its RMS, µm", "factor", "interval"],
-        [rows],
-        notes,
-        words=(0, 1, 3),
-    ).show()
+    title = "beside references with other information: RMS of the true error, and the factor between"
+    titles = ["scenario", "controller", "RMS, µm", "reference", "its RMS, µm", "factor", "interval"]
+    Sheet(title, titles, [rows], notes, words=(0, 1, 3)).show()
 
 
 def _ends(low: float, high: float) -> str:

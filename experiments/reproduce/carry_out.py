@@ -113,12 +113,8 @@ def _one(name: str, folder: Path, seeds: int, stamp: dict[str, Any]) -> dict[str
 
 def _row(row: Row) -> dict[str, Any]:
     """A row as JSON takes it: texts for readers, numbers beside them."""
-    texts = {
-        **asdict(row),
-        "simulation": str(row.simulation),
-        "true": str(row.true),
-        "evidence": str(row.evidence or ""),
-    }
+    texts = {**asdict(row), "simulation": str(row.simulation)}
+    texts |= {"true": str(row.true), "evidence": str(row.evidence or "")}
     numbers = {
         key: {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in asdict(value).items()}
         for key, value in (("simulation", row.simulation), ("true", row.true), ("evidence", row.evidence))

@@ -50,12 +50,8 @@ def counting(trial: Trial, rows: Rows) -> list[Drawing]:
         band = f * (1.0 + rng.uniform(0.0, 1e-3, 4000))
         phases = rng.uniform(0.0, 1.0, band.size)
         for kind, mean in (("total", 0.0), ("mean", 1.0)):
-            counted = np.array(
-                [
-                    sensor.counted(gate._replace(mean=mean), float(x), float(u))
-                    for x, u in zip(band, phases, strict=True)
-                ]
-            )
+            own, pairs = gate._replace(mean=mean), zip(band, phases, strict=True)
+            counted = np.array([sensor.counted(own, float(x), float(u)) for x, u in pairs])
             error = counted - band
             scatter[kind].append(1e3 * float(np.std(error)) / steep)
     f1 = float(sensor.oscillator(p, sensor.capacitance(p, 1.0, 1.0), 0.0))

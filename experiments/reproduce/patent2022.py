@@ -298,14 +298,9 @@ def gain(trial: Trial, rows: Rows) -> list[Drawing]:
         left.loglog(d, _static(d, accuracy=1e-4, smallest=0.0, r=10.0) / d / PERIOD, color=COLOURS[1], label="r = 10")
         left.set(xlabel="height difference d > 0, mm", ylabel="loop gain L/(d·T), 1/s")
         left.legend()
-        right.errorbar(
-            sizes,
-            [np.median(m) for m in means],
-            [[np.median(m) - np.quantile(m, 0.1) for m in means], [np.quantile(m, 0.9) - np.median(m) for m in means]],
-            color=COLOURS[0],
-            marker="o",
-            capsize=3,
-        )
+        low, high = (np.array([np.quantile(m, q) for m in means]) for q in (0.1, 0.9))
+        middle = np.array([np.median(m) for m in means])
+        right.errorbar(sizes, middle, [middle - low, high - middle], color=COLOURS[0], marker="o", capsize=3)
         right.set(xlabel="sensitivity s", ylabel="mean true error, µm", xscale="log")
 
     return [gain()]

@@ -53,7 +53,7 @@ def rates(trial: Trial, rows: Rows) -> None:
     """What the machine's servo issues and sees on a circle whose speed changes all the time."""
     way = axes.circle(40.0, axes.from_rest(60.0, 2000, 2400))
     fields = ("x.issued", "x.step", "axes_signals.error_x", "axes_signals.position_x", "axes_signals.velocity_x")
-    seen = axes.travelled([way], [PRESETS["a"]], [wu.Params(kp=KP)], fields)
+    seen = axes.travelled([(way, PRESETS["a"], wu.Params(kp=KP))], fields)
     issued, step, error, position, velocity = (seen[name][:, 0] for name in fields)
     servo, interpolation = (float(np.median(np.diff(np.flatnonzero(np.diff(a))))) for a in (issued, step))
     increments = np.diff(issued[3::4])
@@ -78,14 +78,8 @@ def lag(trial: Trial, rows: Rows) -> None:
     speeds = (CUTTING / 4, CUTTING)
     ideal = [p._replace(**IDEAL) for p in PRESETS.values()]
     runs = [(v, p, kp) for v in speeds for p in ideal for kp in (0.2, KP)]
-    seen = axes.travelled(
-        [axes.line(axes.from_rest(v, 500, 3000)) for v, _, _ in runs],
-        [p for _, p, _ in runs],
-        [wu.Params(kp=kp) for _, _, kp in runs],
-        ["axes_signals.error_x"],
-        every=4,
-    )
-    found = seen["axes_signals.error_x"][-1]
+    ways = ((axes.line(axes.from_rest(v, 500, 3000)), p, wu.Params(kp=kp)) for v, p, kp in runs)
+    found = axes.travelled(ways, ["axes_signals.error_x"], every=4)["axes_signals.error_x"][-1]
     expected = np.array([v / _kv(kp, p) for v, p, kp in runs])
     off = float(np.abs(found / expected - 1).max())
     at = runs.index((CUTTING, ideal[0], KP))
@@ -102,7 +96,7 @@ def _moves_and_stops(rows: Rows) -> None:
     """What the actual position does while the commanded one moves evenly, and after it has stopped."""
     p = PRESETS["a"]
     speeds = np.concatenate([axes.from_rest(CUTTING, 300, 1500), np.zeros(1500)])
-    seen = axes.travelled([axes.line(speeds)], [p], [wu.Params(kp=KP)], ["x.position", "axes_signals.error_x"])
+    seen = axes.travelled([(axes.line(speeds), p, wu.Params(kp=KP))], ["x.position", "axes_signals.error_x"])
     x, error = seen["x.position"][:, 0], seen["axes_signals.error_x"][:, 0]
     pace = float((x[1400] - x[1000]) / 0.4)
     rest = 1e3 * float(np.abs(x[-1] - speeds.sum() * 1e-3))
@@ -134,7 +128,7 @@ def z_domain(trial: Trial, rows: Rows) -> None:
     p, kp, step = PRESETS["a"]._replace(literal=True, **IDEAL), 1.5, np.ones(700)
     step[:8] = 0.0
     fields = ("axes_signals.error_x", "axes_signals.position_x")
-    seen = axes.travelled([axes.journey(step, 0 * step)], [p], [wu.Params(kp=kp)], fields)
+    seen = axes.travelled([(axes.journey(step, 0 * step), p, wu.Params(kp=kp))], fields)
     error, ours = (seen[name][3::4, 0] for name in fields)
     a, b, *_ = xy_axes.z_domain(p)
     k = kp * KN * p.gain
@@ -154,9 +148,8 @@ def limit_in_time(p: xy_axes.Params, kn: float = KN) -> float:
     step = np.ones(2600)
     step[:8] = 0.0
     p = p._replace(**IDEAL)
-    laws = [wu.Params(kp=float(kp), kn=kn) for kp in around]
-    field = "x.summed" if p.literal else "x.position"
-    seen = axes.travelled([axes.journey(step, 0 * step)] * len(laws), [p] * len(laws), laws, [field])[field] - 1.0
+    way, field = axes.journey(step, 0 * step), "x.summed" if p.literal else "x.position"
+    seen = axes.travelled([(way, p, wu.Params(kp=float(kp), kn=kn)) for kp in around], [field])[field] - 1.0
     early, late = (np.abs(seen[k : k + 600]).max(axis=0) for k in (800, 1800))
     return float(np.interp(0.0, np.log(late / early), around))
 
@@ -198,9 +191,7 @@ def response(trial: Trial, rows: Rows) -> list[Drawing]:
     for name, p in PRESETS.items():
         q = p._replace(**IDEAL)
         there = axes.journey(step, step)
-        seen = axes.travelled(
-            [there] * len(kps), [q] * len(kps), [wu.Params(kp=float(kp)) for kp in kps], ["x.position", "y.position"]
-        )
+        seen = axes.travelled([(there, q, wu.Params(kp=float(kp))) for kp in kps], ["x.position", "y.position"])
         x, y = seen["x.position"], seen["y.position"]
         over = x.max(axis=0) - 1.0
         largest = float(kps[over <= 1e-3].max())
@@ -248,12 +239,9 @@ def distorted(
     """
     turn, p = settled(1.0, radius, speed), PRESETS["a"]._replace(**IDEAL)
     speeds = axes.from_rest(speed, turn // 2, int(2.6 * turn))
-    seen = axes.travelled(
-        [axes.circle(radius, speeds, sense) for sense, _, _ in runs],
-        [p._replace(**drive) for _, drive, _ in runs],
-        [wu.Params(kp=axes.gain(kv, p), **law) for _, _, law in runs],
-        ["x.position", "y.position"],
-    )
+    kp = axes.gain(kv, p)
+    ways = ((axes.circle(radius, speeds, s), p._replace(**own), wu.Params(kp=kp, **law)) for s, own, law in runs)
+    seen = axes.travelled(ways, ["x.position", "y.position"])
     x, y = seen["x.position"][-turn:], seen["y.position"][-turn:]
     return [(np.arctan2(y[:, i], x[:, i]), np.hypot(x[:, i], y[:, i]) - radius) for i in range(len(runs))]
 
@@ -274,14 +262,9 @@ def equal_gains(trial: Trial, rows: Rows) -> None:
     law, angle = wu.Params(kp=KP), np.pi / 6
     steady = axes.from_rest(CUTTING, 300, 2500)
     varying = steady * (0.75 + 0.25 * np.cos(2 * np.pi * np.arange(len(steady)) / 400))
-    fields = ["x.position", "y.position"]
     weaker: dict[str, Any] = {"x_plus": MISMATCH, "x_minus": MISMATCH}
-    seen = axes.travelled(
-        [axes.line(steady, angle), axes.line(varying, angle)] * 2,
-        [p, p, p._replace(**weaker), p._replace(**weaker)],
-        [law] * 4,
-        fields,
-    )
+    ways = [(axes.line(way, angle), q, law) for q in (p, p._replace(**weaker)) for way in (steady, varying)]
+    seen = axes.travelled(ways, ["x.position", "y.position"])
     beside = 1e3 * np.abs(seen["y.position"] * np.cos(angle) - seen["x.position"] * np.sin(angle)).max(axis=0)
     for i, text in enumerate(("constant speed", "speed varying between 4 and 8 m/min")):
         rows("line-offset", (float(beside[i]), text), error=float(beside[i]), guess=float(beside[i + 2]), case=text)
@@ -316,22 +299,14 @@ def unequal_gains(trial: Trial, rows: Rows) -> list[Drawing]:
     p = PRESETS["a"]._replace(**IDEAL)
     stronger: dict[str, Any] = {"x_plus": MISMATCH, "x_minus": MISMATCH}
     expected = speed / 2 * abs(1 / (kv * MISMATCH) - 1 / kv)
-    seen = axes.travelled(
-        [axes.line(axes.from_rest(speed, 300, 2500), np.pi / 4)],
-        [p._replace(**stronger)],
-        [wu.Params(kp=axes.gain(kv, p))],
-        ["x.position", "y.position"],
-        every=50,
-    )
+    way = axes.line(axes.from_rest(speed, 300, 2500), np.pi / 4)
+    run = (way, p._replace(**stronger), wu.Params(kp=axes.gain(kv, p)))
+    seen = axes.travelled([run], ["x.position", "y.position"], every=50)
     offset = float(abs(seen["y.position"][-1, 0] - seen["x.position"][-1, 0]) / np.sqrt(2))
     back = {"x_plus": 1 / MISMATCH, "x_minus": 1 / MISMATCH}
-    matched, uneven, mended, *four = distorted(
-        radius,
-        speed,
-        [(1.0, {}, {}), (1.0, stronger, {}), (1.0, stronger, back)]
-        + [(sense, drive, {}) for sense, drive, _ in CASES.values()],
-        kv,
-    )
+    cases = [(1.0, {}, {}), (1.0, stronger, {}), (1.0, stronger, back)]
+    cases += [(sense, drive, {}) for sense, drive, _ in CASES.values()]
+    matched, uneven, mended, *four = distorted(radius, speed, cases, kv)
     waves = 1e3 * harmonics(*uneven)
     rest = 1e3 * harmonics(*mended)[2]
     rows("unequal-line", (1e3 * offset, 1e3 * expected), holds=abs(offset / expected - 1) < 0.03)
@@ -474,12 +449,8 @@ def out_of_round(speed: float, bits: Sequence[int]) -> np.ndarray:
     drives = [p._replace(dac=RAPID / 2 ** (n - 1) if n else 0.0) for n in bits]
     turn = settled(1.0, SMALL, speed / 0.06)
     speeds = axes.from_rest(speed / 0.06, min(turn, 500), max(1500, turn // 4) + turn)
-    seen = axes.travelled(
-        [axes.circle(SMALL, speeds)] * len(bits),
-        drives,
-        [wu.Params(kp=axes.gain(30.0, p))] * len(bits),
-        ["x.position", "y.position"],
-    )
+    way, law = axes.circle(SMALL, speeds), wu.Params(kp=axes.gain(30.0, p))
+    seen = axes.travelled([(way, drive, law) for drive in drives], ["x.position", "y.position"])
     return 1e3 * np.ptp(np.hypot(seen["x.position"][-turn:], seen["y.position"][-turn:]), axis=0)
 
 
@@ -545,13 +516,8 @@ def approached(resolution: list[tuple[xy_axes.Params, float]]) -> np.ndarray:
         ease = np.append(0.5 - 0.5 * np.cos(np.pi * (np.arange(move) + 1) / move), np.ones(_LEG - move))
         legs += [a + (b - a) * ease for a, b in zip([out, *stops], stops, strict=False)]
     x = np.concatenate([*legs, np.full(_LEG, out)])  # waits: the last 20 ms are not travelled
-    seen = axes.travelled(
-        [axes.journey(x, 0 * x)] * len(resolution),
-        [p for p, _ in resolution],
-        [wu.Params(kp=kp) for _, kp in resolution],
-        ["x.position"],
-        every=_LEG,
-    )["x.position"]
+    ways = ((axes.journey(x, 0 * x), p, wu.Params(kp=kp)) for p, kp in resolution)
+    seen = axes.travelled(ways, ["x.position"], every=_LEG)["x.position"]
     errors = (seen - np.tile(stops, len(APPROACHES))[:, None]).T
     errors = errors.reshape(len(resolution), len(APPROACHES), 2, len(TARGETS) + 1)[..., :-1]
     errors[:, :, 1] = errors[:, :, 1, ::-1].copy()
@@ -581,12 +547,8 @@ def accuracy(trial: Trial, rows: Rows) -> list[Drawing]:
         )
     p = PRESETS["a"]
     speeds = (CUTTING, RAPID)
-    seen = axes.travelled(
-        [axes.line(axes.from_rest(v, 500, 2500)) for v in speeds],
-        [p, p],
-        [wu.Params(kp=KP)] * 2,
-        ["x.position", "axes_signals.error_x"],
-    )
+    ways = ((axes.line(axes.from_rest(v, 500, 2500)), p, wu.Params(kp=KP)) for v in speeds)
+    seen = axes.travelled(ways, ["x.position", "axes_signals.error_x"])
     for i, (v, text) in enumerate(zip(speeds, ("largest cutting speed", "rapid return"), strict=True)):
         reached = 0.06 * float((seen["x.position"][-1, i] - seen["x.position"][-501, i]) / 0.5)
         holds = abs(reached / (0.06 * v) - 1) < 2e-3

@@ -41,13 +41,8 @@ def compared(here: dict[str, Any], there: dict[str, Any]) -> dict[str, Any]:
     for name in chosen:
         mine, other = here[name]["ratio"], there.get(name, {}).get("ratio")
         quotient = max(mine / other, other / mine) if mine and other else None
-        rows[name] = {
-            "here": places_here[name],
-            "there": places_there[name],
-            "ratio_here": mine,
-            "ratio_there": other,
-            "quotient": quotient,
-        }
+        rows[name] = {"here": places_here[name], "there": places_there[name]}
+        rows[name] |= {"ratio_here": mine, "ratio_there": other, "quotient": quotient}
     quotients = [row["quotient"] for row in rows.values()]
     whole = bool(rows) and None not in quotients
     return {

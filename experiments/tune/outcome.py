@@ -54,12 +54,8 @@ def frame(trials: list[FrozenTrial], task: Task) -> pd.DataFrame:
         row: dict[str, Any] = {"trial": trial.number, "state": trial.state.name.lower()}
         finished = trial.values if trial.state == TrialState.COMPLETE else [math.nan] * len(task.metrics)
         row |= {m: v if abs(v) < goals.FAILED else math.nan for m, v in zip(task.metrics, finished, strict=True)}
-        row |= {
-            "ms": trial.user_attrs.get("ms"),
-            "feasible": feasible(trial),
-            "steps": trial.user_attrs.get("steps"),
-            "cpu_seconds": trial.user_attrs.get("cpu_seconds"),
-        }
+        row |= {"ms": trial.user_attrs.get("ms"), "feasible": feasible(trial)}
+        row |= {key: trial.user_attrs.get(key) for key in ("steps", "cpu_seconds")}
         row |= {f"limit {name}": value for name, value in trial.constraints.items()}
         rows.append(row | trial.params)
     return pd.DataFrame(rows)

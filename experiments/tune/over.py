@@ -92,12 +92,8 @@ def carry_out(
         origin |= {"python": meta["python"], "optuna": meta["packages"]["optuna"], "study": storage.digest(task.words)}
         spent = Ledger(steps_of(trials), sum(t.user_attrs.get("cpu_seconds", 0.0) for t in trials))
         result = conclude(work, trials, spent, meta, origin, told)
-        meta |= {
-            "study": origin["study"],
-            "space": [axis.words for axis in task.space.axes],
-            "workers": workers,
-            "wall_seconds": round(time.time() - started, 1),
-        }
+        meta |= {"study": origin["study"], "space": [axis.words for axis in task.space.axes]}
+        meta |= {"workers": workers, "wall_seconds": round(time.time() - started, 1)}
         runs.write_json(folder / "run.json", _plain(meta))
         return result
 

@@ -17,7 +17,7 @@ NOMINAL = xy_axes.Params()
 def step_response(kp: float, drive: xy_axes.Params = NOMINAL, step: float = 1.0, periods: int = 1500) -> np.ndarray:
     """Position of one axis, mm, every control period after a step of so many mm."""
     to = np.where(np.arange(periods + 20) < 8, 0.0, step)
-    seen = axes.travelled([axes.journey(to, 0.0 * to)], [drive], [wu.Params(kp=kp)], ["x.position"])
+    seen = axes.travelled([(axes.journey(to, 0.0 * to), drive, wu.Params(kp=kp))], ["x.position"])
     return seen["x.position"][:, 0]
 
 

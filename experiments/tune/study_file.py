@@ -24,6 +24,10 @@ SHIPPED = Path(__file__).parent / "studies"
 """Studies that go by their names."""
 
 
+_PLAIN = ("sampler", "seed", "digits", "fresh", "relative", "criterion")
+"""Keys of a search that a task takes as they are."""
+
+
 class _Stage(TypedDict, total=False):
     sampler: str
     weight: float
@@ -188,6 +192,7 @@ def _task(path: Path, name: str, body: dict[str, Any], ms: float, trials: int | 
                 raise InvalidInput(f"ranges: {key} = {ends}; a range has two ends, [low, high]")
             if key in searched:
                 words = (*words, f"{key}={ends[0]!r}..{ends[1]!r}")
+        plain: dict[str, Any] = {key: body.get(key) for key in _PLAIN if key in body}
         return Task(
             body["controller"],
             words,
@@ -195,18 +200,13 @@ def _task(path: Path, name: str, body: dict[str, Any], ms: float, trials: int | 
             (body.get("metric") or str(scenarios.rules(suite).get("score", "rms_true")),),
             Limits(ms, tuple(Limit(key, most) for key, most in body.get("limits", {}).items())),
             body.get("seeds", 8 if with_jobs(suite) else 32),
-            sampler=body.get("sampler", "tpe+cmaes"),
             trials=trials if trials is not None else body.get("trials", 300),
-            seed=body.get("seed", 0),
             stages=tuple(Stage(**stage) for stage in body.get("stage", [])),
             also=tuple(tuple(changes.items()) for changes in body.get("also", [])),
-            digits=body.get("digits", 5),
             finalists=final.get("best", 0),
             final_seeds=final.get("seeds", 200),
-            fresh=body.get("fresh", False),
             set=tuple((key, _number(key, value, searched)) for key, value in body.get("set", {}).items()),
-            relative=body.get("relative", ""),
-            criterion=body.get("criterion", ""),
+            **plain,
         )
     except (InvalidInput, TypeError) as error:
         raise InvalidInput(f"{path}: search.{name}: {error}") from None

@@ -35,9 +35,10 @@ def test_matched_gains_restore_the_circle_of_a_drive_with_four_different_ones():
 
 def test_matched_gains_give_all_directions_the_lag_v_over_kv():
     p = xy_axes.Params(**DRIVE, **axes.IDEAL)
-    ways = [axes.line(axes.from_rest(40.0, 300, 2000), angle) for angle in (np.pi / 4, -3 * np.pi / 4)]
+    law, speeds = wu.Params(kp=axes.gain(30.0, p), **MATCHED), axes.from_rest(40.0, 300, 2000)
+    ways = [(axes.line(speeds, angle), p, law) for angle in (np.pi / 4, -3 * np.pi / 4)]
     names = ["axes_signals.error_x", "axes_signals.error_y"]
-    seen = axes.travelled(ways, [p, p], [wu.Params(kp=axes.gain(30.0, p), **MATCHED)] * 2, names, every=4)
+    seen = axes.travelled(ways, names, every=4)
     for name in names:
         assert np.allclose(np.abs(seen[name][-1]), 40.0 / np.sqrt(2) / 30.0, rtol=1e-4)
 

@@ -51,14 +51,9 @@ def table(frame: pd.DataFrame) -> Sheet:
 
 def promises(frame: pd.DataFrame) -> list[dict[str, Any]]:
     """What is promised, what was measured, and whether it held; nothing about what was not run."""
-    found = [
-        {
-            "what": "controllers that get worse with time",
-            "measured": float((frame["word"] == WORSE).sum()),
-            "promised": 0.0,
-            "held": bool((frame["word"] != WORSE).all()),
-        }
-    ]
+    worse = frame["word"] == WORSE
+    first = {"what": "controllers that get worse with time", "measured": float(worse.sum()), "promised": 0.0}
+    found = [{**first, "held": not worse.any()}]
     for _, row in frame[(frame["controller"] == SUBJECT) & ~frame["drawing"]].iterrows():
         for what, measured, most in (
             ("largest error later over first", row["ratio"], LIMIT),

@@ -33,13 +33,8 @@ _TITLES = ["faults", "lost", *CAUSES, "prevented", "stopped", "excess by supervi
 def _cells(part: pd.DataFrame) -> list[str]:
     causes, excesses = part["cause"].value_counts(), part["excess"].value_counts()
     prevented = int((part["lost_no_supervisor"] & ~part["lost"]).sum())
-    return [
-        str(len(part)),
-        str(int(part["lost"].sum())),
-        *(str(causes.get(name, 0)) for name in CAUSES),
-        str(prevented),
-        *(str(excesses.get(name, 0)) for name in EXCESSES),
-    ]
+    counts = [len(part), int(part["lost"].sum()), *(causes.get(name, 0) for name in CAUSES)]
+    return [*map(str, counts), str(prevented), *(str(excesses.get(name, 0)) for name in EXCESSES)]
 
 
 def _grouped(frame: pd.DataFrame, column: str, names: list[str]) -> list[list[list[str]]]:

@@ -102,13 +102,9 @@ def _run(
     fleet.stop_recording()
     since = np.arange(1, scenario.steps + 1)[:, None] >= [each.fault.start for each in given]
     apart = np.zeros(len(given)) if plain is None else np.where(since, np.abs(gap - plain), 0.0).max(axis=0)
-    return gap, Repeat(
-        lost=(fleet.column("tally.collided") > 0.5) | broken,
-        broken=broken,
-        lowest=fleet.column("tally.lowest"),
-        apart=np.where(broken | ~np.isfinite(apart), np.inf, apart),
-        alarm=_alarms(fleet),
-    )
+    collided, lowest = (fleet.column(f"tally.{name}") for name in ("collided", "lowest"))
+    apart = np.where(broken | ~np.isfinite(apart), np.inf, apart)
+    return gap, Repeat(lost=(collided > 0.5) | broken, broken=broken, lowest=lowest, apart=apart, alarm=_alarms(fleet))
 
 
 def _alarms(fleet: Fleet) -> np.ndarray:

@@ -56,13 +56,8 @@ def main(
             frames.append(found.assign(source=str(file)))
     everything = pd.concat(frames, ignore_index=True)
     wrong = everything[everything["wrong"] != ""]
-    facts = {
-        "cpu_seconds": round(time.process_time() - started, 1),
-        "seed": seed,
-        "contours": len(everything),
-        "wrong": len(wrong),
-        "on_the_contour": int((everything["how"] == "on the contour").sum()),
-    }
+    facts = {"cpu_seconds": round(time.process_time() - started, 1), "seed": seed, "contours": len(everything)}
+    facts |= {"wrong": len(wrong), "on_the_contour": int((everything["how"] == "on the contour").sum())}
     runs.write_table(place, "leads", everything)
     lines = (f"{row.source}, contour {row.contour + 1}: {row.wrong}" for row in wrong.head(20).itertuples())
     campaign.publish([sheet_of(everything, refused, drawn)], facts, "jobs.md", "leads" if docs else None, told=lines)
