@@ -347,19 +347,13 @@ def scheduled_against_fixed(trial: Trial, rows: Rows) -> list[Drawing]:
         return f"{a} beside {b}"
 
     quick, slow = (estimate(1e3 * x[at].time, "ms") for x in (ours, small))
-    rows(
-        "scheduled-time",
-        (
-            beside(quick, slow),
-            *(100 * near, ARRIVED, 100 * far, estimate(1e3 * large[at].time, "ms"), ABOVE, GAINS[at], len(GAINS)),
-        ),
-        holds=quick.value < 0.98 * slow.value,
+    told = (
+        beside(quick, slow),
+        *(100 * near, ARRIVED, 100 * far, estimate(1e3 * large[at].time, "ms"), ABOVE, GAINS[at], len(GAINS)),
     )
-    rows(
-        "scheduled-overshoot",
-        (beside(over(ours[at]), over(large[at])), 100 * far, 100 * near, over(small[at])),
-        holds=over(ours[at]).value < 0.98 * over(large[at]).value,
-    )
+    rows("scheduled-time", told, holds=quick.value < 0.98 * slow.value)
+    figures = (beside(over(ours[at]), over(large[at])), 100 * far, 100 * near, over(small[at]))
+    rows("scheduled-overshoot", figures, holds=over(ours[at]).value < 0.98 * over(large[at]).value)
     holds = hits[0] <= hits[1]
     rows("scheduled-crash", (hits[0], trial.seeds, hits[1], CONTROLLER, own, 100 * near, *map(over, mine)), holds)
     rows(
@@ -442,16 +436,13 @@ def accuracy(trial: Trial, rows: Rows) -> list[Drawing]:
         widest[name] = (amplitudes, peaks)
         allowed = float(np.interp(DYNAMIC, peaks, amplitudes)) if peaks[0] < DYNAMIC else float("nan")
         steepest = 2 * np.pi * allowed / 300.0 * SPEED if np.isfinite(allowed) else 0.0
-        rows(
-            "dynamic-accuracy",
-            (
-                f"±{allowed:.2f} mm{' or more' * (peaks[-1] < DYNAMIC)}, {steepest:.1f} mm/s of surface speed"
-                if np.isfinite(allowed)
-                else "none",
-                name,
-            ),
-            holds=np.isfinite(allowed),
+        told = (
+            f"±{allowed:.2f} mm{' or more' * (peaks[-1] < DYNAMIC)}, {steepest:.1f} mm/s of surface speed"
+            if np.isfinite(allowed)
+            else "none",
+            name,
         )
+        rows("dynamic-accuracy", told, holds=np.isfinite(allowed))
     fastest = z_axis.Params().speed
     rows("z-speed", fastest, holds=fastest >= SPEED)
 

@@ -40,12 +40,8 @@ def focus_and_height(trial: Trial, rows: Rows) -> list[Drawing]:
         now = height[ERRORS.index(error)]
         for name, text, unit in FIGURES:
             ratio = now[name] / level[name]
-            rows(
-                "standoff",
-                (estimate(now[name], unit), estimate(level[name], unit), text, abs(error)),
-                holds=np.median(ratio) > 1.02,
-                case="low" if error < 0 else "high",
-            )
+            told = (estimate(now[name], unit), estimate(level[name], unit), text, abs(error))
+            rows("standoff", told, holds=np.median(ratio) > 1.02, case="low" if error < 0 else "high")
     through = np.array([np.median(m["through"]) for m in height])
     lost = [f"{e:+g} mm".replace("-", "−") for e, t in zip(ERRORS, through, strict=True) if t < 0.98]
     rows("fails-to-cut", (", ".join(lost) or "none", max(ERRORS)), holds=bool(lost))

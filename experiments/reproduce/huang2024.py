@@ -239,11 +239,8 @@ def _eq_13(rows: Rows) -> None:
     off = np.abs(radius - real.x)
     spectrum = np.abs(np.fft.rfft(relative[1] * np.hanning(len(radius))))
     frequency = float(np.fft.rfftfreq(len(radius), whole.dt)[np.argmax(spectrum)])
-    rows(
-        "relative-dither",
-        (float(np.median(radius)), DYNAMIC, len(radius), 1e3 * np.quantile(off, 0.99), 1e3 * off.max()),
-        holds=abs(np.median(radius) / DYNAMIC.x - 1) < 0.05,
-    )
+    told = (float(np.median(radius)), DYNAMIC, len(radius), 1e3 * np.quantile(off, 0.99), 1e3 * off.max())
+    rows("relative-dither", told, holds=abs(np.median(radius) / DYNAMIC.x - 1) < 0.05)
     rows("dither-frequency", frequency * 1e-3, holds=abs(frequency / 2000.0 - 1) < 1e-3)
 
 
@@ -496,11 +493,8 @@ def focus_dither(trial: Trial, rows: Rows) -> list[Drawing]:
     )
     for name, text, unit in (("roughness", "roughness Rz", "µm"), ("dross", "dross", "mm"), ("taper", "taper u", "mm")):
         a, b = small[name], large[name]
-        rows(
-            "focus-dither",
-            (estimate(a, unit), estimate(b, unit), text, small["through"].mean(), large["through"].mean()),
-            holds=np.median(b - a) > 0,
-        )
+        told = (estimate(a, unit), estimate(b, unit), text, small["through"].mean(), large["through"].mean())
+        rows("focus-dither", told, holds=np.median(b - a) > 0)
     steel = materials.material("c45-10")
     strokes = np.linspace(0.0, 5.0, 26)
     lines = {}

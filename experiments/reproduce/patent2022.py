@@ -89,10 +89,9 @@ def three_cases(trial: Trial, rows: Rows) -> list[Drawing]:
 
     noisy = _flat(head=IMPULSES)
     jitters = [metrics.jitter(_run(trial, noisy, f"patent2022:law.r={r:g}")) for r in (1.0, 4.0, 16.0)]
+    told = (jitters[0] / jitters[-1], (1 + 1 / 1) / (1 + 1 / 16), np.sqrt(2) / 2, np.sqrt(1 + 1 / 256) / (17 / 16))
     rows(
-        "suppression",
-        (jitters[0] / jitters[-1], (1 + 1 / 1) / (1 + 1 / 16), np.sqrt(2) / 2, np.sqrt(1 + 1 / 256) / (17 / 16)),
-        holds=all(np.median(a) > np.median(b) for a, b in zip(jitters, jitters[1:], strict=False)),
+        "suppression", told, holds=all(np.median(a) > np.median(b) for a, b in zip(jitters, jitters[1:], strict=False))
     )
 
     small = np.geomspace(0.02, 1.0, 50)
@@ -170,11 +169,8 @@ def descent(trial: Trial, rows: Rows) -> list[Drawing]:
     error = float(over.max()) if reaches and not planned.collided.any() else np.inf
     guess = float(np.median(over_plain))
     rows("no-overshoot", (over, over.max(), planned.collided.sum(), np.median(arrival)), error=error, guess=guess)
-    rows(
-        "pid-overshoots",
-        (over_plain, plain.collided.sum(), plain, np.median(over_supervised), supervised.collided.sum()),
-        holds=np.median(over_plain) > 10 * max(1.0, np.median(over)),
-    )
+    told = (over_plain, plain.collided.sum(), plain, np.median(over_supervised), supervised.collided.sum())
+    rows("pid-overshoots", told, holds=np.median(over_plain) > 10 * max(1.0, np.median(over)))
 
     @pictured("Patent2022 ¶ 63–69", 2)
     def descent(gap: Axes, pace: Axes) -> None:
@@ -274,11 +270,8 @@ def gain(trial: Trial, rows: Rows) -> list[Drawing]:
         stacks.resolve("patent2022")
     )
     wavy = metrics.rms_true(_run(trial, scenarios.load("wavy"), "patent2022"))
-    rows(
-        "factor-of-a-hundredth",
-        (largest, np.sqrt(np.mean(wavy**2)), ", ".join(f"{x:.2f}" for x in response.worst)),
-        holds=np.sqrt(np.mean(wavy**2)) < 20.0,
-    )
+    told = (largest, np.sqrt(np.mean(wavy**2)), ", ".join(f"{x:.2f}" for x in response.worst))
+    rows("factor-of-a-hundredth", told, holds=np.sqrt(np.mean(wavy**2)) < 20.0)
     rows("adaptation", power, error=power - 0.5, guess=-0.5)
     sizes = (1.0, 5.0, 20.0, 100.0)
     noisy = _flat(head=IMPULSES)

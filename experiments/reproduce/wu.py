@@ -462,18 +462,12 @@ def low_speed(trial: Trial, rows: Rows) -> list[Drawing]:
     drive = np.sqrt(np.maximum(found[:, :-1] ** 2 - smooth**2, 0.0))  # what the converter adds
     slow, fast = SPEEDS.index(0.2), SPEEDS.index(8.0)
     steps = [RAPID / 2 ** (n - 1) * 0.06 for n in CONVERTERS]  # m/min
-    rows(
-        "low-speed",
-        (", ".join(f"{x:.2g}" for x in found[slow, :-1]), ", ".join(f"{n} bits" for n in CONVERTERS)),
-        holds=found[slow, 0] > 2 * found[slow, -2],
-    )
+    told = (", ".join(f"{x:.2g}" for x in found[slow, :-1]), ", ".join(f"{n} bits" for n in CONVERTERS))
+    rows("low-speed", told, holds=found[slow, 0] > 2 * found[slow, -2])
     holds = drive[slow, 0] > 1.5 * drive[fast, 0]
     rows("low-speed-share", (drive[slow, 0], drive[fast, 0], CONVERTERS, steps, smooth[fast, 0]), holds)
-    rows(
-        "low-speed-repeatability",
-        ", ".join(f"{n} bits {x / 20.0:.2g}" for n, x in zip(CONVERTERS, found[slow], strict=False)),
-        holds=found[slow, 0] > 20.0,
-    )
+    figures = ", ".join(f"{n} bits {x / 20.0:.2g}" for n, x in zip(CONVERTERS, found[slow], strict=False))
+    rows("low-speed-repeatability", figures, holds=found[slow, 0] > 20.0)
     holds = (np.diff(found[slow, : len(CONVERTERS)]) < 0).all()
     rows("better-drive", " → ".join(f"{x:.2g}" for x in found[slow]), holds)
     return [_low_speed(found, steps)]
@@ -540,11 +534,8 @@ def accuracy(trial: Trial, rows: Rows) -> list[Drawing]:
         spread = float(np.ptp(e, axis=(0, 1)).max() / 2)
         step = p.dac / 30.0
         rows("position-accuracy", (1e3 * worst, text), holds=worst <= 0.05)
-        rows(
-            "repeatability",
-            (1e3 * spread, text, 1e3 * step, "; 8 bits cannot hold ±0.01 mm" if spread > 0.01 else ""),
-            holds=spread <= 0.01,
-        )
+        told = (1e3 * spread, text, 1e3 * step, "; 8 bits cannot hold ±0.01 mm" if spread > 0.01 else "")
+        rows("repeatability", told, holds=spread <= 0.01)
     p = PRESETS["a"]
     speeds = (CUTTING, RAPID)
     ways = ((axes.line(axes.from_rest(v, 500, 2500)), p, wu.Params(kp=KP)) for v in speeds)

@@ -168,11 +168,8 @@ def rising_height(trial: Trial, rows: Rows) -> list[Drawing]:
             )
     columns = {n: np.array([table1.TABLE_1[h][n][1] for h in HEIGHTS]) for n in FILTERS}
     steps = {n: 100 * (e[1:] / e[:-1] - 1) for n, e in columns.items()}
-    rows(
-        "printed-errors",
-        "; ".join(f"{n} {', '.join(f'{x:+.0f} %' for x in s)}" for n, s in steps.items()).replace("-", "−"),
-        holds=all((s < 0).all() for s in steps.values()),
-    )
+    told = "; ".join(f"{n} {', '.join(f'{x:+.0f} %' for x in s)}" for n, s in steps.items()).replace("-", "−")
+    rows("printed-errors", told, holds=all((s < 0).all() for s in steps.values()))
     slow, fast = (_response_time(h, trial) for h in (0.1, 0.9))
     rows("higher-faster", (slow, fast), holds=fast < 0.95 * slow)
     return [_rising_height(curves=curves)]
@@ -255,19 +252,16 @@ def above_set_height(trial: Trial, rows: Rows) -> list[Drawing]:
     rows("mostly-above", above, holds=np.median(above) > 60)
     holds = np.median(cost) <= printed
     rows("raised-set-point", (1e3 * raised, 100 * SHARE, 1e3 * np.median(cost), 1e3 * printed), holds)
-    rows(
-        "one-sided-band",
-        (
-            f"{100 * SHARE:.0f} % above from a band of {1e3 * enough:.0f} µm on"
-            if enough is not None
-            else f"{np.median(most[0]):.0f} % above with {1e3 * BANDS[-1]:.0f} µm",
-            ", ".join(
-                f"{1e3 * b:.0f} µm {np.median(s):.0f} %, largest error {1e3 * np.median(e):.1f} µm"
-                for b, (s, e) in banded.items()
-            ),
+    told = (
+        f"{100 * SHARE:.0f} % above from a band of {1e3 * enough:.0f} µm on"
+        if enough is not None
+        else f"{np.median(most[0]):.0f} % above with {1e3 * BANDS[-1]:.0f} µm",
+        ", ".join(
+            f"{1e3 * b:.0f} µm {np.median(s):.0f} %, largest error {1e3 * np.median(e):.1f} µm"
+            for b, (s, e) in banded.items()
         ),
-        holds=enough is not None and np.median(most[1]) <= printed,
     )
+    rows("one-sided-band", told, holds=enough is not None and np.median(most[1]) <= printed)
     return [_above(error, banded)]
 
 
