@@ -19,19 +19,15 @@ def figure(suite: Suite, look: dict[str, Look], labels: dict[str, str]) -> Figur
     if not len(shares):
         return None
     views = {str(scenario): _view(here, look, labels) for scenario, here in shares.groupby("scenario", sort=False)}
-    return Figure(
-        f"blame-{suite.name}",
-        _title(shares, labels),
+    caption = (
         "Each stage's Shapley share of the mean-square error of the true gap: what idealising it gains, averaged over "
         f"all orders in which the stages can be idealised, with 95 % intervals over seeds. “{REST}” is what is left "
         "when all are ideal: law, supervisor and sampling. The shares of a controller add up to its mean-square error. "
         "A negative share is no mistake: a controller tuned around a fault can do worse without it. The hollow "
-        "diamond is what idealising this stage alone would gain.",
-        views,
-        "scenario",
-        height=110 + 34 * shares["stage"].nunique(),
-        least=340 * shares["controller"].nunique(),
+        "diamond is what idealising this stage alone would gain."
     )
+    height, least = 110 + 34 * shares["stage"].nunique(), 340 * shares["controller"].nunique()
+    return Figure(f"blame-{suite.name}", _title(shares, labels), caption, views, "scenario", height, least)
 
 
 def _view(here: pd.DataFrame, look: dict[str, Look], labels: dict[str, str]) -> go.Figure:

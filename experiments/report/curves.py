@@ -66,13 +66,9 @@ def figure(
         words.append(f"{labels[name]}{algorithm}: {frame['score'][best]:.3g} after {frame['steps'][best] / 1e6:.3g} M")
     if not views:
         return None
-    return Figure(
-        "training",
-        "Training curves",
+    caption = (
         f"Evaluations without exploration, on tune seeds; the large point is the policy that was kept. "
         f"{'; '.join(words)} steps. One training is one draw: another seed of training would end elsewhere, and "
-        "nothing here says how far.",
-        views,
-        "environment",
-        height=380,
+        "nothing here says how far."
     )
+    return Figure("training", "Training curves", caption, views, "environment", height=380)

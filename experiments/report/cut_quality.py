@@ -81,12 +81,9 @@ def figure(name: str, thickness: float | None = None) -> Figure:
         if np.isfinite(limit)
         else f"{sheet}: up to {ERRORS[-1]:.0f} µm RMS the following error does not show in the cut"
     )
-    return Figure(
-        f"quality-{name}",
-        title,
+    caption = (
         f"{steel.label[0].upper()}{steel.label[1:]}. At the recipe's feed, the error a Gaussian process with a "
         f"correlation of 3 mm along the cut. The dotted line is {100 * SHOWS:g} %, below which lies the scatter of any "
-        "roughness measurement.",
-        {"": plot},
-        height=380,
+        "roughness measurement."
     )
+    return Figure(f"quality-{name}", title, caption, {"": plot}, height=380)

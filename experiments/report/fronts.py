@@ -48,16 +48,12 @@ def figure(
         return None
     first = next(iter(views))
     title = f"{first.replace(' – ', ' against ')}: {', '.join(labels[n] for n in sound[0])} on the front"
-    return Figure(
-        f"fronts-{suite.name}",
-        title[0].upper() + title[1:],
+    caption = (
         "Left and down is better in every view. Bars are 95 % intervals. The grey line joins those of the controllers "
         "that may be ranked for whom no other is at least as good in both; hollow points know more than a real machine "
-        "or are not ranked for another reason given above.",
-        views,
-        "axes",
-        height=460,
+        "or are not ranked for another reason given above."
     )
+    return Figure(f"fronts-{suite.name}", title[0].upper() + title[1:], caption, views, "axes", height=460)
 
 
 def _view(

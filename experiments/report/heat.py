@@ -24,17 +24,13 @@ def figure(suite: Suite, labels: dict[str, str]) -> Figure | None:
     if (suite.results.runs["collision"] > 0).any():
         views["collisions, share of runs"] = _collisions(suite, labels)
     against = f"{suite.reference} in the same scenario" if suite.reference in suite.ranked else "the scenario's median"
-    return Figure(
-        f"heat-{suite.name}",
-        "Where the error comes from",
+    caption = (
         f"Numbers are over all seeds of a scenario whose run did not fail; colours compare with {against}: blue is "
         f"better, orange worse, {2**FURTHEST:g} times at the ends. Columns right of the line make no score"
-        f"{'; an asterisk marks scenarios that are built to defeat followers' if suite.exempt else ''}.",
-        views,
-        "show",
-        height=110 + 34 * (len(suite.ranked) + 1),
-        least=130 + 62 * len(suite.scenarios),
+        f"{'; an asterisk marks scenarios that are built to defeat followers' if suite.exempt else ''}."
     )
+    height, least = 110 + 34 * (len(suite.ranked) + 1), 130 + 62 * len(suite.scenarios)
+    return Figure(f"heat-{suite.name}", "Where the error comes from", caption, views, "show", height, least)
 
 
 def _errors(suite: Suite, metric: str, labels: dict[str, str]) -> go.Figure:

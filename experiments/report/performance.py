@@ -60,13 +60,11 @@ def figure(suite: Suite, look: dict[str, Look], labels: dict[str, str]) -> Figur
     fair = [n for n in shares if np.isfinite(suite.summary.at[n, "rank"])]
     fair = [n for n in fair if n in suite.classes.get("sensor", fair)] or list(shares)
     often = max(fair, key=lambda n: shares[n])
-    return Figure(
-        f"profile-{suite.name}",
-        f"{labels[often]} is better than {labels[suite.reference]} in {percent(shares[often])} of single runs",
+    title = f"{labels[often]} is better than {labels[suite.reference]} in {percent(shares[often])} of single runs"
+    caption = (
         f"For every seed of the {len(suite.scored)} scored scenarios the error is divided by that of "
         f"{labels[suite.reference]} on the same seed. A curve further left and higher is better; where it crosses the "
         "dashed line it tells how often a run is better than the reference's. Bands are 95 % intervals; there is none "
-        "where all seeds agree.",
-        {"": plot},
-        height=430,
+        "where all seeds agree."
     )
+    return Figure(f"profile-{suite.name}", title, caption, {"": plot}, height=430)

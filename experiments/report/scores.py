@@ -88,15 +88,14 @@ def figure(standing: Standing, look: dict[str, Look], labels: dict[str, str]) ->
         beside += " The dotted line is what no causal controller with only the sensor can go below (docs/bounds.md)."
     if LINEAR in limits:
         beside += " No fixed linear controller can go below the line of dashes and dots."
-    return Figure(
-        f"scores-{suite.name}",
-        _title(standing, labels),
+    caption = (
         f"Points are over the seeds whose run did not fail, {suite.scored_in_words}, with 95 % intervals; shorter is "
         f"better, and equal distances are equal ratios.{beside} Intervals of two controllers may overlap though the "
         "difference is sure: both met the same sheets and machines, and are compared on those. Hollow points are not "
-        "ranked.",
-        {"": plot},
-        height=round(110 + 30 * (0.5 - bottom)),
+        "ranked."
+    )
+    return Figure(
+        f"scores-{suite.name}", _title(standing, labels), caption, {"": plot}, height=round(110 + 30 * (0.5 - bottom))
     )
 
 

@@ -31,18 +31,14 @@ def figure(suite: Suite, look: dict[str, Look], labels: dict[str, str]) -> Figur
         return None
     names = [labels[name] for name in suite.ranked if name in over]
     title = f"Ms above {LIMIT_MS:g}: {', '.join(names)}" if names else f"Every measured Ms is within {LIMIT_MS:g}"
-    return Figure(
-        f"sensitivity-{suite.name}",
-        title,
+    caption = (
         "Measured by injection on the machine that was run, for the worst of its corner plants: how much of a small "
         "motion of the sheet shows in the true gap. Below 1 the motion is followed, above 1 it is made larger. The "
         f"marked peak is Ms; above {LIMIT_MS:g} a loop has little margin for a machine that differs from its model. "
         "A head that stands still has 1. A controller that learns while it runs predicts a sine, so its Ms is that of "
-        "noise.",
-        views,
-        "injected",
-        height=440,
+        "noise."
     )
+    return Figure(f"sensitivity-{suite.name}", title, caption, views, "injected", height=440)
 
 
 def _view(

@@ -62,17 +62,13 @@ def figure(suites: list[Suite], look: dict[str, Look], labels: dict[str, str]) -
         views[scenario] = plot
     if not views:
         return None
-    return Figure(
-        "spectra",
-        "Error spectra",
+    caption = (
         f"Density of the true gap error in the traced runs (Welch, segments of {SEGMENT * PERIOD:.3g} s, Hann), where "
         "it is scored and before any alarm. The area under the square of a line is its mean-square error. The "
         "head follows what is slower than the peak of |S|. It cannot follow what is faster; a good loop does not make "
-        "that worse.",
-        views,
-        "scenario",
-        height=440,
+        "that worse."
     )
+    return Figure("spectra", "Error spectra", caption, views, "scenario", height=440)
 
 
 def _mean(runs: list[pd.DataFrame]) -> tuple[np.ndarray, np.ndarray] | None:

@@ -46,15 +46,13 @@ def figure(found: dict[str, pd.DataFrame], labels: dict[str, str]) -> Figure | N
     views = {labels[name]: _view(frame) for name, frame in found.items()}
     if not views:
         return None
-    return Figure(
-        "tuned",
-        _title(found, labels),
+    caption = (
         "How the tuned metric changes, on tune seeds, when a single parameter is moved by 20 % (a whole one by at "
         "least 1) from where the search ended. Short bars: it need not be known well. A bar to the left would say that "
-        "the search stopped early, or at a limit such as Ms.",
-        views,
-        "controller",
-        height=_height(next(iter(found.values()))),
+        "the search stopped early, or at a limit such as Ms."
+    )
+    return Figure(
+        "tuned", _title(found, labels), caption, views, "controller", height=_height(next(iter(found.values())))
     )
 
 
