@@ -74,13 +74,9 @@ def export(
         raise _refused(f"a network of {layers[0].inputs} inputs for {frames} frames of {network.size} numbers")
     environment = batch.task.id
     observation, action = describe(environment, batch.control, batch.observation)
-    about = {
-        "algorithm": type(model).__name__,
-        "seed": model.seed,
-        "training_steps": int(model.num_timesteps),
-        "simulated_steps": int(model.num_timesteps) * batch.task.period,
-        "versions": _versions(),
-    }
+    steps = int(model.num_timesteps)
+    about = {"algorithm": type(model).__name__, "seed": model.seed, "training_steps": steps}
+    about |= {"simulated_steps": steps * batch.task.period, "versions": _versions()}
     document = Document(
         format=FORMAT,
         environment=environment,

@@ -164,6 +164,8 @@ def _results(grid: Grid, known: dict[str, Team], joined: dict[str, pd.DataFrame]
     names = [s.name for s in grid.scenarios]
     frame = in_order(joined["runs"], grid.controllers, names)
     ledger = joined["ledger"].groupby("controller", sort=False).sum()
+    bounds = {s.name: each for s in grid.scenarios if (each := recorded(s))}
+    spent = {name: Ledger(int(row["steps"]), float(row["cpu_seconds"])) for name, row in ledger.iterrows()}
     meta = record | {
         "seeds": f"{min(grid.seeds)}-{max(grid.seeds)}",
         "seed_count": len(grid.seeds),
@@ -172,11 +174,9 @@ def _results(grid: Grid, known: dict[str, Team], joined: dict[str, pd.DataFrame]
         "core": list(grid.core),
         "plates": sorted({s.head.plate for s in grid.scenarios}),
         "corners": [s.name for s in grid.scenarios if s.corners],
-        "bounds": {s.name: each.bound for s in grid.scenarios if (each := recorded(s))},
-        "linear": {s.name: each.linear for s in grid.scenarios if (each := recorded(s)) and each.linear is not None},
-        "ledger": {
-            name: Ledger(int(row["steps"]), float(row["cpu_seconds"])).entry() for name, row in ledger.iterrows()
-        },
+        "bounds": {name: each.bound for name, each in bounds.items()},
+        "linear": {name: each.linear for name, each in bounds.items() if each.linear is not None},
+        "ledger": {name: each.entry() for name, each in spent.items()},
         "tuning": {name: team.provenance for name, team in known.items() if team.provenance},
         "programs": {name: _digest(team.program) for name, team in known.items()},
         "parameters": {name: {k: p.value for k, p in team.parameters().items()} for name, team in known.items()},

@@ -48,13 +48,8 @@ def ingredients(fleet: Fleet) -> dict[str, float]:
     capacitance, jitter, counting = 1e3 * _all(fleet, fleet.column("job.set_height"))
     encoder, step = 1e3 * fleet.column("z.encoder"), 1e3 * fleet.column("z.dac")
     held = step * 1e-3  # mm/s over a control period of 1 ms
-    parts = {
-        "capacitance": capacitance,
-        "jitter": jitter,
-        "counting": counting,
-        "encoder": encoder / np.sqrt(12.0),
-        "d/a": held / np.sqrt(12.0),
-    }
+    parts = {"capacitance": capacitance, "jitter": jitter, "counting": counting}
+    parts |= {"encoder": encoder / np.sqrt(12.0), "d/a": held / np.sqrt(12.0)}
     return {name: float(np.sqrt(np.mean(np.square(part)))) for name, part in parts.items()}
 
 

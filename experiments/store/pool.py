@@ -95,13 +95,8 @@ def spread(
         for task in tasks:
             yield function(task)
     else:
-        pool = Parallel(
-            n_jobs=workers,
-            return_as="generator_unordered",
-            inner_max_num_threads=1,
-            initializer=_end_with,
-            initargs=(os.getpid(),),
-        )
+        ending = {"initializer": _end_with, "initargs": (os.getpid(),)}
+        pool = Parallel(n_jobs=workers, return_as="generator_unordered", inner_max_num_threads=1, **ending)
         yield from pool(delayed(function)(task) for task in tasks)
 
 

@@ -110,13 +110,8 @@ def fit(commands: np.ndarray, course: np.ndarray) -> tuple[servo.Drive, float]:
         left = (response(servo.Drive(*x), commands) - course[:-1])[BREAKAWAY:]
         return left - left.mean()
 
-    found = optimize.least_squares(
-        off,
-        x0=[80.0, 0.8, 1.5],
-        bounds=([20.0, 0.3, 0.0], [250.0, 3.0, 2.999]),
-        x_scale=[50.0, 0.5, 0.5],
-        diff_step=1e-5,
-    )
+    start, ends, scale = [80.0, 0.8, 1.5], ([20.0, 0.3, 0.0], [250.0, 3.0, 2.999]), [50.0, 0.5, 0.5]
+    found = optimize.least_squares(off, x0=start, bounds=ends, x_scale=scale, diff_step=1e-5)
     return servo.Drive(*found.x), float(np.sqrt(np.mean(found.fun**2)))
 
 

@@ -26,12 +26,7 @@ def of_speed(trial: Trial) -> dict[str, Any]:
     with status() as told:
         tables = speed(trial.folder, ROUNDS, True, 1, told)
     ratios = tables["ratios"].set_index("ratio")
-    return {
-        "numbers": {
-            "ratios": ratios.to_dict("index"),
-            "stages": tables["stages"].set_index("stage")[["ns", "share"]].to_dict("index"),
-            "startup": tables["startup"].set_index("program").to_dict("index"),
-            "failed": int((ratios["held"] == 0).sum()),
-        },
-        "rounds": ROUNDS,
-    }
+    stages = tables["stages"].set_index("stage")[["ns", "share"]]
+    numbers = {"ratios": ratios.to_dict("index"), "stages": stages.to_dict("index")}
+    numbers["startup"] = tables["startup"].set_index("program").to_dict("index")
+    return {"numbers": numbers | {"failed": int((ratios["held"] == 0).sum())}, "rounds": ROUNDS}

@@ -104,12 +104,9 @@ def best(work: RollOuts, trials: list[FrozenTrial]) -> tuple[Found, dict[str, An
         )
     value, at = min(again)
     found, trial = kept[at]
-    more = {
-        "score_tune": trial.values[0],
-        "score_checked": value,
-        "checked_on": ranges(range(task.final_seeds)),
-        "ms_steps": work.ms_steps + sum(t.user_attrs.get("ms_steps", 0) for t in trials),
-    }
+    more: dict[str, Any] = {"score_tune": trial.values[0], "score_checked": value}
+    more["checked_on"] = ranges(range(task.final_seeds))
+    more["ms_steps"] = work.ms_steps + sum(t.user_attrs.get("ms_steps", 0) for t in trials)
     return found, more, many.ledger
 
 

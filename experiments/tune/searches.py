@@ -128,14 +128,10 @@ def _search(
 def _row(name: str, task: Task, record: dict[str, Any]) -> dict[str, Any]:
     """What a search came to: on test seeds, and at which cost."""
     tuned = record["tuned"]
-    return {
-        "search": name,
-        "controller": task.controller,
-        "cap": task.limits.ms,
-        **{f"{key}_test": value for key, value in tuned["test"].items()},
-        **{key: tuned.get(key) for key in ("ms", "trials", "sampler", "tune_seeds", "simulated_steps", "cpu_seconds")},
-        "parameters": json.dumps(tuned["parameters"]),
-    }
+    row: dict[str, Any] = {"search": name, "controller": task.controller, "cap": task.limits.ms}
+    row |= {f"{key}_test": value for key, value in tuned["test"].items()}
+    row |= {key: tuned.get(key) for key in ("ms", "trials", "sampler", "tune_seeds", "simulated_steps", "cpu_seconds")}
+    return row | {"parameters": json.dumps(tuned["parameters"])}
 
 
 def write(path: Path, study: Study, name: str, tuned: dict[str, Any], before: dict[str, Any]) -> None:

@@ -239,14 +239,9 @@ class RollOuts(Work):
             values = self._values(trial)
         except optuna.TrialPruned:
             values = None
-        apart = {"ms_steps": self.ms_steps} if self.ms_steps else {}
-        self.over(
-            trial,
-            values,
-            steps=ledger.steps - steps - self._again - self.ms_steps,
-            cpu_seconds=round(ledger.cpu_seconds - seconds, 4),
-            **apart,
-        )
+        cost: dict[str, float] = {"steps": ledger.steps - steps - self._again - self.ms_steps}
+        cost |= {"cpu_seconds": round(ledger.cpu_seconds - seconds, 4)}
+        self.over(trial, values, **cost, **({"ms_steps": self.ms_steps} if self.ms_steps else {}))
 
     def _values(self, trial: Trial) -> list[float]:
         task, limits, first = self.task, self.task.limits, trial.number == 0

@@ -32,12 +32,8 @@ def made(
     with progress("runs") as told:
         frame, windows = endurance(controllers, found, seeds, jobs=jobs, told=told)
     kept = promises(frame)
-    facts = {
-        "seeds": f"{seeds[0]}-{seeds[-1]}",
-        "controllers": list(controllers),
-        "seconds": {name: scenario.duration for name, scenario in found.items() if not scenario.job},
-        "promises": kept,
-    }
+    seconds = {name: scenario.duration for name, scenario in found.items() if not scenario.job}
+    facts = {"seeds": f"{seeds[0]}-{seeds[-1]}", "controllers": list(controllers), "seconds": seconds, "promises": kept}
     runs.write_table(folder, "verdicts", frame)
     runs.write_table(folder, "windows", windows)
     campaign.publish([promised(kept), table(frame)], facts, f"{PAGE}.md", mark)

@@ -32,12 +32,8 @@ def story(case: str, seed: int = 0) -> list[Sheet]:
         alarm = supervisor.ALARMS[int(r.alarm[0])]
         rows.append([name, "yes" if r.lost[0] else "no", f"{r.lowest[0]:.3f}", f"{r.apart[0]:.3f}", alarm])
     why = f"cause: {verdict['cause']}." if verdict["cause"] else f"not lost; excess: {verdict['excess'] or 'none'}."
-    ways = Sheet(
-        f"{pieces[0]} · {pieces[1]}, seed {given[0].seed} · {given[0].name}: {words(given[0].fault)}",
-        ["run", "lost", "lowest gap, mm", "moved by the fault, mm", "alarm"],
-        [rows],
-        [why],
-    )
+    title = f"{pieces[0]} · {pieces[1]}, seed {given[0].seed} · {given[0].name}: {words(given[0].fault)}"
+    ways = Sheet(title, ["run", "lost", "lowest gap, mm", "moved by the fault, mm", "alarm"], [rows], [why])
     return [ways, _course(scenario, stack, given)]
 
 
