@@ -41,7 +41,7 @@ def test_harmonics_are_found():
 
 def test_a_journey_is_travelled_from_its_first_point_on():
     way = axes.circle(20.0, axes.from_rest(10.0, 200, 400), -1.0)
-    seen = axes.travelled([way], [xy_axes.Params()], [law.Params(kp=0.5)], ["x.position", "y.position"])
+    seen = axes.travelled([(way, xy_axes.Params(), law.Params(kp=0.5))], ["x.position", "y.position"])
     assert seen["x.position"].shape == (380, 1)
     assert seen["x.position"][0, 0] == pytest.approx(20.0, abs=1e-3)
     assert seen["y.position"][-1, 0] < -0.5  # clockwise
