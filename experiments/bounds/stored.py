@@ -80,8 +80,8 @@ def wanted() -> dict[str, Scenario]:
 
 def write(bounds: dict[str, Bound], seeds: range, file: Path = FILE) -> None:
     """Writes the record of ``bounds``, by ``suite/scenario``."""
-    known = sorted(bounds.items())
-    entries = {name: {"physics": physics(scenarios.load(name)), **asdict(bound)} for name, bound in known}
+    each = sorted(bounds.items())
+    entries = {name: {"physics": physics(scenarios.load(name)), **asdict(bound)} for name, bound in each}
     record = {"sources": sources(), "seeds": [seeds.start, seeds.stop], "scenarios": entries}
     with atomic(file) as part:
         part.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")

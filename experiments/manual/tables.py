@@ -234,8 +234,8 @@ def agreement(found: dict[str, Any]) -> str:
     from ..studies.agreement import FACTOR
 
     own = found["numbers"]
-    columns = {"here": ".3g", "there": ".3g", "ratio_here": ".2f", "ratio_there": ".2f", "quotient": ".2f"}
-    rows = [(f"`{name}`", *(written(row[c], form) for c, form in columns.items())) for name, row in own["rows"].items()]
+    forms = {"here": ".3g", "there": ".3g", "ratio_here": ".2f", "ratio_there": ".2f", "quotient": ".2f"}
+    rows = [(f"`{name}`", *(written(row[c], form) for c, form in forms.items())) for name, row in own["rows"].items()]
     pairs = ("place in `following`", "in `elsewhere`", "× xi2023-tuned in `following`", "in `elsewhere`")
     titles = ("controller", *pairs, "apart by")
     verdict = f"The same order: {own['order']}. All ratios within a factor of {FACTOR:g}: {own['ratios']}."

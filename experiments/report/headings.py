@@ -71,13 +71,15 @@ def of(results: Results) -> list[Column]:
         if metric.name != results.metric:
             metrics.append(_of_metric(suite, metric))
         if suite.jobs and metric.name == "roughness":
-            said = "ranges of its roughness after ISO 9013; 1 is the finest"
-            page = OnPage("cut", "Rz", "range, ISO 9013", said, lambda suite, _: cells.in_words(suite, "iso_roughness"))
+            words = "ranges of its roughness after ISO 9013; 1 is the finest"
+            page = OnPage(
+                "cut", "Rz", "range, ISO 9013", words, lambda suite, _: cells.in_words(suite, "iso_roughness")
+            )
             by_range = Column("ISO 9013", "iso_roughness", lambda row: str(row["iso_roughness"]))
             metrics.append(by_range if results.metric != "roughness" else replace(by_range, page=page))
     left = f"; {', '.join(suite.exempt)} are built to defeat followers and left out" if suite.exempt else ""
-    said = f"runs in which the nozzle touched the sheet, with Wilson's interval{left}"
-    touched = OnPage("safety", "touched", "runs", said, lambda suite, _: cells.counted(suite, "collisions"))
+    words = f"runs in which the nozzle touched the sheet, with Wilson's interval{left}"
+    touched = OnPage("safety", "touched", "runs", words, lambda suite, _: cells.counted(suite, "collisions"))
     collisions = Column("collisions", "collisions", lambda row: f"{row['collisions']}/{row['runs']}", touched)
     ends = _job_ends() if suite.jobs else _follower_ends(results)
     return [*_ranked(suite), *metrics, collisions, *ends]
@@ -175,8 +177,8 @@ def _of_metric(suite: Suite, metric: Metric) -> Column:
     if not shown.brief:
         under += f", {metric.better} is better"
     words = shown.said.format(summary=metric.summary, over=OVER_SCORED) or said(metric)
-    of = functools.partial(cells.of_metric, metric=metric)
-    page = OnPage(shown.group, shown.head or metric.label, under, words, of, int(shown.seldom))
+    content = functools.partial(cells.of_metric, metric=metric)
+    page = OnPage(shown.group, shown.head or metric.label, under, words, content, int(shown.seldom))
     text = plain if shown.brief else figure
     on_page = page if metric.name in suite.metrics else None
     return Column(metric.title, column, lambda row: text(row, column, shown.form), on_page)
@@ -230,9 +232,9 @@ def delay(value: float) -> str:
 def _follower_ends(results: Any) -> list[Column]:
     """Scenarios one by one, what a decision costs, budget and class."""
     there = in_scenario(results)
-    said = "median time that the law takes for a command, on one core; below it the 99th percentile as a share of "
-    said += "the control period"
-    time = OnPage("decision", "time", "µs, P99 of period", said, lambda suite, _: cells.decisions(suite))
+    words = "median time that the law takes for a command, on one core; below it the 99th percentile as a share of "
+    words += "the control period"
+    time = OnPage("decision", "time", "µs, P99 of period", words, lambda suite, _: cells.decisions(suite))
     return [
         *(Column(s, text=functools.partial(there, s)) for s in core(results)),
         Column("decision, µs", text=lambda row: plain(row, "median_us"), page=time),
@@ -276,7 +278,7 @@ def _budget() -> list[Column]:
 
 def _job_ends() -> list[Column]:
     """Budget, and what the figures of the cut stand on."""
-    said = "whether dross, Rz, u, through and kerf lie within the settings that they were calibrated on; else the "
-    said += "share of the cut that does not, and, when pointed at, in what"
-    stands = OnPage("cut", "evidence", "of the cut", said, lambda suite, _: cells.evidence(suite), -1)
+    words = "whether dross, Rz, u, through and kerf lie within the settings that they were calibrated on; else the "
+    words += "share of the cut that does not, and, when pointed at, in what"
+    stands = OnPage("cut", "evidence", "of the cut", words, lambda suite, _: cells.evidence(suite), -1)
     return [*_budget(), Column("evidence", text=evidence, page=stands)]
