@@ -20,6 +20,7 @@ supervisor has stopped the machine with an alarm, the head is away from the shee
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -52,13 +53,13 @@ def judged(scenario: Scenario, stack: Stack, given: Sequence[Drawn], threads: in
     badly = np.flatnonzero(shipped.lost | (shipped.apart > FLOOR))
     rest = [name for name in REPEATS if name not in ALWAYS]
     more = repeats(scenario, stack, [given[int(i)] for i in badly], rest, threads) if len(badly) else {}
-    frame = pd.DataFrame({"controller": stack.name, "scenario": [d.scenario for d in given]})
-    frame = frame.assign(number=[d.number for d in given], seed=[d.seed for d in given])
-    frame = frame.assign(fault=[d.name for d in given], words=[words(d.fault) for d in given])
-    frame = frame.assign(lost=shipped.lost, broken=shipped.broken, lowest_mm=shipped.lowest, apart_mm=shipped.apart)
-    frame["alarm"] = [supervisor.ALARMS[int(a)] for a in shipped.alarm]
-    frame["lost_faultless"] = found[FAULTLESS].lost
-    frame = frame.assign(lost_no_supervisor=bare.lost, apart_no_supervisor_mm=bare.apart)
+    given_of: dict[str, Any] = {key: [getattr(d, key) for d in given] for key in ("scenario", "number", "seed")}
+    given_of |= {"fault": [d.name for d in given], "words": [words(d.fault) for d in given]}
+    ran: dict[str, Any] = {"lost": shipped.lost, "broken": shipped.broken}
+    ran |= {"lowest_mm": shipped.lowest, "apart_mm": shipped.apart}
+    ran |= {"alarm": [supervisor.ALARMS[int(a)] for a in shipped.alarm], "lost_faultless": found[FAULTLESS].lost}
+    ran |= {"lost_no_supervisor": bare.lost, "apart_no_supervisor_mm": bare.apart}
+    frame = pd.DataFrame({"controller": stack.name, **given_of, **ran})
     for name in rest:
         column = name.replace(" ", "_")
         frame[f"lost_{column}"] = pd.array(_spread(more, name, "lost", badly, len(frame)), "boolean")
