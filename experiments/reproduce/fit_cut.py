@@ -122,23 +122,16 @@ def main() -> None:
     found = table(p, power)
     print(found.to_string(index=False, float_format="%.3f"))
     meta = runs.record(["python", "-m", "kerfgym.experiments.reproduce.fit_cut"])
-    tables = {
-        "coefficients": {name: round(float(getattr(p, name)), 5) for name in COEFFICIENTS},
-        "calibration": {
-            "source": "Huang2024 Table 2 and CN102528288A's focus",
-            "coefficients": len(COEFFICIENTS) + 1,
-            "numbers": NUMBERS,
-            "power": round(power, 1),
-            "largest_error": round(float(found.filter(like="error").abs().max().max()), 4),
-            "residuals": {
-                row["method"]: {"dross": round(row["dross, error"], 4), "roughness": round(row["Rz, error"], 4)}
-                for _, row in found.iterrows()
-            },
-            "command": "python -m kerfgym.experiments.reproduce.fit_cut",
-            "kerfgym": meta["kerfgym"],
-            "git": meta["git"],
-        },
+    record: dict[str, Any] = {"source": "Huang2024 Table 2 and CN102528288A's focus"}
+    record |= {"coefficients": len(COEFFICIENTS) + 1, "numbers": NUMBERS, "power": round(power, 1)}
+    record["largest_error"] = round(float(found.filter(like="error").abs().max().max()), 4)
+    record["residuals"] = {
+        row["method"]: {"dross": round(row["dross, error"], 4), "roughness": round(row["Rz, error"], 4)}
+        for _, row in found.iterrows()
     }
+    record["command"] = "python -m kerfgym.experiments.reproduce.fit_cut"
+    record |= {"kerfgym": meta["kerfgym"], "git": meta["git"]}
+    tables = {"coefficients": {name: round(float(getattr(p, name)), 5) for name in COEFFICIENTS}, "calibration": record}
     lines = [
         f"power = {power:.1f}       # W, effective [C]" if line.startswith("power") else line
         for line in head.split("\n")

@@ -15,14 +15,9 @@ class Bars:
     """Bars one below the other; each appears when its work begins."""
 
     def __init__(self, quiet: bool = False) -> None:
-        columns = (
-            TextColumn("{task.description}"),
-            BarColumn(),
-            TextColumn("{task.fields[count]}"),
-            TimeElapsedColumn(),
-            TimeRemainingColumn(),
-        )
-        self._progress = Progress(*columns, console=Console(stderr=True), disable=quiet)
+        bar = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[count]}"))
+        times = (TimeElapsedColumn(), TimeRemainingColumn())
+        self._progress = Progress(*bar, *times, console=Console(stderr=True), disable=quiet)
 
     def __enter__(self) -> "Bars":
         self._progress.start()
