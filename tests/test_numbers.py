@@ -219,12 +219,17 @@ def test_what_looks_like_a_result_is_found(sentence):
 @pytest.mark.parametrize(
     "sentence",
     [
-        "Huang2024's Table 2 and CN102528288A", "slot `z`, `law.kp=3.5`", "two of them, in 16 corner plants",
-        "[a link](page.md#3.5-mm)", "| Huang2024 | `x=3` |", "<!-- n: following.pid.score .2f -->9.77<!-- /n --> µm",
-        "<!-- made: following -->\n| pid | 9.77 |\n<!-- end -->", "```\nkerfgym tune law.kp=20..120 --ms 3.3\n```",
+        "Huang2024's Table 2 and CN102528288A",
+        "slot `z`, `law.kp=3.5`",
+        "two of them, in 16 corner plants",
+        "[a link](page.md#3.5-mm)",
+        "| Huang2024 | `x=3` |",
+        "<!-- n: following.pid.score .2f -->9.77<!-- /n --> µm",
+        "<!-- made: following -->\n| pid | 9.77 |\n<!-- end -->",
+        "```\nkerfgym tune law.kp=20..120 --ms 3.3\n```",
         "kerfgym 0.1.0",
     ],
-)  # fmt: skip
+)
 def test_names_code_and_marked_numbers_are_none(sentence):
     assert unmarked(f"A page.\n\n{sentence}\n", {})[0] == []
 

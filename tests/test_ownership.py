@@ -205,10 +205,13 @@ def episode(kind, **arguments):
 
 
 BATCHES = {
-    "following": (TASK, {"scenario": "wavy"}), "schedule": (TASK, {"scenario": "rough", "control": "schedule"}),
-    "raw": (TASK, {"observation": "raw", "control": "direct"}), "contour": (CONTOUR, {}),
-    "cutting": (CUTTING, {}), "several threads": (TASK, {"threads": 2}),
-}  # fmt: skip
+    "following": (TASK, {"scenario": "wavy"}),
+    "schedule": (TASK, {"scenario": "rough", "control": "schedule"}),
+    "raw": (TASK, {"observation": "raw", "control": "direct"}),
+    "contour": (CONTOUR, {}),
+    "cutting": (CUTTING, {}),
+    "several threads": (TASK, {"threads": 2}),
+}
 
 
 @pytest.mark.parametrize("kept", ["observations", "rewards", "returns", "infos", "left"])
@@ -374,10 +377,12 @@ def test_a_number_that_keeps_nothing_alive_is_no_argument():
     with pytest.raises(TypeError, match="keeps nothing alive"):
         machine.advance.bound(fleet.deck.words.ctypes.data)
     for give in (
-        lambda words: fleet.hook(0, 0, words), lambda words: fleet.pilot("height", 0, words),
-        lambda words: fleet.after_sensor(0, words), lambda words: fleet.after_supervisor(0, words),
+        lambda words: fleet.hook(0, 0, words),
+        lambda words: fleet.pilot("height", 0, words),
+        lambda words: fleet.after_sensor(0, words),
+        lambda words: fleet.after_supervisor(0, words),
         lambda words: fleet.at_end(0, words),
-    ):  # fmt: skip
+    ):
         with pytest.raises(AssertionError, match=r"keeps? nothing alive"):
             give(np.zeros(20, np.uint64))
 
@@ -409,10 +414,11 @@ def test_a_deck_s_words_lie_where_its_places_say():
 
 
 HANDED_OUT = {
-    "hook": lambda fleet, io: fleet.hook(0, 0, io), "after the sensor": lambda fleet, io: fleet.after_sensor(0, io),
+    "hook": lambda fleet, io: fleet.hook(0, 0, io),
+    "after the sensor": lambda fleet, io: fleet.after_sensor(0, io),
     "after the supervisor": lambda fleet, io: fleet.after_supervisor(0, io),
     "pilot": lambda fleet, io: fleet.pilot("other", 0, io),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("way", HANDED_OUT)

@@ -212,10 +212,12 @@ def test_only_regular_files_are_read(here, kind):
     path = here / kind
     with socket.socket(socket.AF_UNIX) as listening:
         for make, word in (
-            (lambda: os.mkfifo(path), "a named pipe"), (lambda: path.symlink_to("/dev/zero"), "a device"),
+            (lambda: os.mkfifo(path), "a named pipe"),
+            (lambda: path.symlink_to("/dev/zero"), "a device"),
             (lambda: path.symlink_to("/proc/self/mem"), "Input/output error"),
-            (path.mkdir, "a folder"), (lambda: listening.bind(str(path)), "|No such device"),
-        ):  # fmt: skip
+            (path.mkdir, "a folder"),
+            (lambda: listening.bind(str(path)), "|No such device"),
+        ):
             make()
             told = refused(READERS[kind], path)
             assert any(each in told for each in word.split("|")), told
@@ -240,8 +242,12 @@ def test_a_file_that_is_too_large_is_refused_before_it_is_read(here, kind):
     os.truncate(path, most + 1)  # a sparse one, which takes no room
     assert f"larger than {most / 1e6:g} MB" in refused(READERS[kind], path, within=1.0)
     assert (files.SETTINGS, files.TABLE, files.DRAWING, files.RECORD, files.NUMBERS) == (
-        1_000_000, 32_000_000, 64_000_000, 64_000_000, 2_000_000_000,
-    )  # fmt: skip
+        1_000_000,
+        32_000_000,
+        64_000_000,
+        64_000_000,
+        2_000_000_000,
+    )
 
 
 def test_a_record_that_is_too_large_is_refused(here):
@@ -331,8 +337,13 @@ def test_what_no_file_can_be_called_is_not_there(here, text, capsys):
         lambda t: stacks.resolve(f"{t}.py:Mine"),
     ):
         refused(reader, text)
-    for words in (("report", text), ("render", "x.png", "--plan", text), ("render", "x.png", "--path", text),
-                  ("benchmark", "-s", text), ("train", "ppo", "--preset", text)):  # fmt: skip
+    for words in (
+        ("report", text),
+        ("render", "x.png", "--plan", text),
+        ("render", "x.png", "--path", text),
+        ("benchmark", "-s", text),
+        ("train", "ppo", "--preset", text),
+    ):
         told = said(capsys, *words)
         assert len(told) < 2000
 
@@ -439,8 +450,13 @@ def test_drawings_open_neither_files_nor_connections(here, watched, kind):
 
 @line("A scenario cannot name a controller or any other code.")
 def test_a_scenario_names_no_code(here):
-    for text in ('controller = "evil.py:Mine"', 'base = "evil.py:Mine"', '[job]\nmaterial = "evil.py:Mine"',
-                 '[job]\npart = "evil.py"', 'path = "evil.py"'):  # fmt: skip
+    for text in (
+        'controller = "evil.py:Mine"',
+        'base = "evil.py:Mine"',
+        '[job]\nmaterial = "evil.py:Mine"',
+        '[job]\npart = "evil.py"',
+        'path = "evil.py"',
+    ):
         (here / "x.toml").write_text(f'name = "x"\n{text}\n', encoding="utf-8")
         with pytest.raises(InvalidInput):
             run(["wu"], [scenarios.read(here / "x.toml")], here / "run", range(1000, 1001), suite="contour")
@@ -494,9 +510,10 @@ def test_an_error_about_a_foreign_file_shows_next_to_nothing_of_it(here):
 @line("A profile has at most 5 000 000 points, a surface heights of at most ±1000 mm.")
 def test_a_profile_to_the_moon_is_an_error(here):
     for rows, message in (
-        ("0,0\n1e12,0\n", "points; allowed: 5,000,000"), ("0,0\n1e300,0\n", "points; allowed"),
+        ("0,0\n1e12,0\n", "points; allowed: 5,000,000"),
+        ("0,0\n1e300,0\n", "points; allowed"),
         ("0,0\n1,1e6\n", r"row 3, column height_mm: 1e\+06 mm; allowed: ±1000 mm"),
-    ):  # fmt: skip
+    ):
         (here / "p.csv").write_text(f"position_mm,height_mm\n{rows}", encoding="utf-8")
         (here / "x.toml").write_text('name = "x"\n[sheet.profile]\nfile = "p.csv"\n', encoding="utf-8")
         assert re.search(message, refused(scenarios.read, here / "x.toml"))
@@ -612,12 +629,15 @@ def policy(here):
 @pytest.mark.parametrize(
     "change",
     [
-        lambda d: d["base"]["z"].update(law="evil.py:Mine"), lambda d: d["base"]["z"].update(law="../x"),
-        lambda d: d["network"]["layers"][0].update(outputs=5000), lambda d: d["network"].update(layers=[]),
-        lambda d: d["network"].update(layers=d["network"]["layers"][:1] * 17), lambda d: d.update(code="import os"),
+        lambda d: d["base"]["z"].update(law="evil.py:Mine"),
+        lambda d: d["base"]["z"].update(law="../x"),
+        lambda d: d["network"]["layers"][0].update(outputs=5000),
+        lambda d: d["network"].update(layers=[]),
+        lambda d: d["network"].update(layers=d["network"]["layers"][:1] * 17),
+        lambda d: d.update(code="import os"),
         lambda d: d.update(provenance={"trials": "x"}),
     ],
-)  # fmt: skip
+)
 def test_a_policy_is_numbers_for_a_small_network(policy, change):
     with pytest.raises(InvalidInput):
         Policy.load(policy(change))
@@ -714,10 +734,12 @@ def test_names_in_a_record_stay_in_the_folder(here, changed, capsys, monkeypatch
     for name in ("a" * 300, "a/" * 3000, "ring", "\ud800"):  # nothing can be called so, or be there
         assert "can be called so" in refused(files.within, here, name, "folder")
     (here / "secret.toml").write_text('password = "hunter2"', encoding="utf-8")
-    for i, make in enumerate((
-        lambda place: place.symlink_to(here, target_is_directory=True),
-        lambda place: (place.mkdir(), (place / "a.toml").symlink_to(here / "secret.toml")),
-    )):  # fmt: skip
+    for i, make in enumerate(
+        (
+            lambda place: place.symlink_to(here, target_is_directory=True),
+            lambda place: (place.mkdir(), (place / "a.toml").symlink_to(here / "secret.toml")),
+        )
+    ):
         bad = changed(lambda r: None, f"linked{i}")
         shutil.rmtree(bad / "scenarios")
         make(bad / "scenarios")
@@ -902,11 +924,15 @@ def test_a_changed_journal_is_an_error(here, journal, old, new):
 
 @pytest.mark.parametrize(
     ("start", "told"),
-    [({"filter.kind": "none"}, "cmaes.law.kp = 'None'; allowed: a number"),
-     ({"law.kp": "x", "filter.kind": "none"}, "cmaes.law.kp = 'x'"), ({}, "cmaes.filter.kind"),
-     ({"law.kp": 50.0, "law.ki": 1.0, "filter.kind": "evil"}, "cmaes.filter.kind = 'evil'; allowed: none, mean"),
-     ({"law.kp": 50.0, "filter.kind": "mean"}, "cmaes.law.ki"), ([], "cmaes")],
-)  # fmt: skip
+    [
+        ({"filter.kind": "none"}, "cmaes.law.kp = 'None'; allowed: a number"),
+        ({"law.kp": "x", "filter.kind": "none"}, "cmaes.law.kp = 'x'"),
+        ({}, "cmaes.filter.kind"),
+        ({"law.kp": 50.0, "law.ki": 1.0, "filter.kind": "evil"}, "cmaes.filter.kind = 'evil'; allowed: none, mean"),
+        ({"law.kp": 50.0, "filter.kind": "mean"}, "cmaes.law.ki"),
+        ([], "cmaes"),
+    ],
+)
 def test_a_start_of_cma_es_that_does_not_fit_is_an_error(here, start, told):
     from kerfgym.experiments.tune.study import Task
 
@@ -988,12 +1014,17 @@ def test_passwords_are_nowhere(here, capsys, monkeypatch):
 @pytest.mark.parametrize(
     "url",
     [
-        "postgresql://u:hunter2@127.0.0.1:notaport/d", "postgresql:///d?host=127.0.0.1&port=1&password=hunter2",
-        "postgresql://u:hun/ter2@127.0.0.1:1/d", "sqlite:////none/x.db?password=hunter2", "redis://:hunter2@127.0.0.1:1",
-        "redis://:hunter2@127.0.0.1:notaport", "mysql://u:hunter2@127.0.0.1:1/d", "foo://u:hunter2@x/y",
+        "postgresql://u:hunter2@127.0.0.1:notaport/d",
+        "postgresql:///d?host=127.0.0.1&port=1&password=hunter2",
+        "postgresql://u:hun/ter2@127.0.0.1:1/d",
+        "sqlite:////none/x.db?password=hunter2",
+        "redis://:hunter2@127.0.0.1:1",
+        "redis://:hunter2@127.0.0.1:notaport",
+        "mysql://u:hunter2@127.0.0.1:1/d",
+        "foo://u:hunter2@x/y",
         "u:hunter2@host/d",
     ],
-)  # fmt: skip
+)
 def test_a_storage_that_cannot_be_used_says_so_at_once_and_without_its_password(here, url):
     told = refused(storage.opened, url)
     assert "unter2" not in told
@@ -1004,11 +1035,14 @@ def test_a_storage_that_cannot_be_used_says_so_at_once_and_without_its_password(
 @pytest.mark.parametrize(
     ("text", "shown"),
     [
-        ("postgresql://u:p@h/d", "postgresql://u:…@h/d"), ("redis://:p@h", "redis://:…@h"),
-        ("mysql+x://u:p@ss:w/rd@h:1/d", "mysql+x://u:…@h:1/d"), ("x://h/d?a=1&sslpassword=p&b=2", "x://h/d?a=1&sslpassword=…&b=2"),
-        ("postgresql://user@host/database", "postgresql://user@host/database"), ("tcp://10.0.0.1:8786", "tcp://10.0.0.1:8786"),
+        ("postgresql://u:p@h/d", "postgresql://u:…@h/d"),
+        ("redis://:p@h", "redis://:…@h"),
+        ("mysql+x://u:p@ss:w/rd@h:1/d", "mysql+x://u:…@h:1/d"),
+        ("x://h/d?a=1&sslpassword=p&b=2", "x://h/d?a=1&sslpassword=…&b=2"),
+        ("postgresql://user@host/database", "postgresql://user@host/database"),
+        ("tcp://10.0.0.1:8786", "tcp://10.0.0.1:8786"),
     ],
-)  # fmt: skip
+)
 def test_passwords_of_urls_are_masked(text, shown):
     assert secrets.masked(text) == secrets.masked_word(text) == shown
     assert (

@@ -34,12 +34,19 @@ TINY = {
     "checkpoint.every": 64, "steps": 256,
 }  # fmt: skip
 ON = {"algorithm.n_steps": 16, "algorithm.batch_size": 32, "algorithm.n_epochs": 2}
-OFF = {"algorithm.learning_starts": 64, "algorithm.batch_size": 16, "algorithm.gradient_steps": 1,
-       "algorithm.buffer_size": 1000}  # fmt: skip
+OFF = {
+    "algorithm.learning_starts": 64,
+    "algorithm.batch_size": 16,
+    "algorithm.gradient_steps": 1,
+    "algorithm.buffer_size": 1000,
+}
 MORE = {
-    "ppo": ON, "sac": OFF, "td3": OFF, "tqc": {**OFF, "policy.n_quantiles": 5},
+    "ppo": ON,
+    "sac": OFF,
+    "td3": OFF,
+    "tqc": {**OFF, "policy.n_quantiles": 5},
     "recurrent-ppo": {**ON, "policy.lstm_hidden_size": 8},
-}  # fmt: skip
+}
 JOB = {CONTOUR: "contour-square", CUTTING: "cut-square"}
 
 
@@ -305,8 +312,11 @@ def test_the_presets_own_scenario_is_found_and_trains_what_the_suite_has_not():
 
 def test_values_are_set_as_in_toml():
     assert settings.parsed(["a.b=0.5", 'c=["x", "y"]', "d=word", "e=true"]) == {
-        "a.b": 0.5, "c": ["x", "y"], "d": "word", "e": True,
-    }  # fmt: skip
+        "a.b": 0.5,
+        "c": ["x", "y"],
+        "d": "word",
+        "e": True,
+    }
     given = settings.preset("ppo", HEIGHT, {"environment.reward.rate": 0.1, "algorithm.gamma": 0.9})
     assert given.environment["reward"] == {"rate": 0.1, "tolerance": 1e-4}
     assert given.flat()["algorithm.gamma"] == 0.9

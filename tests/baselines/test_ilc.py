@@ -182,9 +182,14 @@ def test_nothing_is_learnt_while_the_supervisor_overrides():
     memory, state = np.zeros(ilc.MEMORY), ilc.init(SLOW)
     for tick in range(200):
         x = Sensed(
-            height=1.0 + 0.001 * tick, set_height=0.8, captured=True, override=True, fresh=tick == 0, feed=200.0,
+            height=1.0 + 0.001 * tick,
+            set_height=0.8,
+            captured=True,
+            override=True,
+            fresh=tick == 0,
+            feed=200.0,
             place=0.2 * tick,
-        )  # fmt: skip
+        )
         state, _ = ilc.control(SLOW, state, x, (), memory)
     assert not memory.any()
 

@@ -151,8 +151,11 @@ def test_a_schedule_that_asks_for_the_bases_own_settings_is_the_base_controller(
 def test_a_schedule_reaches_the_ends_of_its_table():
     env, _ = begun(1002, control="schedule")
     for action, window, trim, gain in (
-        ([-1, -1, -1], 1, 0, 0.2), ([1, 1, 1], 15, 3, 3.0), ([-1, 1, 0], 1, 0, 1.6), ([-5 / 7, 1, 0], 3, 1, 1.6),
-    ):  # fmt: skip
+        ([-1, -1, -1], 1, 0, 0.2),
+        ([1, 1, 1], 15, 3, 3.0),
+        ([-1, 1, 0], 1, 0, 1.6),
+        ([-5 / 7, 1, 0], 3, 1, 1.6),
+    ):
         env.step(np.array(action, np.float32))
         settings, hand = env.batch.fleet.get("filter"), env.batch.fleet.get("hand")
         assert (settings.window, settings.trim) == (window, trim)
@@ -415,7 +418,7 @@ def test_the_machine_may_be_changed_from_outside():
         ({"max_steps": 0}, r"max_steps = 0 is out of range; at least 1"),
         ({"max_steps": -5}, r"max_steps = -5 is out of range; at least 1"),
     ],
-)  # fmt: skip
+)
 def test_a_bad_argument_is_named(arguments, message):
     with pytest.raises(InvalidInput, match=message):
         HeightFollowingEnv(**arguments)

@@ -46,9 +46,12 @@ def u(low, high, sign="+"):
 
 def wave(amplitude, wavelength, exponent=0.0, direction=0.0):
     return {
-        "amplitude": amplitude, "wavelength": wavelength, "direction": direction, "exponent": exponent,
+        "amplitude": amplitude,
+        "wavelength": wavelength,
+        "direction": direction,
+        "exponent": exponent,
         "reference": 60.0,
-    }  # fmt: skip
+    }
 
 
 SLOPE_3, SLOPE_5 = u(-0.003, 0.003), u(-0.005, 0.005)
@@ -192,9 +195,13 @@ def test_the_following_suites_have_the_scenarios_of_the_table_in_its_order():
         assert set(suite(group)) == set(frozen)
     assert core("following-v1") == ("tilt", "wavy", "rough", "step", "impulses", "flutter", "chatter")
     families = [
-        {"wavy", "rough"}, {"random-k2", "random-k3"}, {"step", "step-flutter"}, {"flutter", "chatter"},
-        {"tilt", "impulses"}, {"corners", "shift"},
-    ]  # fmt: skip
+        {"wavy", "rough"},
+        {"random-k2", "random-k3"},
+        {"step", "step-flutter"},
+        {"flutter", "chatter"},
+        {"tilt", "impulses"},
+        {"corners", "shift"},
+    ]
     in_pairs = core("following")
     assert [set(in_pairs[i : i + 2]) for i in range(0, 12, 2)] == families
     assert len(in_pairs) == 12
@@ -354,10 +361,15 @@ def test_a_draw_depends_on_its_seed_and_name_alone():
 def test_the_suites_machines_stay_in_their_ranges_and_have_the_right_means():
     fleet = fleet_of(load("flat"), SEEDS)
     for column, low, high in (
-        ("z.omega", 2 * np.pi * 50, 2 * np.pi * 120), ("z.zeta", 0.6, 1.0), ("z.acceleration", 10e3, 18e3),
-        ("z.omega_r", 2 * np.pi * 60, 2 * np.pi * 150), ("z.friction", 600, 1000), ("z.bristle", 0.002, 0.010),
-        ("z.stiction", 1.2, 1.6), ("z.stribeck", 1, 5),
-    ):  # fmt: skip
+        ("z.omega", 2 * np.pi * 50, 2 * np.pi * 120),
+        ("z.zeta", 0.6, 1.0),
+        ("z.acceleration", 10e3, 18e3),
+        ("z.omega_r", 2 * np.pi * 60, 2 * np.pi * 150),
+        ("z.friction", 600, 1000),
+        ("z.bristle", 0.002, 0.010),
+        ("z.stiction", 1.2, 1.6),
+        ("z.stribeck", 1, 5),
+    ):
         values = fleet.column(column)
         assert low <= values.min()
         assert values.max() <= high
@@ -458,8 +470,11 @@ def test_corners_lie_anywhere_in_their_pitches():
 def test_a_turns_number_is_its_bit():
     fleet = fleet_of(load("shift"), SEEDS[:3])
     for name, turns in (
-        ("waves", "1100100010"), ("random", "1101000100"), ("vibrations", "1010101000"), ("impulses", "1011010000")
-    ):  # fmt: skip
+        ("waves", "1100100010"),
+        ("random", "1101000100"),
+        ("vibrations", "1010101000"),
+        ("impulses", "1011010000"),
+    ):
         assert (fleet.column(f"turns.{name}") == int(turns, 2)).all()  # turn 9 first, turn 0 last
     assert (fleet.column("turns.length") == 30.0).all()
     assert (fleet.column("turns.many") == 10.0).all()
@@ -743,7 +758,7 @@ OUT = r"is out of range; allowed:"
         (BANDWIDTH, "bandwidth = { choice = [80, nan] }", 4, r"axis\.bandwidth: nan is not a number"),
         ("amplitude = 0.02", "amplitude = 7", 17, rf"sheet\.vibrations\.0\.amplitude = 7\.0 {OUT} 0 to 5 mm"),
     ],
-)  # fmt: skip
+)
 def test_a_mistake_in_a_file_is_named_by_file_line_and_key(tmp_path, old, new, line, message):
     assert old in GOOD
     (tmp_path / "bad.toml").write_text(GOOD.replace(old, new, 1), encoding="utf-8")
@@ -907,14 +922,16 @@ def test_a_scenario_writes_no_key_that_would_be_refused(name):
             Head,
             sensor.Params,
             {
-                "longest": "impulse_samples", "impulse": "impulse_height", "falloff": "impulse_falloff",
+                "longest": "impulse_samples",
+                "impulse": "impulse_height",
+                "falloff": "impulse_falloff",
                 "spread": "impulse_spread",
             },
         ),
         (scenarios.Corners, path.Params, {"corner_feed": "feed", "corner_acceleration": "acceleration"}),
         (scenarios.Vibration, sheet.Vibration, {}),
     ],
-)  # fmt: skip
+)
 def test_unit_range_and_source_of_a_number_are_those_of_the_part_that_has_it(section, part, renamed):
     declared = quantities(part)
     assert declared

@@ -13,8 +13,10 @@ from kerfgym.experiments.report.page import write_report
 from kerfgym.experiments.results.conclusions import Results
 
 CONTROLLERS = {
-    "xi2023-tuned": ("sensor", 24.0, 1.9), "pid": ("sensor", 8.0, 1.95), "preview-5ms": ("preview", 2.0, 1.12),
-}  # fmt: skip
+    "xi2023-tuned": ("sensor", 24.0, 1.9),
+    "pid": ("sensor", 8.0, 1.95),
+    "preview-5ms": ("preview", 2.0, 1.12),
+}
 """Name: information class, score in µm, Ms."""
 
 TUNED = {"trials": 400, "simulated_steps": 600_000_000, "cpu_seconds": 350.0, "tune_seeds": "0-39"}
@@ -59,16 +61,23 @@ def following(
         curves.append(pd.DataFrame({"controller": name, "frequency": frequency, "magnitude": curve * ms / curve.max()}))
     names = list(controllers)
     meta = {
-        "command": "kerfgym benchmark --seeds 6", "seeds": f"{seeds[0]}-{seeds[-1]}", "seed_count": len(seeds),
-        "tuning": {name: TUNED for name in names}, "parameters": {name: {"law.kp": 50.0} for name in names},
+        "command": "kerfgym benchmark --seeds 6",
+        "seeds": f"{seeds[0]}-{seeds[-1]}",
+        "seed_count": len(seeds),
+        "tuning": {name: TUNED for name in names},
+        "parameters": {name: {"law.kp": 50.0} for name in names},
         "decisions": {names[0]: {"median_us": 0.25, "p99_us": 1.5, "ratio": 0.0015}},
-    }  # fmt: skip
+    }
     return Results(
-        pd.DataFrame(rows), pd.concat(traces, ignore_index=True) if traces else pd.DataFrame(),
-        pd.concat(curves, ignore_index=True), meta, tuple(core), tuple(exempt),
+        pd.DataFrame(rows),
+        pd.concat(traces, ignore_index=True) if traces else pd.DataFrame(),
+        pd.concat(curves, ignore_index=True),
+        meta,
+        tuple(core),
+        tuple(exempt),
         {name: f"what happens in {name}, ±3 mm/m" for name in scenarios},
         pd.DataFrame({"controller": names, "gain": np.linspace(2.0, 4.0, len(names)), "delay_ms": 5.0}),
-    )  # fmt: skip
+    )
 
 
 def _luck(controllers, seeds):
@@ -128,9 +137,13 @@ def cutting(controllers=(("fast", 170.0), ("fine", 50.0)), scenarios=("cut-squar
 
 
 RECORD = {
-    "command": "kerfgym benchmark --seeds 6", "kerfgym": "0.1.0", "git": {"commit": "0123abc", "changed": False},
-    "python": "3.11", "packages": {"numpy": "2.0"}, "machine": {"system": "Linux", "cores": 2},
-}  # fmt: skip
+    "command": "kerfgym benchmark --seeds 6",
+    "kerfgym": "0.1.0",
+    "git": {"commit": "0123abc", "changed": False},
+    "python": "3.11",
+    "packages": {"numpy": "2.0"},
+    "machine": {"system": "Linux", "cores": 2},
+}
 
 
 @pytest.fixture(scope="session")
@@ -155,8 +168,10 @@ def whole_run(tmp_path_factory):
         "ratio": [4.0], "low": [3.5], "high": [4.5],
     })  # fmt: skip
     beyond = following(
-        {"xi2023-tuned": ("sensor", 48.0, 1.9), "pid": ("sensor", 40.0, 1.9)}, ("fast-rough", "low-rough"),
-        ("fast-rough", "low-rough"), traced=0,
-    )  # fmt: skip
+        {"xi2023-tuned": ("sensor", 48.0, 1.9), "pid": ("sensor", 40.0, 1.9)},
+        ("fast-rough", "low-rough"),
+        ("fast-rough", "low-rough"),
+        traced=0,
+    )
     grids = {"following": follow, "cutting": cutting(), "ood": beyond}
     return types.SimpleNamespace(folder=folder, grids=grids, path=write_report(folder, grids, RECORD))

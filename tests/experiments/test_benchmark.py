@@ -241,11 +241,15 @@ def key(task):
 def test_a_tasks_name_changes_with_everything_its_result_depends_on():
     seeds = (1000, 1001)
     tasks = [
-        Case("pid", SHORT[0], seeds, seeds), Case("observer", SHORT[0], seeds, seeds),
-        Case("pid", SHORT[1], seeds, seeds), Case("pid", SHORT[0], (1000, 1002), seeds),
-        Case("pid", SHORT[0], seeds), Case("pid", None, ()),
-        Case("pid", SHORT[0].varied(feed=201), seeds, seeds), Case("pid:law.kp=40", SHORT[0], seeds, seeds),
-    ]  # fmt: skip
+        Case("pid", SHORT[0], seeds, seeds),
+        Case("observer", SHORT[0], seeds, seeds),
+        Case("pid", SHORT[1], seeds, seeds),
+        Case("pid", SHORT[0], (1000, 1002), seeds),
+        Case("pid", SHORT[0], seeds),
+        Case("pid", None, ()),
+        Case("pid", SHORT[0].varied(feed=201), seeds, seeds),
+        Case("pid:law.kp=40", SHORT[0], seeds, seeds),
+    ]
     assert len({key(task) for task in tasks}) == len(tasks)
     assert key(Case("pid", load("wavy").varied(duration=0.5), seeds, seeds)) == key(tasks[0])
 

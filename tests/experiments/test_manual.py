@@ -91,8 +91,9 @@ Does it.
     found = list(command_line.options(text))
     assert found[1] == ("-c NAME, --controller NAME", "what is run, which is long. (default: pid)")
     assert [command_line.told(about) for _, about in found[1:]] == [
-        ("what is run, which is long.", "pid"), ("measure it.", "on"),
-    ]  # fmt: skip
+        ("what is run, which is long.", "pid"),
+        ("measure it.", "on"),
+    ]
 
 
 def test_every_script_that_the_page_names_is_one():

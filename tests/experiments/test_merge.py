@@ -41,10 +41,14 @@ def store(
     frame = rows(controllers, scenarios, seeds)
     record = {**RECORD, "command": f"kerfgym benchmark --name {folder.name}", "kernel": "k", **meta}
     own = {
-        "seeds": "1000-1003", "seed_count": len(seeds), "scenarios": list(scenarios), "controllers": list(controllers),
-        "core": ["wavy", "step"], "parameters": {name: {"law.kp": float(n)} for name, n in controllers.items()},
+        "seeds": "1000-1003",
+        "seed_count": len(seeds),
+        "scenarios": list(scenarios),
+        "controllers": list(controllers),
+        "core": ["wavy", "step"],
+        "parameters": {name: {"law.kp": float(n)} for name, n in controllers.items()},
         "ledger": {name: {"simulated_steps": 7} for name in controllers},
-    }  # fmt: skip
+    }
     channels = {"time": 0.001, "gap": 1.0, "height": 1.0, "mode": 1.0, "scored": True, "set_height": 1.0}
     traces = frame[frame["seed"] == 1000][["controller", "scenario", "seed"]].assign(**channels)
     peaks = pd.DataFrame({"controller": list(controllers), "frequency": 1.0, "magnitude": list(controllers.values())})
@@ -348,9 +352,10 @@ def test_a_run_of_another_version_is_shown_with_a_note(tmp_path):
 def test_one_suite_that_cannot_be_read_does_not_hide_the_others(tmp_path):
     def change(folder):
         record = json.loads((folder / "run.json").read_text(encoding="utf-8"))
-        runs.write_json(folder / "run.json", {
-            **record, "grids": {**record["grids"], "ood": {**record["grids"]["following"], "folder": "ood"}},
-        })  # fmt: skip
+        runs.write_json(
+            folder / "run.json",
+            {**record, "grids": {**record["grids"], "ood": {**record["grids"]["following"], "folder": "ood"}}},
+        )
 
     found = broken(tmp_path / "run", change)
     assert list(found.grids) == ["following"]

@@ -148,7 +148,7 @@ def test_folders_of_drawings_are_read_without_an_option(tmp_path):
         (["--plan", "nothing.dxf", "a.png"], "nothing.dxf: no such file"),
         (["-s", "wavy", "a.png", "--kerf", "0.2"], "--kerf: scenario 'wavy' cuts nothing; allowed: scenarios with"),
     ],
-)  # fmt: skip
+)
 def test_what_cannot_be_planned_is_an_error(words, message, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit) as error:

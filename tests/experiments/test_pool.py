@@ -109,12 +109,14 @@ def test_a_stranger_at_the_schedulers_address_is_an_error_at_once(here, stranger
     [
         ("tcp://127.0.0.1:1", "no dask scheduler at 'tcp://127.0.0.1:1': .*refused"),
         ("127.0.0.1:1", "no dask scheduler at '127.0.0.1:1': .*refused"),
-        ("tls://127.0.0.1:1", "no dask scheduler"), ("tcp://[::1]:1", "no dask scheduler"),
-        ("tcp://127.0.0.1:99999", "is not an address such as tls://10.0.0.1:8786"), ("x", "is not an address"),
+        ("tls://127.0.0.1:1", "no dask scheduler"),
+        ("tcp://[::1]:1", "no dask scheduler"),
+        ("tcp://127.0.0.1:99999", "is not an address such as tls://10.0.0.1:8786"),
+        ("x", "is not an address"),
         ("tcp://user:hunter2@127.0.0.1:1", r"'tcp://user:…@127.0.0.1:1' is not an address"),
         ("carrier-pigeon://127.0.0.1:1", "is not an address|no dask scheduler"),
     ],
-)  # fmt: skip
+)
 def test_a_scheduler_that_does_not_answer_is_an_error_at_once(address, message):
     start = time.monotonic()
     with pytest.raises(InvalidInput, match=message):

@@ -14,7 +14,9 @@ from kerfgym.envs.scenarios import load, suite
 from kerfgym.experiments.measure.rollout import chunks, command_of, roll
 
 ALL = load("wavy").varied(
-    name="all at once", guard=True, start_above=0.5,
+    name="all at once",
+    guard=True,
+    start_above=0.5,
     head={"impulses": 20, "impulse_samples": 2, "bursts": 5, "drift": 0.001, "warming": 1.0},
     sheet={
         "tilt": {"uniform": [-0.01, 0.01]},
@@ -22,7 +24,7 @@ ALL = load("wavy").varied(
         "holes": {"pitch": 60, "length": {"uniform": [2, 15]}, "round": True},
         "bulge": {"height": 0.5, "width": 40, "growth": 1, "x": 40},
     },
-)  # fmt: skip
+)
 """Everything a sheet and a sensor can do, in one machine."""
 
 MIX = [*(load(n) for n in ("wavy", "rough", "step", "holes", "impulses", "flutter", "bulge", "descent", "tip-up")), ALL]

@@ -81,8 +81,9 @@ def test_extrapolated_figures_of_the_cut_are_shown_and_marked_but_not_ranked():
 
 
 def test_what_is_no_figure_of_the_cut_is_ranked_all_the_same():
-    assert not any("extrapolated" in why for each in ranks.reasons(extrapolating("contour_rms")).values()
-                   for why in each)  # fmt: skip
+    assert not any(
+        "extrapolated" in why for each in ranks.reasons(extrapolating("contour_rms")).values() for why in each
+    )
     assert any("extrapolated" in why for why in ranks.reasons(extrapolating("dross"))["mine"])
 
 

@@ -59,9 +59,7 @@ def test_the_ledger_adds_up_and_keeps_splits_apart():
     ledger = Ledger(100, 1.25)
     ledger.use([0, 1, 2, 5, 1000])
     both = ledger + Ledger(11, 0.5, {"tune": {3}})
-    assert both.entry() == {
-        "simulated_steps": 111, "cpu_seconds": 1.75, "seeds": {"tune": "0-3,5", "test": "1000"},
-    }  # fmt: skip
+    assert both.entry() == {"simulated_steps": 111, "cpu_seconds": 1.75, "seeds": {"tune": "0-3,5", "test": "1000"}}
     with pytest.raises(InvalidInput, match=r"seeds 1000 are of split 'test'; allowed: 'tune'"):
         both.check("tune")
     assert ranges([7, 3, 4]) == "3-4,7"
@@ -150,8 +148,9 @@ def test_a_fleet_that_is_used_again_remembers_nothing():
 def bowl(s: Space, sampler: str, trials: int, seed: int = 0, first: int = 0, study=None):
     """A study of a function whose smallest value is known: a narrow, tilted valley in kp and ki."""
     study = study or optuna.create_study()
-    study.sampler = sampling.Seeded(sampler, s, seed, sampling.explored(trials, s) if "+" in sampler else 1,
-                                    sampling.costs(1.0, True, False))  # fmt: skip
+    study.sampler = sampling.Seeded(
+        sampler, s, seed, sampling.explored(trials, s) if "+" in sampler else 1, sampling.costs(1.0, True, False)
+    )
     for _ in range(first, trials):
         trial = study.ask()
         values = s.suggest(trial)
@@ -421,9 +420,13 @@ def test_what_breaks_limits_by_far_does_not_press_the_front_flat():
 
 
 def test_jobs_are_tuned_as_teams_or_one_stack_of_them(here, plain, monkeypatch):
-    monkeypatch.setattr("kerfgym.experiments.tune.evaluate.chosen", lambda suite: (
-        [scenarios.load("contour-circle").varied(name="contour-circle", job={"size": 8.0})], ("contour-circle",)
-    ))  # fmt: skip
+    monkeypatch.setattr(
+        "kerfgym.experiments.tune.evaluate.chosen",
+        lambda suite: (
+            [scenarios.load("contour-circle").varied(name="contour-circle", job={"size": 8.0})],
+            ("contour-circle",),
+        ),
+    )
     task = Task("z=pid,xy=wu", ("xy.law.kp=0.1..1",), "contour", ("contour_rms",), seeds=1, trials=8, sampler="tpe")
     result = tune(task, Path("runs/team"), threads=1)
     assert result.found.values[0] < result.before["contour_rms"] * 1.5
@@ -485,9 +488,13 @@ def command(folder, *words, **more):
         "from kerfgym.experiments.cli import main; main(sys.argv[1:])"
     )
     return subprocess.Popen(
-        [sys.executable, "-c", code, "tune", *QUICK, "--threads", "1", *words], cwd=folder, stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE, text=True, **more,
-    )  # fmt: skip
+        [sys.executable, "-c", code, "tune", *QUICK, "--threads", "1", *words],
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        **more,
+    )
 
 
 def finished(process):

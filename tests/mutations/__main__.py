@@ -40,9 +40,14 @@ COPIED = ("__init__.py", "pyproject.toml", "envs", "baselines", "agents", "exper
 
 
 def main(
-    count: int = 120, seed: int = 0, only: tuple[str, ...] = (), again: bool = False, limit: float = 900.0,
-    folder: Path = ROOT / "runs" / "mutations", docs: bool = False,
-) -> None:  # fmt: skip
+    count: int = 120,
+    seed: int = 0,
+    only: tuple[str, ...] = (),
+    again: bool = False,
+    limit: float = 900.0,
+    folder: Path = ROOT / "runs" / "mutations",
+    docs: bool = False,
+) -> None:
     """Runs a random sample of all mutants of the plant and the laws against their tests.
 
     Args:

@@ -274,11 +274,14 @@ class XYMachine:
         w, r, o = self.wish, self.recipe, self.optics
         c = {
             "override": np.clip(w["override"], LEAST_OVERRIDE, r.most_override),
-            "power": np.clip(w["power"], 0.0, r.most_power), "frequency": np.clip(w["frequency"], 0.0, o.highest),
-            "x": np.clip(w["x"], 0.0, o.galvo_range), "y": np.clip(w["y"], 0.0, o.galvo_range),
-            "z": np.clip(w["z"], 0.0, o.piezo_range), "focus": np.clip(w["focus"], -o.piezo_range, o.piezo_range),
+            "power": np.clip(w["power"], 0.0, r.most_power),
+            "frequency": np.clip(w["frequency"], 0.0, o.highest),
+            "x": np.clip(w["x"], 0.0, o.galvo_range),
+            "y": np.clip(w["y"], 0.0, o.galvo_range),
+            "z": np.clip(w["z"], 0.0, o.piezo_range),
+            "focus": np.clip(w["focus"], -o.piezo_range, o.piezo_range),
             "standoff": np.clip(w["standoff"], -r.most_standoff, r.most_standoff),
-        }  # fmt: skip
+        }
         within = self._published(c)
         c = {name: np.where(self.range.bounded > 0.5, within[name], c[name]) for name in c}
         on = self.due_process & True
@@ -287,14 +290,19 @@ class XYMachine:
         galvo, piezo = self._phasor(f, o.galvo, o.galvo_zeta), self._phasor(f, o.piezo, o.piezo_zeta)
         play = 2.0 * o.hysteresis * o.piezo_range  # the loop's width
         made = {
-            "frequency": f, "x": np.abs(galvo) * c["x"], "y": np.abs(galvo) * c["y"], "z": np.abs(piezo) * c["z"],
-            "lag": -np.angle(galvo) * (f > 0.0), "lag_z": (o.hysteresis - np.angle(piezo)) * (f > 0.0),
+            "frequency": f,
+            "x": np.abs(galvo) * c["x"],
+            "y": np.abs(galvo) * c["y"],
+            "z": np.abs(piezo) * c["z"],
+            "lag": -np.angle(galvo) * (f > 0.0),
+            "lag_z": (o.hysteresis - np.angle(piezo)) * (f > 0.0),
             # A play: the focus stays where it is until what is wanted is half the loop away.
             "focus": np.where(
                 np.abs(self.realised["focus"] - c["focus"]) <= 0.5 * play,
-                self.realised["focus"], c["focus"] + 0.5 * play * np.sign(self.realised["focus"] - c["focus"]),
+                self.realised["focus"],
+                c["focus"] + 0.5 * play * np.sign(self.realised["focus"] - c["focus"]),
             ),
-        }  # fmt: skip
+        }
         for name in ("x", "y", "z"):
             made[name] = np.where(f > 0.0, made[name], 0.0)
         self.realised = {name: np.where(on, made[name], self.realised[name]) for name in made}
@@ -311,10 +319,14 @@ class XYMachine:
         deepest = r.deep_low + (r.deep_high - r.deep_low) * np.clip(share, 0.0, 1.0)
         return {
             "override": np.minimum(np.maximum(c["override"], r.feed_low / feed), fastest / feed),
-            "power": np.clip(c["power"], r.power_low, r.power_high), "frequency": f, "x": a, "y": a,
-            "z": np.clip(c["z"], 0.0, deepest), "focus": np.clip(c["focus"], -r.focus, r.focus),
+            "power": np.clip(c["power"], r.power_low, r.power_high),
+            "frequency": f,
+            "x": a,
+            "y": a,
+            "z": np.clip(c["z"], 0.0, deepest),
+            "focus": np.clip(c["focus"], -r.focus, r.focus),
             "standoff": np.clip(c["standoff"], -r.standoff, r.standoff),
-        }  # fmt: skip
+        }
 
     @staticmethod
     def _phasor(f: Array, natural: Array, zeta: Array) -> Array:
@@ -366,9 +378,11 @@ class XYMachine:
             "energy": t["beam"] * power * PERIOD,
         }  # fmt: skip
         largest = {
-            "contour_worst": off, "gap_worst": np.abs(error), "power_most": power,
+            "contour_worst": off,
+            "gap_worst": np.abs(error),
+            "power_most": power,
             "dither_most": np.maximum(real["x"], real["y"]),
-        }  # fmt: skip
+        }
         self.sums = {name: worst[name] + more for name, more in added.items()} | {
             name: np.where(scored, np.maximum(worst[name], value), worst[name]) for name, value in largest.items()
         }
@@ -435,9 +449,14 @@ class XYMachine:
         rough = np.sqrt(melted**2 + written**2 + p.follow**2 * self.error2 + burnt**2)
         dross = p.dross * np.cbrt((BOOLE * kerf).sum(axis=0) / WIDTH) / np.sqrt(flow / FLOW * gas)
         return {
-            "margin": margin, "roughness": np.maximum(rough, p.floor), "dross": dross, "kerf_top": kerf[0],
-            "kerf_bottom": kerf[4], "taper": np.abs(kerf[0] - kerf[4]) / 2.0, "through": (margin >= 1.0).astype(float),
-        }  # fmt: skip
+            "margin": margin,
+            "roughness": np.maximum(rough, p.floor),
+            "dross": dross,
+            "kerf_top": kerf[0],
+            "kerf_bottom": kerf[4],
+            "taper": np.abs(kerf[0] - kerf[4]) / 2.0,
+            "through": (margin >= 1.0).astype(float),
+        }
 
     @staticmethod
     def _flattened(r: Array) -> Array:

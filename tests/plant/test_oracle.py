@@ -114,9 +114,12 @@ CASES = {
     "vibration": Case(level(vibrations=[{"frequency": 45, "amplitude": 0.02}])),
     "band": Case(level(vibrations=[{"frequency": 45, "amplitude": 0.02, "zeta": 0.1}])),
     "bands and tones": Case(
-        level(vibrations=[{"frequency": f, "amplitude": 0.02, "zeta": {"choice": [0, z]}} for f, z in (
-            (20, 0.05), (60, 0.3), (200, 0.7)
-        )]),
+        level(
+            vibrations=[
+                {"frequency": f, "amplitude": 0.02, "zeta": {"choice": [0, z]}}
+                for f, z in ((20, 0.05), (60, 0.3), (200, 0.7))
+            ]
+        )
     ),
     "random": Case(level(random={"rms": 0.2, "exponent": 2})),
     "random, steep": Case(level(random={"rms": 0.2, "exponent": 3, "rolloff": 400})),
@@ -148,13 +151,14 @@ CASES = {
     "hold over holes": Case(level(holes={"pitch": 60, "length": 15}) | {"guard": True}),
     "hold that times out": Case(stack={"guard.timeout": 40, "guard.fastest": 5}, beside="hold over holes"),
     "edge": Case(level(holes={"pitch": 100, "length": 40, "count": 1}) | {"guard": True}),
-}  # fmt: skip
+}
 
 BUILT_TO_BE_HIT = ("long-hole", "tip-up")
 SHIPPED = {
     f"the suite's {name}": load(name).varied(duration=PERIODS * 1e-3)
-    for name in suite("following") if name not in BUILT_TO_BE_HIT
-}  # fmt: skip
+    for name in suite("following")
+    if name not in BUILT_TO_BE_HIT
+}
 
 
 def settled(name: str) -> tuple[scenarios.Scenario, dict[str, Any], dict[str, float]]:
@@ -291,9 +295,10 @@ def test_the_cases_reach_what_they_are_about(law):
 def test_turns_come_and_go_as_their_equations_say():
     turns = {"length": 2, "count": 3, "waves": [0], "random": [1], "vibrations": [1, 2], "impulses": [0, 2]}
     parts = sheet(
-        random={"rms": 0.1}, waves=[{"amplitude": 0.2, "wavelength": 120}],
+        random={"rms": 0.1},
+        waves=[{"amplitude": 0.2, "wavelength": 120}],
         vibrations=[{"frequency": 20, "amplitude": 0.02, "zeta": 0.1}, {"frequency": 31, "amplitude": 0.01}],
-    )  # fmt: skip
+    )
     scenario = BARE.varied(turns=turns, **head(plate=4), **parts)
     stack, keys, every = resolve(LAWS["xi2023"]), scenarios.noise_keys(SEEDS[:2]), [0, 1]
     fleet = Fleet(2, stack.law, heads.POOL)

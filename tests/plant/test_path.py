@@ -64,9 +64,11 @@ def test_each_pitch_has_one_corner_in_its_middle_three_fifths(phase):
 def test_the_slow_places_that_are_driven_through_lie_one_in_each_pitch():
     pitch = 60.0
     here, feed = lived(
-        fleet_on(corner=pitch, corner_feed=10.0, corner_acceleration=20_000.0, corner_phase=0.4), 6000,
-        "journey.here", "signals.feed",
-    )  # fmt: skip
+        fleet_on(corner=pitch, corner_feed=10.0, corner_acceleration=20_000.0, corner_phase=0.4),
+        6000,
+        "journey.here",
+        "signals.feed",
+    )
     slow = here[1:-1][(feed[1:-1] <= feed[:-2]) & (feed[1:-1] < feed[2:]) & (feed[1:-1] < 100.0)]
     whole = slow[slow < pitch * np.floor(here[-1] / pitch)]
     assert np.array_equal(np.floor(whole / pitch), np.arange(len(whole)))

@@ -39,9 +39,7 @@ def test_the_cut_is_what_its_equations_say():
         cut.Params, rng, thickness=(1.0, 15.0), focus=(-1.0, 5.0), w0=(0.05, 0.2), pressure=(0.3, 1.5),
         upturn_from=(0.3, 2.0), floor=(0.0, 0.02), slot=(0.05, 0.5), film=(1e-6, 4e-5), gas_above=(0.5, 2.0),
     )  # fmt: skip
-    zeros = {name: np.zeros(N) for name in (
-        "base", "high", "low", "way", "lengths", "geometric", "error2", "weight"
-    )}  # fmt: skip
+    zeros = {name: np.zeros(N) for name in ("base", "high", "low", "way", "lengths", "geometric", "error2", "weight")}
     oracle, states, open_kerf = machine(c=c, **zeros), [cut.fresh()] * N, 0
     for _ in range(STEPS):
         power, along, across, up = (rng.uniform(0.0, most, N) for most in (6000.0, 0.3, 0.3, 2.0))
@@ -88,12 +86,16 @@ def test_spot_and_published_settings_are_what_their_equations_say():
         for i in range(N):
             w, p = Process(*(float(wish[n][i]) for n in Process._fields)), optics[i]
             c = Process(
-                min(max(w.override, 0.05), 2.0), min(max(w.power, 0.0), 1.2), min(max(w.frequency, 0.0), p.highest),
-                *(min(max(v, 0.0), most) for v, most in (
-                    (w.x, p.galvo_range), (w.y, p.galvo_range), (w.z, p.piezo_range)
-                )),
-                min(max(w.focus, -p.piezo_range), p.piezo_range), min(max(w.standoff, -1.0), 1.0),
-            )  # fmt: skip
+                min(max(w.override, 0.05), 2.0),
+                min(max(w.power, 0.0), 1.2),
+                min(max(w.frequency, 0.0), p.highest),
+                *(
+                    min(max(v, 0.0), most)
+                    for v, most in ((w.x, p.galvo_range), (w.y, p.galvo_range), (w.z, p.piezo_range))
+                ),
+                min(max(w.focus, -p.piezo_range), p.piezo_range),
+                min(max(w.standoff, -1.0), 1.0),
+            )
             if r.bounded[i]:
                 c = published.bounded(ranges[i], 18.0, c)
             assert c._asdict() == pytest.approx({n: v[i] for n, v in oracle.applied.items()}, rel=1e-9, abs=1e-12)
