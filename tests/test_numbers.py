@@ -207,11 +207,20 @@ def test_every_exception_is_of_a_page():
 @pytest.mark.parametrize(
     "sentence",
     [
-        "It reaches 3.42 µm.", "It is 7 times closer.", "They need 168 CPU-seconds.", "dross falls by 3 %",
-        "Ms is 1.22", "it lies 3 % below the paper's", "after 4.8 million steps", "between 9 and 14 µm",
-        "a ratio of × 2", "±0.3 mm", "| `pid` | 9 | 0/2400 |", "```\nkerfgym tune law   # takes 130 seconds\n```",
+        "It reaches 3.42 µm.",
+        "It is 7 times closer.",
+        "They need 168 CPU-seconds.",
+        "dross falls by 3 %",
+        "Ms is 1.22",
+        "it lies 3 % below the paper's",
+        "after 4.8 million steps",
+        "between 9 and 14 µm",
+        "a ratio of × 2",
+        "±0.3 mm",
+        "| `pid` | 9 | 0/2400 |",
+        "```\nkerfgym tune law   # takes 130 seconds\n```",
     ],
-)  # fmt: skip
+)
 def test_what_looks_like_a_result_is_found(sentence):
     assert unmarked(f"A page.\n\n{sentence}\n", {})[0]
 

@@ -122,15 +122,25 @@ def cutting(spec):
 
 
 FLEETS = {
-    "law": controlled("pid"), "law with memory": controlled("lqg"), "two policies, one after the other": begun(
+    "law": controlled("pid"),
+    "law with memory": controlled("lqg"),
+    "two policies, one after the other": begun(
         lambda fleet, every: stacks.resolve("height-following-ppo").install(fleet, every), "height-following-ppo"
     ),
-    "policy": controlled("height-following-ppo"), "policy with a schedule": controlled("height-following-schedule-ppo"),
-    "contours": begun(travelled), "profiles": begun(uneven), "map": begun(bumpy), "signal": begun(replayed),
-    "tables": begun(own_tables), "stage at the end": begun(late), "stage behind the filter": begun(prompted, "lqg"),
-    "another law": begun(another_law), "job": cutting("recipe"), "job with a policy": cutting("cutting-ppo"),
+    "policy": controlled("height-following-ppo"),
+    "policy with a schedule": controlled("height-following-schedule-ppo"),
+    "contours": begun(travelled),
+    "profiles": begun(uneven),
+    "map": begun(bumpy),
+    "signal": begun(replayed),
+    "tables": begun(own_tables),
+    "stage at the end": begun(late),
+    "stage behind the filter": begun(prompted, "lqg"),
+    "another law": begun(another_law),
+    "job": cutting("recipe"),
+    "job with a policy": cutting("cutting-ppo"),
     "contour with a policy": cutting("contour-following-ppo"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("threads", [1, 2])
@@ -484,11 +494,18 @@ def test_decisions_are_timed_on_a_machine_that_is_there():
 
 
 KEPT_BY_KERNELS = {
-    "fleet": FLEETS["law"], "gantries": lambda: FLEETS["job"]().gantries, "deck": lambda: FLEETS["law"]().deck,
-    "stepper": lambda: FLEETS["law"]().stepper(), "stepper of threads": lambda: FLEETS["law"](2, 40).stepper(),
-    "batch": lambda: episode(TASK), "following": HeightFollowingEnv, "cutting": CuttingEnv, "panel": panel.Panel,
-    "vector": lambda: HeightFollowingVectorEnv(2), "VecEnv": lambda: HeightFollowingVecEnv(2),
-}  # fmt: skip
+    "fleet": FLEETS["law"],
+    "gantries": lambda: FLEETS["job"]().gantries,
+    "deck": lambda: FLEETS["law"]().deck,
+    "stepper": lambda: FLEETS["law"]().stepper(),
+    "stepper of threads": lambda: FLEETS["law"](2, 40).stepper(),
+    "batch": lambda: episode(TASK),
+    "following": HeightFollowingEnv,
+    "cutting": CuttingEnv,
+    "panel": panel.Panel,
+    "vector": lambda: HeightFollowingVectorEnv(2),
+    "VecEnv": lambda: HeightFollowingVecEnv(2),
+}
 
 
 @pytest.mark.parametrize("kind", KEPT_BY_KERNELS)

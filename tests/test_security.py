@@ -225,10 +225,19 @@ def test_only_regular_files_are_read(here, kind):
 
 
 LIMITS = {
-    "scenario": files.SETTINGS, "profile": files.TABLE, "signal": files.TABLE, "head": files.TABLE,
-    "drawing.dxf": files.DRAWING, "part.svg": files.DRAWING, "part.ngc": files.DRAWING, "tuned": files.SETTINGS,
-    "preset": files.SETTINGS, "checkpoint": files.NUMBERS, "parquet": files.NUMBERS, "journal": files.NUMBERS,
-}  # fmt: skip
+    "scenario": files.SETTINGS,
+    "profile": files.TABLE,
+    "signal": files.TABLE,
+    "head": files.TABLE,
+    "drawing.dxf": files.DRAWING,
+    "part.svg": files.DRAWING,
+    "part.ngc": files.DRAWING,
+    "tuned": files.SETTINGS,
+    "preset": files.SETTINGS,
+    "checkpoint": files.NUMBERS,
+    "parquet": files.NUMBERS,
+    "journal": files.NUMBERS,
+}
 
 
 @line(
@@ -563,11 +572,20 @@ def test_a_tuned_controller_that_names_itself_is_an_error(here):
 @line("A provenance of the wrong kind is an error, not a trick on the ranking.")
 @pytest.mark.parametrize(
     "text",
-    ["trials = -1", "trials = 2e18", 'trials = "many"', "simulated_steps = nan", "cpu_seconds = true",
-     "tune_seeds = [1.5]",
-     "seeds = 1.5", "policy = 3", "start = []", "[provenance.policy.ledger]\ncpu_seconds = []",
-     "[provenance.start]\nsteps = -3"],
-)  # fmt: skip
+    [
+        "trials = -1",
+        "trials = 2e18",
+        'trials = "many"',
+        "simulated_steps = nan",
+        "cpu_seconds = true",
+        "tune_seeds = [1.5]",
+        "seeds = 1.5",
+        "policy = 3",
+        "start = []",
+        "[provenance.policy.ledger]\ncpu_seconds = []",
+        "[provenance.start]\nsteps = -3",
+    ],
+)
 def test_a_provenance_is_of_the_right_kind(here, text):
     (here / "t.toml").write_text(
         f'controller = "pid"\n[parameters]\n"law.kp" = 50.0\n[provenance]\n{text}\n', encoding="utf-8"
@@ -579,19 +597,25 @@ def test_a_provenance_is_of_the_right_kind(here, text):
 @pytest.mark.parametrize(
     ("text", "key"),
     [
-        ("environment.base = 3", "environment: base is 3"), ("environment.scenario = 3", "environment: scenario is 3"),
+        ("environment.base = 3", "environment: base is 3"),
+        ("environment.scenario = 3", "environment: scenario is 3"),
         ('environment.scenario = [["wavy"]]', "environment: scenario.0 is a list"),
-        ("evaluation.scenario = [1]", "evaluation: scenario.0 is 1"), ("evaluation.base = []", "base is a list"),
+        ("evaluation.scenario = [1]", "evaluation: scenario.0 is 1"),
+        ("evaluation.base = []", "base is a list"),
         ('environment.reward = {rate = "x"}', "environment: reward.rate is 'x'"),
         ("environment.reward = {rate = true}", "environment: reward.rate is True"),
-        ("environment.machine = 1", "environment: machine is 1"), ("environment.max_steps = 1.5", "max_steps is 1.5"),
+        ("environment.machine = 1", "environment: machine is 1"),
+        ("environment.max_steps = 1.5", "max_steps is 1.5"),
         ("environment.num_envs = 100001", "environment.num_envs = 100001; a whole number, from 1 to 100,000"),
-        ("environment.num_threads = 0", "environment.num_threads = 0"), ("steps = true", "steps = True"),
-        ("algorithm.gamma = []", "algorithm.gamma = []"), ("policy.activation = {}", "policy.activation = {}"),
-        ("policy.spread = [0.1, inf]", "policy.spread = [0.1, inf]"), ("algorithm = 1", "'algorithm' is a table"),
+        ("environment.num_threads = 0", "environment.num_threads = 0"),
+        ("steps = true", "steps = True"),
+        ("algorithm.gamma = []", "algorithm.gamma = []"),
+        ("policy.activation = {}", "policy.activation = {}"),
+        ("policy.spread = [0.1, inf]", "policy.spread = [0.1, inf]"),
+        ("algorithm = 1", "'algorithm' is a table"),
         (f"environment.scenario = {json.dumps(['wavy'] * 1001)}", "environment.scenario has 1,001 entries"),
     ],
-)  # fmt: skip
+)
 def test_a_preset_holds_what_it_should(here, text, key):
     (here / "mine.toml").write_text(text, encoding="utf-8")
     told = refused(settings.from_file, here / "mine.toml", "ppo", within=30.0)
@@ -758,10 +782,23 @@ def test_names_in_a_record_stay_in_the_folder(here, changed, capsys, monkeypatch
 @line("A key of the wrong kind in a `run.json` is an error with its place.")
 @pytest.mark.parametrize(
     ("key", "value"),
-    [("tables", None), ("tables", []), ("summaries", {"a": 1}), ("core", "wavy"), ("scenarios", [1]), ("ledger", []),
-     ("tuning", {"pid": 3}), ("tuning", {"pid": {"trials": "x"}}), ("parameters", {"pid": 1}), ("kind", "other"),
-     ("folder", 3), ("decisions", {"pid": []}), ("bounds", {"wavy": "x"}), ("exempt", 1)],
-)  # fmt: skip
+    [
+        ("tables", None),
+        ("tables", []),
+        ("summaries", {"a": 1}),
+        ("core", "wavy"),
+        ("scenarios", [1]),
+        ("ledger", []),
+        ("tuning", {"pid": 3}),
+        ("tuning", {"pid": {"trials": "x"}}),
+        ("parameters", {"pid": 1}),
+        ("kind", "other"),
+        ("folder", 3),
+        ("decisions", {"pid": []}),
+        ("bounds", {"wavy": "x"}),
+        ("exempt", 1),
+    ],
+)
 def test_a_record_of_the_wrong_kind_is_an_error(changed, key, value):
     told = refused(archive.load, changed(lambda r: r["grids"]["following"].update({key: value})))
     assert "grids.following" in told
@@ -770,10 +807,21 @@ def test_a_record_of_the_wrong_kind_is_an_error(changed, key, value):
 
 @pytest.mark.parametrize(
     ("key", "value"),
-    [("machine", {"processor": []}), ("machine", {"cores": "2"}), ("git", {"commit": [1]}), ("packages", {"numpy": 1}),
-     ("wall_seconds", "1"), ("notes", "x"), ("tuning", {"pid": {"trials": "x"}}), ("plates", [[]]), ("corners", 1),
-     ("linear", {"wavy": []}), ("ledger", {"pid": {"cpu_seconds": "1"}}), ("kernel", 1)],
-)  # fmt: skip
+    [
+        ("machine", {"processor": []}),
+        ("machine", {"cores": "2"}),
+        ("git", {"commit": [1]}),
+        ("packages", {"numpy": 1}),
+        ("wall_seconds", "1"),
+        ("notes", "x"),
+        ("tuning", {"pid": {"trials": "x"}}),
+        ("plates", [[]]),
+        ("corners", 1),
+        ("linear", {"wavy": []}),
+        ("ledger", {"pid": {"cpu_seconds": "1"}}),
+        ("kernel", 1),
+    ],
+)
 def test_what_holds_for_the_whole_run_is_of_the_right_kind_too(changed, key, value):
     assert f"run.json': {key}" in refused(archive.load, changed(lambda r: r.update({key: value})))
 
@@ -877,13 +925,22 @@ def test_a_study_file_writes_in_its_run_alone(here, name, more):
 @line("A key of a study file that is unknown or of the wrong kind is an error with its place.")
 @pytest.mark.parametrize(
     ("text", "told"),
-    [("sweet = 1", "'sweet'"), ("trials = 'many'", "trials"), ("ranges = 3", "ranges"),
-     ("[search.pid]\nset = 3", "set"),
-     ("[search.pid]\n[[search.pid.stage]]\nsampler = 3", "sampler"), ("like = 'folowers'", "followers"),
-     ("seeds = 1" + 30 * "0", "64 bits"), ("ms = [nan]", "ms = nan"), ("limits = { jitter = nan }", "jitter = nan"),
-     ("[search.wu]\nsuite = 'contour'\nwhat = ['law.kp']\nset = { 'law.kp' = { gain_margin = 0.0 } }", "of 0 is no"),
-     ("[search]\npid = 3", "search.pid"), ("stage = 3", "stage"), ("[[stage]]\nspread = 'x'", "spread")],
-)  # fmt: skip
+    [
+        ("sweet = 1", "'sweet'"),
+        ("trials = 'many'", "trials"),
+        ("ranges = 3", "ranges"),
+        ("[search.pid]\nset = 3", "set"),
+        ("[search.pid]\n[[search.pid.stage]]\nsampler = 3", "sampler"),
+        ("like = 'folowers'", "followers"),
+        ("seeds = 1" + 30 * "0", "64 bits"),
+        ("ms = [nan]", "ms = nan"),
+        ("limits = { jitter = nan }", "jitter = nan"),
+        ("[search.wu]\nsuite = 'contour'\nwhat = ['law.kp']\nset = { 'law.kp' = { gain_margin = 0.0 } }", "of 0 is no"),
+        ("[search]\npid = 3", "search.pid"),
+        ("stage = 3", "stage"),
+        ("[[stage]]\nspread = 'x'", "spread"),
+    ],
+)
 def test_a_changed_study_file_is_an_error(here, text, told):
     rest = "" if "[search" in text else "[search.pid]\n"
     (here / "s.toml").write_text(f"{text}\n{rest}", encoding="utf-8")
@@ -908,12 +965,22 @@ def journal(here):
 @line("A journal is JSON, line by line; lines that do not fit each other, or values of the wrong kind, are an error.")
 @pytest.mark.parametrize(
     ("old", "new"),
-    [('"op_code":6', '"op_code":99'), ('"op_code":4', '"op_kode":4'), ('"trial_id":0', '"trial_id":"x"'),
-     ('"study_id":0', '"study":0'), ('"values":[3.0]', '"values":["x"]'), ('"explore":1', '"explore":"x"'),
-     ('"steps":10', '"steps":[]'), ('"space":["suite x"]', '"space":3'), ('"study_name":"x"', '"study_name":[]'),
-     ('"worker_id"', '"worker"'), ('"directions":[1]', '"directions":[7]'),
-     ('"intermediate_value":1.0', '"intermediate_value":"x"'), ('"steps":10', '"steps":1' + 400 * "0")],
-)  # fmt: skip
+    [
+        ('"op_code":6', '"op_code":99'),
+        ('"op_code":4', '"op_kode":4'),
+        ('"trial_id":0', '"trial_id":"x"'),
+        ('"study_id":0', '"study":0'),
+        ('"values":[3.0]', '"values":["x"]'),
+        ('"explore":1', '"explore":"x"'),
+        ('"steps":10', '"steps":[]'),
+        ('"space":["suite x"]', '"space":3'),
+        ('"study_name":"x"', '"study_name":[]'),
+        ('"worker_id"', '"worker"'),
+        ('"directions":[1]', '"directions":[7]'),
+        ('"intermediate_value":1.0', '"intermediate_value":"x"'),
+        ('"steps":10', '"steps":1' + 400 * "0"),
+    ],
+)
 def test_a_changed_journal_is_an_error(here, journal, old, new):
     text = "\n".join(journal) + "\n"
     assert old in text
@@ -998,10 +1065,8 @@ def test_passwords_are_nowhere(here, capsys, monkeypatch):
     monkeypatch.setattr("kerfgym.experiments.tune.outcome.TEST_SEEDS", 2)
     opened = storage.opened
     monkeypatch.setattr(storage, "opened", lambda url: opened(url.replace("?password=hunter2", "")))
-    main([
-        "tune", "law.kp", "-c", "pid", "--trials", "2", "--seeds", "1", "--suite", "drawing", "--storage", database,
-        "--ms", "inf", "--name", "y",
-    ])  # fmt: skip
+    words = "tune law.kp -c pid --trials 2 --seeds 1 --suite drawing --ms inf --name y --storage"
+    main([*words.split(), database])
     out = capsys.readouterr()
     assert "password=…" in out.out
     assert "hunter2" not in out.out + out.err

@@ -29,10 +29,17 @@ from kerfgym.experiments import cli
 
 HEIGHT, CONTOUR, CUTTING = settings.TASKS
 TINY = {
-    "environment.num_envs": 4, "environment.max_steps": 30, "environment.scenario": "tilt", "policy.net_arch": [8],
-    "evaluation.scenario": "tilt", "evaluation.max_steps": 20, "evaluation.episodes": 2, "evaluation.every": 128,
-    "checkpoint.every": 64, "steps": 256,
-}  # fmt: skip
+    "environment.num_envs": 4,
+    "environment.max_steps": 30,
+    "environment.scenario": "tilt",
+    "policy.net_arch": [8],
+    "evaluation.scenario": "tilt",
+    "evaluation.max_steps": 20,
+    "evaluation.episodes": 2,
+    "evaluation.every": 128,
+    "checkpoint.every": 64,
+    "steps": 256,
+}
 ON = {"algorithm.n_steps": 16, "algorithm.batch_size": 32, "algorithm.n_epochs": 2}
 OFF = {
     "algorithm.learning_starts": 64,
@@ -293,8 +300,17 @@ class Trembling(gym.Env):
 
 
 def test_a_spread_by_state_falls_where_trembling_costs():
-    model = PPO(SpreadPolicy, DummyVecEnv([Trembling] * 8), n_steps=32, batch_size=64, gamma=0.0, seed=0, device="cpu",
-                policy_kwargs={"net_arch": [16], "log_std_init": np.log(0.3)}, learning_rate=1e-3)  # fmt: skip
+    model = PPO(
+        SpreadPolicy,
+        DummyVecEnv([Trembling] * 8),
+        n_steps=32,
+        batch_size=64,
+        gamma=0.0,
+        seed=0,
+        device="cpu",
+        policy_kwargs={"net_arch": [16], "log_std_init": np.log(0.3)},
+        learning_rate=1e-3,
+    )
     model.learn(6000)
     seen = torch.tensor([[-1.0], [1.0]])
     elsewhere, here = model.policy.get_distribution(seen).distribution.stddev.detach().flatten().tolist()

@@ -115,9 +115,15 @@ class Plant:
             lap = int(here / self.lap + 1e-9)
             height = self.head - 0.2 * np.sin(self.k * here)
             x = Sensed(
-                height=height, set_height=0.8, head_position=self.head, captured=True, fresh=self.tick == 0,
-                feed=self.feed, place=max(here - lap * self.lap, 0.0), lap=float(lap),
-            )  # fmt: skip
+                height=height,
+                set_height=0.8,
+                head_position=self.head,
+                captured=True,
+                fresh=self.tick == 0,
+                feed=self.feed,
+                place=max(here - lap * self.lap, 0.0),
+                lap=float(lap),
+            )
             self.state, wish = ilc.control(self.p, self.state, x, (), self.memory)
             self.queue.append(wish)
             self.head += self.queue.pop(0) * PERIOD

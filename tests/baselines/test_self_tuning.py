@@ -17,11 +17,25 @@ def readings(sheet, commands=None, velocity=None):
     """Signals of a head that rests while the sheet under it moves; mm, one a period."""
     rows = []
     for k, level in enumerate(sheet):
-        rows.append(Sensed(
-            height=1.0 - level, raw_height=1.0 - level, frequency=1e6, valid=True, set_height=1.0, head_position=1.0,
-            head_velocity=0.0 if velocity is None else velocity[k], command=0.0 if commands is None else commands[k],
-            mode=supervisor.FOLLOW, override=False, captured=True, fresh=k == 0, feed=200.0, place=0.0, lap=0.0,
-        ))  # fmt: skip
+        rows.append(
+            Sensed(
+                height=1.0 - level,
+                raw_height=1.0 - level,
+                frequency=1e6,
+                valid=True,
+                set_height=1.0,
+                head_position=1.0,
+                head_velocity=0.0 if velocity is None else velocity[k],
+                command=0.0 if commands is None else commands[k],
+                mode=supervisor.FOLLOW,
+                override=False,
+                captured=True,
+                fresh=k == 0,
+                feed=200.0,
+                place=0.0,
+                lap=0.0,
+            )
+        )
     return rows
 
 

@@ -110,9 +110,9 @@ def test_of_other_materials_nothing_is_calibrated():
 def test_what_is_obeyed_was_published_whatever_is_asked():
     random = np.random.default_rng(0)
     for _ in range(500):
-        asked = Process(*(random.uniform(low, high) for low, high in (
-            (0.05, 2.0), (0.0, 1.2), (0.0, 4000.0), (0.0, 0.3), (0.0, 0.3), (0.0, 5.0), (-5.0, 5.0), (-1.0, 1.0),
-        )))  # fmt: skip
+        least = (0.05, 0.0, 0.0, 0.0, 0.0, 0.0, -5.0, -1.0)
+        most = (2.0, 1.2, 4000.0, 0.3, 0.3, 5.0, 5.0, 1.0)
+        asked = Process(*map(random.uniform, least, most))
         feed = random.uniform(3.4, 40.0)
         assert excess(published.bounded(PRINTED, feed, asked), feed=feed, ranges=PRINTED) == {}
     assert published.bounded(PRINTED, FEED, DYNAMIC) == pytest.approx(DYNAMIC)

@@ -81,12 +81,19 @@ SIGNALS = ("true_gap", "measured_height")
 @pytest.mark.parametrize(
     ("scenario", "base"),
     [
-        *((name, "xi2023-improved") for name in suite("following")), ("wavy", "pid"), ("holes", "pid"),
-        ("impulses", "observer"), ("holes", "observer"), ("wavy", "preview-5ms"),
-        ("descent", "patent2022"), ("holes", "cn102528288a-gap"), ("holes", "plasma-style"), ("wavy", "oracle"),
+        *((name, "xi2023-improved") for name in suite("following")),
+        ("wavy", "pid"),
+        ("holes", "pid"),
+        ("impulses", "observer"),
+        ("holes", "observer"),
+        ("wavy", "preview-5ms"),
+        ("descent", "patent2022"),
+        ("holes", "cn102528288a-gap"),
+        ("holes", "plasma-style"),
+        ("wavy", "oracle"),
         ("laps-wavy", "ilc"),
     ],
-)  # fmt: skip
+)
 def test_residual_control_with_zero_actions_is_the_base_controllers_roll_out_bit_for_bit(scenario, base):
     env, info = begun(1005, scenario=scenario, base=base, max_steps=400)
     fleet = fleet_for(load(scenario), get(base), [1005])
@@ -474,9 +481,16 @@ def test_the_docstring_tells_the_numbers_of_the_code():
     text = inspect.getdoc(HeightFollowingEnv)
     sections = re.findall(r"^## (.+)$", text, re.MULTILINE)
     assert sections == [
-        "Description", "Action Space", "Observation Space", "Rewards", "Starting State", "Episode End", "Arguments",
-        "Vectorised environment", "Version History",
-    ]  # fmt: skip
+        "Description",
+        "Action Space",
+        "Observation Space",
+        "Rewards",
+        "Starting State",
+        "Episode End",
+        "Arguments",
+        "Vectorised environment",
+        "Version History",
+    ]
     assert f"Box(-10, 10, ({len(FEATURES)},), float32)" in text
     assert f"Box(low, high, ({len(RAW)},), float32)" in text
     documented = set(re.findall(r"^\| `(\w+)` +\|", text.split("## Arguments")[1], re.MULTILINE))

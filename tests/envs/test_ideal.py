@@ -55,8 +55,15 @@ def test_an_exact_table_reads_the_gap_that_a_calibrated_one_misses():
     assert misread[("table",)] < 1e-4 < 5e-4 < misread[()]  # mm; a count of the clock is 0.4 µm, its mean far less
 
 
-@pytest.mark.parametrize("filter_", ["filter.kind=1,filter.window=9", "filter.kind=2,filter.window=8,filter.trim=2",
-                                     "filter.kind=4,filter.window=7", "filter.kind=5,filter.tau=4"])  # fmt: skip
+@pytest.mark.parametrize(
+    "filter_",
+    [
+        "filter.kind=1,filter.window=9",
+        "filter.kind=2,filter.window=8,filter.trim=2",
+        "filter.kind=4,filter.window=7",
+        "filter.kind=5,filter.tau=4",
+    ],
+)
 def test_a_filter_without_delay_follows_a_slope_at_once_and_still_averages_noise(filter_):
     late, prompt = (rolled(SLOPE, f"idle:{filter_}", *s) for s in ((), ("filter",)))
     behind = [np.abs((r["height"] - r["raw_height"])[20:].mean(axis=0)) for r in (late, prompt)]

@@ -191,9 +191,17 @@ def test_a_failed_run_shows_as_nan_and_not_as_a_good_figure(when):
     assert failed(r).tolist() == [False, True]
     figures = evaluate(r)
     for name in (
-        "rms_true", "p99_true", "max_true", "rms_reported", "p99_reported", "max_reported", "settling_20um",
-        "settling_10um", "overshoot", "undershoot",
-    ):  # fmt: skip
+        "rms_true",
+        "p99_true",
+        "max_true",
+        "rms_reported",
+        "p99_reported",
+        "max_reported",
+        "settling_20um",
+        "settling_10um",
+        "overshoot",
+        "undershoot",
+    ):
         assert np.isfinite(figures[name][0]), name
         assert np.isnan(figures[name][1]), name
 

@@ -319,11 +319,20 @@ def results_of(runs, core_=("a", "b"), exempt=(), sensitivity=None):
     rows = []
     for controller, scenario, seed, rms, *more in runs:
         extra = more[0] if more else {}
-        rows.append({
-            "controller": controller, "information": "preview" if controller == "preview-5ms" else "sensor",
-            "scenario": scenario, "seed": seed, "failed": bool(np.isnan(rms)), "rms_true": rms,
-            "rms_reported": rms / 2, "p99_true": 3 * rms, "jitter": 0.5, "collision": 0.0, **extra,
-        })  # fmt: skip
+        row = {
+            "controller": controller,
+            "information": "preview" if controller == "preview-5ms" else "sensor",
+            "scenario": scenario,
+            "seed": seed,
+            "failed": bool(np.isnan(rms)),
+            "rms_true": rms,
+            "rms_reported": rms / 2,
+            "p99_true": 3 * rms,
+            "jitter": 0.5,
+            "collision": 0.0,
+            **extra,
+        }
+        rows.append(row)
     peaks = pd.DataFrame(sensitivity or {"controller": [], "frequency": [], "magnitude": []})
     return Results(pd.DataFrame(rows), pd.DataFrame(), peaks, {"seed_count": 2}, core_, exempt)
 

@@ -4,6 +4,7 @@ import errno
 import json
 import os
 import resource
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -138,10 +139,10 @@ def test_help_tells_of_every_command(capsys):
 
 
 def test_a_benchmark_from_end_to_end_and_again_with_the_same_figures(here, capsys, monkeypatch):
-    words = [
-        "benchmark", "-c", "xi2023-improved", "-c", "mine.py:Mine", "-s", "short.toml", "-s", "wavy", "--seeds", "4",
-        "--jobs", "1", "--no-ms", "--no-blame", "--no-detuned", "--name", "first",
-    ]  # fmt: skip
+    words = shlex.split(
+        "benchmark -c xi2023-improved -c mine.py:Mine -s short.toml -s wavy --seeds 4 "
+        "--jobs 1 --no-ms --no-blame --no-detuned --name first"
+    )
     done = kerfgym_(here, *words)
     assert done.returncode == 0, done.stderr
     assert "xi2023-improved" in done.stdout

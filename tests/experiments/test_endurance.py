@@ -81,10 +81,8 @@ def test_windows_together_are_what_the_metrics_say_of_the_whole_run(name):
 
 
 def test_a_run_counts_until_the_window_in_which_it_collides():
-    follower, scenario = (
-        stack.resolve("pid"),
-        scenarios.load("step").varied(duration=1.0, sheet={"steps": {"height": {"uniform": [0.5, 1.5], "sign": "±"}}}),
-    )
+    follower, high = stack.resolve("pid"), {"height": {"uniform": [0.5, 1.5], "sign": "±"}}
+    scenario = scenarios.load("step").varied(duration=1.0, sheet={"steps": high})
     seeds = tuple(range(1000, 1024))
     record = rollout.roll(scenario, follower, seeds)
     assert 0 < record.collided.sum() < len(seeds)
@@ -207,9 +205,16 @@ def test_a_lost_run_is_counted_and_its_other_windows_are_still_judged():
 
 def rows(**changed):
     row = {
-        "controller": "self-tuning", "sheet": "wavy", "drawing": False, "word": "steady", "ratio": 1.4, "bursts": 0,
-        "lost": 0, "largest_first": 10.0, "largest_later": 14.0,
-    }  # fmt: skip
+        "controller": "self-tuning",
+        "sheet": "wavy",
+        "drawing": False,
+        "word": "steady",
+        "ratio": 1.4,
+        "bursts": 0,
+        "lost": 0,
+        "largest_first": 10.0,
+        "largest_later": 14.0,
+    }
     return row | changed
 
 

@@ -392,9 +392,18 @@ def test_a_campaign_gives_every_controller_the_same_faults_and_says_how_to_see_o
 
 def test_its_tables_count_what_the_rows_say():
     row = {
-        "controller": "pid", "scenario": "flat", "number": 3, "seed": 1003, "fault": "spike", "lost": True,
-        "broken": False, "lowest_mm": -0.1, "cause": "supervisor", "excess": "", "lost_no_supervisor": False,
-    }  # fmt: skip
+        "controller": "pid",
+        "scenario": "flat",
+        "number": 3,
+        "seed": 1003,
+        "fault": "spike",
+        "lost": True,
+        "broken": False,
+        "lowest_mm": -0.1,
+        "cause": "supervisor",
+        "excess": "",
+        "lost_no_supervisor": False,
+    }
     rows = [
         row,
         row | {"lowest_mm": -2.0, "number": 7, "controller": "lqg"},

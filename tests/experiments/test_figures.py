@@ -122,25 +122,40 @@ def test_what_a_module_imports_counts_however_it_is_written(tmp_path):
         (tmp_path / name).write_text(text, encoding="utf-8")
     found = imports.sources(tmp_path, [tmp_path / "lab" / "study.py"])
     assert [path.relative_to(tmp_path).as_posix() for path in found] == [
-        "core/__init__.py", "core/noise.py", "core/plant.py", "core/sheet.py", "lab/__init__.py", "lab/grid.py",
-        "lab/report/page.py", "lab/study.py",
-    ]  # fmt: skip
+        "core/__init__.py",
+        "core/noise.py",
+        "core/plant.py",
+        "core/sheet.py",
+        "lab/__init__.py",
+        "lab/grid.py",
+        "lab/report/page.py",
+        "lab/study.py",
+    ]
 
 
 @pytest.mark.parametrize(
     ("name", "files"),
     [
-        ("following", {
-            "measure.plants", "measure.margins", "measure.stability", "benchmark.benchmarking", "results.conclusions",
-            "statistics.pooling", "statistics.comparison", "statistics.ranks",
-        }),
+        (
+            "following",
+            {
+                "measure.plants",
+                "measure.margins",
+                "measure.stability",
+                "benchmark.benchmarking",
+                "results.conclusions",
+                "statistics.pooling",
+                "statistics.comparison",
+                "statistics.ranks",
+            },
+        ),
         ("ood", {"statistics.pooling", "statistics.comparison", "results.tasks", "measure.rollout"}),
         ("coverage", {"statistics.bootstrap", "statistics.intervals"}),
         ("filter-grid", {"studies.filter_grid", "tune.study", "measure.stability"}),
         ("blame", {"blame.game", "blame.shares"}),
         ("reproduction", {"reproduce.xi2023_table", "reproduce.claims", "measure.stability"}),
     ],
-)  # fmt: skip
+)
 def test_a_study_depends_on_what_computes_its_figures(name, files):
     (one,) = registry.studies([name])
     named = [p for found in stamp.files(one.depends).values() for p in found if p.suffix == ".py"]
@@ -306,8 +321,15 @@ def test_suites_agree_if_order_and_ratios_of_the_first_five_do():
 
 
 def test_the_tables_of_blame_are_made_of_what_blame_gives(monkeypatch, tmp_path):
-    blamed = Blame("wavy", "pid", "gap", (1, 2, 3), ("sensor",), np.array([[4.0, 5.0, 6.0], [1.0, 2.0, 1.0]]),
-                   {"oracle": np.array([1.0, 1.5, 1.2])})  # fmt: skip
+    blamed = Blame(
+        "wavy",
+        "pid",
+        "gap",
+        (1, 2, 3),
+        ("sensor",),
+        np.array([[4.0, 5.0, 6.0], [1.0, 2.0, 1.0]]),
+        {"oracle": np.array([1.0, 1.5, 1.2])},
+    )
     frames = blame_tables.shares([blamed]), blame_tables.headroom([blamed])
     for i, frame in enumerate(frames):  # a report reads them back, words and all
         frame.to_parquet(tmp_path / f"{i}.parquet")

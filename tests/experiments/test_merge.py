@@ -22,16 +22,27 @@ RECORD = {"command": "kerfgym report", "kerfgym": kerfgym.__version__}
 
 def rows(controllers, scenarios, seeds):
     """Runs whose RMS is 100 · controller's number + 10 · scenario's + seed, µm."""
-    return pd.DataFrame([
-        {
-            "controller": name, "information": "sensor", "scenario": scenario, "seed": seed, "failed": False,
-            "rms_true": 100.0 * number + 10.0 * place + seed, "rms_reported": 1.0, "p99_true": 2.0, "collision": 0.0,
-            "jitter": 0.5, "dross": 0.1, "roughness": 20.0,
-        }
-        for name, number in controllers.items()
-        for place, scenario in enumerate(scenarios)
-        for seed in seeds
-    ])  # fmt: skip
+    return pd.DataFrame(
+        [
+            {
+                "controller": name,
+                "information": "sensor",
+                "scenario": scenario,
+                "seed": seed,
+                "failed": False,
+                "rms_true": 100.0 * number + 10.0 * place + seed,
+                "rms_reported": 1.0,
+                "p99_true": 2.0,
+                "collision": 0.0,
+                "jitter": 0.5,
+                "dross": 0.1,
+                "roughness": 20.0,
+            }
+            for name, number in controllers.items()
+            for place, scenario in enumerate(scenarios)
+            for seed in seeds
+        ]
+    )
 
 
 def store(
@@ -380,10 +391,20 @@ def test_the_first_format_is_still_read(tmp_path, suite, name):
     folder, case = tmp_path / "old", load_scenario(name)
     frame = rows({"pid": 1}, (name,), range(2)).assign(**{"roughness": 5.0, "iso_roughness": "3"})
     runs.write_table(folder, "runs", frame)
-    runs.write_json(folder / "run.json", {
-        **RECORD, "seeds": "0-1", "seed_count": 2, "scenarios": [name], "controllers": ["pid"],
-        "core": list(scenarios.core(suite)), "ledger": {}, "tuning": {}, "parameters": {},
-    })  # fmt: skip
+    runs.write_json(
+        folder / "run.json",
+        {
+            **RECORD,
+            "seeds": "0-1",
+            "seed_count": 2,
+            "scenarios": [name],
+            "controllers": ["pid"],
+            "core": list(scenarios.core(suite)),
+            "ledger": {},
+            "tuning": {},
+            "parameters": {},
+        },
+    )
     with runs.atomic(folder / "scenarios" / f"{name}.toml") as part:
         dead = "set_height = 0.8\n" if case.job else ""  # which early runs have
         part.write_text(dead + case.to_toml(), encoding="utf-8")

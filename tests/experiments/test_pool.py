@@ -1,5 +1,6 @@
 """Pools and interruption: whoever computes a grid, and however often it is killed, the figures are the same."""
 
+import shlex
 import socket
 import subprocess
 import sys
@@ -26,10 +27,10 @@ class Mine:
 """
 FILES = ("runs.parquet", "runs.csv", "traces.parquet", "summary.parquet", "summary.csv")
 CASES = [load(name).varied(duration=0.4) for name in ("wavy", "step", "impulses")]
-WORDS = [
-    "benchmark", "-c", "mine.py:Mine", "-c", "pid", "-s", "wavy.toml", "-s", "step.toml", "-s", "impulses.toml",
-    "--seeds", "12", "--no-ms", "--no-cost", "--no-blame", "--no-detuned",
-]  # fmt: skip
+WORDS = shlex.split(
+    "benchmark -c mine.py:Mine -c pid -s wavy.toml -s step.toml -s impulses.toml --seeds 12 "
+    "--no-ms --no-cost --no-blame --no-detuned"
+)
 
 
 def figures(folder):

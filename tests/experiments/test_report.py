@@ -370,11 +370,19 @@ def test_several_machines_have_a_table_of_their_own(made_up, tmp_path):
     results = made_up.following()
     curves, margins = results.sensitivity, results.margins
     both = [(1.0, "standard"), (1.4, "axis.bandwidth 25")]
-    results.sensitivity = pd.concat([
-        curves.assign(machine=machine, signal=signal, magnitude=factor * more * curves["magnitude"], peak_low=1.0,
-                      peak_high=3.0)
-        for factor, machine in both for more, signal in ((1.0, "sine"), (1.1, "noise"))
-    ])  # fmt: skip
+    results.sensitivity = pd.concat(
+        [
+            curves.assign(
+                machine=machine,
+                signal=signal,
+                magnitude=factor * more * curves["magnitude"],
+                peak_low=1.0,
+                peak_high=3.0,
+            )
+            for factor, machine in both
+            for more, signal in ((1.0, "sine"), (1.1, "noise"))
+        ]
+    )
     results.margins = pd.concat(
         [margins.assign(machine=machine, gain=margins["gain"] / factor, reason="") for factor, machine in both]
     )
@@ -549,10 +557,21 @@ def test_studies_and_trainings_are_found_beside_their_controllers(tmp_path, monk
 # ------------------------------------------------------------------------------------------------------- the numbers
 
 
-@pytest.mark.parametrize(("value", "text"), [
-    (9.104, "9.10"), (23.94, "23.9"), (104.4, "104"), (99.96, "100"), (-3.0, "−3.00"), (np.nan, "–"), (np.inf, "∞"),
-    (0.05068, "0.0507"), (12345.6, "12\u202f346"), (0.0, "0.00"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (9.104, "9.10"),
+        (23.94, "23.9"),
+        (104.4, "104"),
+        (99.96, "100"),
+        (-3.0, "−3.00"),
+        (np.nan, "–"),
+        (np.inf, "∞"),
+        (0.05068, "0.0507"),
+        (12345.6, "12\u202f346"),
+        (0.0, "0.00"),
+    ],
+)
 def test_numbers_have_three_digits(value, text):
     assert numbers.number(value) == text
 

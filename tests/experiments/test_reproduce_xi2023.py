@@ -15,9 +15,17 @@ from kerfgym.experiments.reproduce.xi2023_table import OneSided
 FEW = Trial(seeds=6)
 
 STUDIES = (
-    "oscillator", "calibration-run", "look-up", "moving-average", "improved-filter", "table-1", "rising-height",
-    "above-set-height", "static-accuracy", "dynamic-accuracy",
-)  # fmt: skip
+    "oscillator",
+    "calibration-run",
+    "look-up",
+    "moving-average",
+    "improved-filter",
+    "table-1",
+    "rising-height",
+    "above-set-height",
+    "static-accuracy",
+    "dynamic-accuracy",
+)
 
 PRINTED = {
     "oscillator": ("1.665–4.053 MHz, 10–50 pF",),

@@ -31,10 +31,22 @@ MIX = [*(load(n) for n in ("wavy", "rough", "step", "holes", "impulses", "flutte
 """Machine i of a mixture travels MIX[i mod 10], with seed 1000 + i."""
 
 COLUMNS = (
-    "signals.gap", "signals.height", "signals.raw_height", "signals.frequency", "signals.surface_0",
-    "signals.surface_5", "signals.head_position", "signals.command", "signals.mode", "motion.position",
-    "motion.velocity", "motion.acceleration", "supervisor.anchor", "tally.lowest", "journey.distance",
-)  # fmt: skip
+    "signals.gap",
+    "signals.height",
+    "signals.raw_height",
+    "signals.frequency",
+    "signals.surface_0",
+    "signals.surface_5",
+    "signals.head_position",
+    "signals.command",
+    "signals.mode",
+    "motion.position",
+    "motion.velocity",
+    "motion.acceleration",
+    "supervisor.anchor",
+    "tally.lowest",
+    "journey.distance",
+)
 PERIODS = 400
 
 
@@ -164,10 +176,16 @@ def test_a_recording_is_what_the_columns_hold():
         fleet.advance()
         if period % 50 == 49:
             for channel, column in (
-                ("gap", "signals.gap"), ("height", "signals.height"), ("raw_height", "signals.raw_height"),
-                ("surface", "signals.surface_0"), ("head", "signals.head"), ("velocity", "motion.velocity"),
-                ("acceleration", "motion.acceleration"), ("command", "signals.command"), ("mode", "signals.mode"),
-            ):  # fmt: skip
+                ("gap", "signals.gap"),
+                ("height", "signals.height"),
+                ("raw_height", "signals.raw_height"),
+                ("surface", "signals.surface_0"),
+                ("head", "signals.head"),
+                ("velocity", "motion.velocity"),
+                ("acceleration", "motion.acceleration"),
+                ("command", "signals.command"),
+                ("mode", "signals.mode"),
+            ):
                 assert np.array_equal(record[channel][period], fleet.column(column).astype(np.float32)), channel
     assert np.array_equal(record.set_height, fleet.column("job.set_height"))
     assert np.array_equal(record.lowest, fleet.column("tally.lowest"))

@@ -276,9 +276,17 @@ def test_several_caps_make_several_searches_side_by_side(pretended):
 
 def test_what_the_searches_of_a_study_found_is_a_table_with_units(capsys):
     row = {
-        "controller": "pid", "rms_true_test": 13.6967, "collisions_test": 0, "jitter_test": 0.365432, "trials": 6,
-        "simulated_steps": 5_376_000, "cpu_seconds": 1.76, "parameters": "{}", "sampler": "tpe", "tune_seeds": "0-1",
-    }  # fmt: skip
+        "controller": "pid",
+        "rms_true_test": 13.6967,
+        "collisions_test": 0,
+        "jitter_test": 0.365432,
+        "trials": 6,
+        "simulated_steps": 5_376_000,
+        "cpu_seconds": 1.76,
+        "parameters": "{}",
+        "sampler": "tpe",
+        "tune_seeds": "0-1",
+    }
     found = [{**row, "search": "pid-ms-2", "cap": 2.0, "ms": 1.8}, {**row, "search": "pid", "cap": np.inf, "ms": None}]
     searches.show(pd.DataFrame(found))
     told = capsys.readouterr().out

@@ -22,12 +22,18 @@ from kerfgym.experiments.speed.cost_curve import picture
 from kerfgym.experiments.speed.proof import NothingDone
 
 TASKS = {
-    "kernel": (lambda: timed.kernel(700), 700), "kernel, two threads": (lambda: timed.kernel(700, 2), 700),
-    "roll-out": (lambda: timed.closed_loop("pid", 500), 500), "open loop": (lambda: timed.closed_loop("idle"), 1024),
-    "registers": (lambda: timed.from_registers(40), 40), "vector": (lambda: timed.vector(400), 400),
-    "batch": (lambda: timed.with_policy(400), 400), "sb3": (lambda: timed.sb3(400), 400),
-    "env": (timed.single, 1), "job": (timed.job_step, 1), "jobs": (lambda: timed.job_vector(300), 300),
-}  # fmt: skip
+    "kernel": (lambda: timed.kernel(700), 700),
+    "kernel, two threads": (lambda: timed.kernel(700, 2), 700),
+    "roll-out": (lambda: timed.closed_loop("pid", 500), 500),
+    "open loop": (lambda: timed.closed_loop("idle"), 1024),
+    "registers": (lambda: timed.from_registers(40), 40),
+    "vector": (lambda: timed.vector(400), 400),
+    "batch": (lambda: timed.with_policy(400), 400),
+    "sb3": (lambda: timed.sb3(400), 400),
+    "env": (timed.single, 1),
+    "job": (timed.job_step, 1),
+    "jobs": (lambda: timed.job_vector(300), 300),
+}
 
 
 @pytest.mark.parametrize("kind", TASKS)

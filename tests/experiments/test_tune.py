@@ -396,8 +396,15 @@ def test_candidates_that_come_again_cost_a_killed_search_no_more_than_one_that_w
 
 
 def test_several_metrics_give_a_front(here, few):
-    task = Task("xi2023-improved", ("law.kv",), metrics=("rms_true", "jitter"), limits=Limits(2.0), sampler="nsga2",
-                seeds=1, trials=40)  # fmt: skip
+    task = Task(
+        "xi2023-improved",
+        ("law.kv",),
+        metrics=("rms_true", "jitter"),
+        limits=Limits(2.0),
+        sampler="nsga2",
+        seeds=1,
+        trials=40,
+    )
     result = tune(task, Path("runs/front"), threads=1)
     assert len(result.front) > 2
     points = np.array(sorted(f.values for f in result.front))

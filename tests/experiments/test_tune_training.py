@@ -30,10 +30,19 @@ from kerfgym.experiments.tune.work import abandoned, done
 
 HEIGHT, CONTOUR, CUTTING = settings.TASKS
 TINY = {
-    "environment.num_envs": 8, "environment.max_steps": 30, "environment.scenario": "tilt", "policy.net_arch": [8],
-    "evaluation.scenario": "tilt", "evaluation.max_steps": 20, "evaluation.episodes": 2, "algorithm.n_steps": 8,
-    "algorithm.batch_size": 16, "algorithm.n_epochs": 2, "steps": 2560, "checkpoint.every": 26,
-}  # fmt: skip
+    "environment.num_envs": 8,
+    "environment.max_steps": 30,
+    "environment.scenario": "tilt",
+    "policy.net_arch": [8],
+    "evaluation.scenario": "tilt",
+    "evaluation.max_steps": 20,
+    "evaluation.episodes": 2,
+    "algorithm.n_steps": 8,
+    "algorithm.batch_size": 16,
+    "algorithm.n_epochs": 2,
+    "steps": 2560,
+    "checkpoint.every": 26,
+}
 BASE = settings.preset("ppo", HEIGHT, TINY)
 TASK = TrainingTask(BASE, steps=256, trials=6)
 WORDS = ["ppo", "--steps", "256", "--trials", "6"]

@@ -147,9 +147,16 @@ def judged(mutant: Mutant, copy: Path, limit: float, sound: set[str]) -> dict[st
             raise InvalidInput(f"{tests} fails without any mutant:\n{(copy.parent / 'last.txt').read_text()[-3000:]}")
         sound.add(tests)
     return {
-        "name": mutant.name, "file": mutant.file, "line": mutant.line, "kind": mutant.kind, "old": mutant.old,
-        "new": mutant.new, "by": by, "seconds": round(time.time() - begun, 1), "source": told(mutant),
-    }  # fmt: skip
+        "name": mutant.name,
+        "file": mutant.file,
+        "line": mutant.line,
+        "kind": mutant.kind,
+        "old": mutant.old,
+        "new": mutant.new,
+        "by": by,
+        "seconds": round(time.time() - begun, 1),
+        "source": told(mutant),
+    }
 
 
 def ran(copy: Path, tests: str, limit: float, mutated: str) -> str:

@@ -48,9 +48,15 @@ def axis(position: Array) -> SimpleNamespace:
     """An axis at rest."""
     zero = np.zeros_like(position)
     return SimpleNamespace(
-        position=position.copy(), issued=position.copy(), summed=position.copy(), drawn=zero.copy(),
-        parts=np.zeros((2, *position.shape)), command=zero.copy(), step=zero.copy(), velocity=zero.copy(),
-    )  # fmt: skip
+        position=position.copy(),
+        issued=position.copy(),
+        summed=position.copy(),
+        drawn=zero.copy(),
+        parts=np.zeros((2, *position.shape)),
+        command=zero.copy(),
+        step=zero.copy(),
+        velocity=zero.copy(),
+    )
 
 
 class XYMachine:
@@ -205,14 +211,24 @@ class XYMachine:
         along, beside = dx * tx + dy * ty, dy * tx - dx * ty
         corner = np.abs(along) > feed * PERIOD + 1e-9  # the nearest point is the corner, not on either leg
         error = np.where(corner, np.where(beside >= 0.0, 1.0, -1.0) * np.hypot(dx, dy), beside)
-        self.trail.append({
-            "x": self.x.position.copy(), "y": self.y.position.copy(), "error": error,
+        seen = {
+            "x": self.x.position.copy(),
+            "y": self.y.position.copy(),
+            "error": error,
             "speed": np.hypot(self.x.parts.sum(axis=0), self.y.parts.sum(axis=0)),
             "lag": (self.x.issued - self.x.position) * tx + (self.y.issued - self.y.position) * ty,
-            "s": s + np.where(corner, 0.0, along), "feed": feed * self.override, "tx": tx, "ty": ty, "phase": phase,
-            "beam": beam, "lift": self.at(self.aloft, "lift"), "tau": self.near.copy(),
-            "override": self.override.copy(), "over": (self.near >= self.last).astype(float),
-        })  # fmt: skip
+            "s": s + np.where(corner, 0.0, along),
+            "feed": feed * self.override,
+            "tx": tx,
+            "ty": ty,
+            "phase": phase,
+            "beam": beam,
+            "lift": self.at(self.aloft, "lift"),
+            "tau": self.near.copy(),
+            "override": self.override.copy(),
+            "over": (self.near >= self.last).astype(float),
+        }
+        self.trail.append(seen)
 
     # ------------------------------------------------------------------------------------------------ servo instant
 
@@ -372,11 +388,18 @@ class XYMachine:
         f, w = self.figures, np.where(scored, t["speed"] * PERIOD, 0.0)
         off, worst = np.abs(t["error"]), self.sums
         added = {
-            "time": np.where(t["over"] > 0.5, 0.0, PERIOD), "cutting": np.where(scored, PERIOD, 0.0), "length": w,
-            "contour2": w * off**2, "gap2": w * error**2, "dross": w * f["dross"], "roughness": w * f["roughness"],
-            "through": w * f["through"], "kerf": w * f["kerf_top"], "taper": w * f["taper"],
+            "time": np.where(t["over"] > 0.5, 0.0, PERIOD),
+            "cutting": np.where(scored, PERIOD, 0.0),
+            "length": w,
+            "contour2": w * off**2,
+            "gap2": w * error**2,
+            "dross": w * f["dross"],
+            "roughness": w * f["roughness"],
+            "through": w * f["through"],
+            "kerf": w * f["kerf_top"],
+            "taper": w * f["taper"],
             "energy": t["beam"] * power * PERIOD,
-        }  # fmt: skip
+        }
         largest = {
             "contour_worst": off,
             "gap_worst": np.abs(error),

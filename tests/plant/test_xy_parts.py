@@ -36,9 +36,18 @@ def machine(**parts: Any) -> XYMachine:
 def test_the_cut_is_what_its_equations_say():
     rng = np.random.default_rng(1)
     each, c = columns(
-        cut.Params, rng, thickness=(1.0, 15.0), focus=(-1.0, 5.0), w0=(0.05, 0.2), pressure=(0.3, 1.5),
-        upturn_from=(0.3, 2.0), floor=(0.0, 0.02), slot=(0.05, 0.5), film=(1e-6, 4e-5), gas_above=(0.5, 2.0),
-    )  # fmt: skip
+        cut.Params,
+        rng,
+        thickness=(1.0, 15.0),
+        focus=(-1.0, 5.0),
+        w0=(0.05, 0.2),
+        pressure=(0.3, 1.5),
+        upturn_from=(0.3, 2.0),
+        floor=(0.0, 0.02),
+        slot=(0.05, 0.5),
+        film=(1e-6, 4e-5),
+        gas_above=(0.5, 2.0),
+    )
     zeros = {name: np.zeros(N) for name in ("base", "high", "low", "way", "lengths", "geometric", "error2", "weight")}
     oracle, states, open_kerf = machine(c=c, **zeros), [cut.fresh()] * N, 0
     for _ in range(STEPS):
@@ -61,14 +70,33 @@ def test_the_cut_is_what_its_equations_say():
 def test_spot_and_published_settings_are_what_their_equations_say():
     rng = np.random.default_rng(2)
     optics, o = columns(
-        spot.Params, rng, galvo=(500.0, 6000.0), galvo_zeta=(0.3, 1.2), galvo_range=(0.1, 0.4), piezo=(500.0, 9000.0),
-        piezo_zeta=(0.3, 1.2), piezo_range=(0.5, 5.0), hysteresis=(0.0, 0.2), highest=(500.0, 4000.0),
-    )  # fmt: skip
+        spot.Params,
+        rng,
+        galvo=(500.0, 6000.0),
+        galvo_zeta=(0.3, 1.2),
+        galvo_range=(0.1, 0.4),
+        piezo=(500.0, 9000.0),
+        piezo_zeta=(0.3, 1.2),
+        piezo_range=(0.5, 5.0),
+        hysteresis=(0.0, 0.2),
+        highest=(500.0, 4000.0),
+    )
     ranges, r = columns(
-        published.Range, rng, feed_low=(2.0, 10.0), feed_static=(15.0, 20.0), feed_high=(20.0, 30.0),
-        power_low=(0.5, 0.9), power_high=(1.0, 1.1), frequency_low=(200.0, 900.0), frequency_high=(1000.0, 3000.0),
-        amplitude=(0.1, 0.3), deep_low=(0.1, 1.0), deep_high=(0.5, 3.0), focus=(0.0, 0.5), standoff=(0.0, 0.3),
-    )  # fmt: skip
+        published.Range,
+        rng,
+        feed_low=(2.0, 10.0),
+        feed_static=(15.0, 20.0),
+        feed_high=(20.0, 30.0),
+        power_low=(0.5, 0.9),
+        power_high=(1.0, 1.1),
+        frequency_low=(200.0, 900.0),
+        frequency_high=(1000.0, 3000.0),
+        amplitude=(0.1, 0.3),
+        deep_low=(0.1, 1.0),
+        deep_high=(0.5, 3.0),
+        focus=(0.0, 0.5),
+        standoff=(0.0, 0.3),
+    )
     r.bounded = rng.choice([0.0, 1.0], N)
     recipe = SimpleNamespace(most_override=2.0, most_power=1.2, most_standoff=1.0)
     oracle = machine(optics=o, range=r, recipe=recipe, journey=SimpleNamespace(feed=np.full(N, 18.0)))
@@ -118,9 +146,15 @@ def test_the_optics_give_no_more_than_their_ranges_whatever_is_asked(beyond):
 def test_an_axis_does_what_its_equations_say():
     rng = np.random.default_rng(3)
     each, p = columns(
-        xy_axes.Params, rng, t1=(0.012, 0.03), t2=(0.002, 0.01), tau=(0.0, 0.004), gain=(0.5, 1.5),
-        acceleration=(500.0, 6000.0), speed=(50.0, 200.0),
-    )  # fmt: skip
+        xy_axes.Params,
+        rng,
+        t1=(0.012, 0.03),
+        t2=(0.002, 0.01),
+        tau=(0.0, 0.004),
+        gain=(0.5, 1.5),
+        acceleration=(500.0, 6000.0),
+        speed=(50.0, 200.0),
+    )
     p.literal = np.zeros(N)
     p.dac = rng.choice([0.0, 0.5], N)
     drive, c1 = np.zeros((N, 4, 4)), (p.t1 - p.tau) / (p.t1 - p.t2)
