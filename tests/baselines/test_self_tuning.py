@@ -150,6 +150,18 @@ def test_an_impulse_is_bridged_and_a_step_is_not():
     assert commands[304] < -0.9 * 50.0 * 0.1
 
 
+def test_on_a_slope_an_impulse_is_what_lies_off_the_trend_before_predictions_have_proved_themselves():
+    """A sheet that falls by 50 mm/s: 0.1 mm the other way is bridged along the slope, the slope itself is believed."""
+    sheet = -0.05 * np.arange(81)
+    spoilt = sheet + 0.1 * (np.arange(81) == 60)
+    p, memory, state, believed = law.Params(jump=0.035), np.zeros(law.MEMORY), law.init(law.Params()), []
+    for x in readings(spoilt):
+        state, _ = law.control(p, state, x, np.zeros(0), memory)
+        believed.append(memory[law.READINGS + law._slot(state.tick, 0.0)])
+    assert state.calm < law.PROVED
+    assert believed[20:] == pytest.approx(sheet[20:], abs=1e-9)
+
+
 def test_over_a_hole_nothing_is_learnt_and_nothing_fed_forward():
     time = np.arange(300) * PERIOD
     signals = readings(0.1 * np.sin(2 * np.pi * 5 * time))

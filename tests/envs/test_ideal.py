@@ -46,6 +46,17 @@ def test_without_dead_time_a_command_moves_the_head_in_the_period_in_which_it_is
     assert moves[1] <= given
 
 
+def test_an_ideal_sensor_is_one_without_faults_bit_for_bit():
+    faults = {"jitter": 1e-5, "drift": 0.01, "impulses": 30.0, "bursts": 5.0, "plasma": 0.02}
+    bad, none = {"noise": 0.005, **faults}, dict.fromkeys(("noise", *faults), 0.0)
+    real, cured, sound = (
+        rolled(STILL.varied(head=head), "xi2023-improved", *stages)
+        for head, stages in ((bad, ()), (bad, ("sensor",)), (none, ()))
+    )
+    np.testing.assert_array_equal(cured.data, sound.data)
+    assert not np.array_equal(real.data, sound.data)
+
+
 def test_an_exact_table_reads_the_gap_that_a_calibrated_one_misses():
     scenario = STILL.varied(head={"noise": 0.0, "jitter": 0.0, "impulses": 0.0})
     misread = {}
