@@ -176,8 +176,8 @@ def test_q_reaches_as_far_as_its_length_says_and_no_further_than_sixty_cells(fee
     # 40 ms are 40 cells of 0.1 mm at 100 mm/s, and would be 80 at 200 mm/s.
     p = ilc.Params(kp=0.0, ki=0.0, kd=0.0, learn=1.0, lead=0.0, smooth=40.0, gate=1.0, cell=0.1)
     memory, state = np.zeros(ilc.MEMORY), ilc.init(p)
-    for tick in range(500):
-        height = 0.8 + 0.01 * (tick >= 200)  # once: what was seen is not 0 in one period's cells
+    for tick in range(165):
+        height = 0.8 + 0.01 * (tick >= 75)  # once: what was seen is not 0 in one period's cells
         place = 0.05 + tick * PERIOD * feed
         x = Sensed(height=height, set_height=0.8, captured=True, fresh=tick == 0, feed=feed, place=place)
         state, _ = ilc.control(p, state, x, (), memory)
