@@ -1117,6 +1117,12 @@ def test_passwords_of_urls_are_masked(text, shown):
     assert secrets.everywhere({"a": [text, 1]}) == {"a": [shown, 1]}
 
 
+def test_a_long_word_is_read_once_and_not_from_each_of_its_characters_anew():
+    began = time.process_time()
+    assert secrets.masked("x" * 100_000) == secrets.masked_word("x" * 100_000) == "x" * 100_000
+    assert time.process_time() - began < 1.0  # 0.01 s, where each beginning was tried 20 s and more
+
+
 def test_what_a_driver_repeats_of_a_password_is_masked_too():
     url = "postgresql://u:s3cr et@h/d"
     assert secrets.masked_word(url) == "postgresql://u:…@h/d"
