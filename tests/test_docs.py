@@ -26,16 +26,20 @@ ROOT = Path(kerfgym.__file__).parent
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(docs.FOLDER.glob("*.md"))]
 HEAVY = {
     "first-minutes-learning.md": {
-        "num_envs=1024": "num_envs=8", "HeightFollowingVecEnv(256,": "HeightFollowingVecEnv(4,",
-        "n_steps=64": "n_steps=8", "batch_size=512": "batch_size=16", "learn(1_000_000)": "learn(64)",
-    },
-}  # fmt: skip
+        "num_envs=1024": "num_envs=8",
+        "HeightFollowingVecEnv(256,": "HeightFollowingVecEnv(4,",
+        "n_steps=64": "n_steps=8",
+        "batch_size=512": "batch_size=16",
+        "learn(1_000_000)": "learn(64)",
+    }
+}
 """What is made smaller in blocks that are run, by page; each is there."""
 
 RUN = {
-    "benchmark": ["--seeds", "2", "--jobs", "1", "--no-ms", "--no-cost", "--no-blame", "--no-detuned"], "render": [],
+    "benchmark": ["--seeds", "2", "--jobs", "1", "--no-ms", "--no-cost", "--no-blame", "--no-detuned"],
+    "render": [],
     "list": [],
-}  # fmt: skip
+}
 """Commands that are run if the files that they name are there, and with what; all others are only read."""
 
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)

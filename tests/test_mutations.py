@@ -40,13 +40,23 @@ def found(tmp_path):
 def test_every_kind_of_mistake_is_made_where_it_can_be(found):
     made = {(m.kind, m.old, m.new) for m in found}
     assert made >= {
-        ("number", "4.0", "8.0"), ("number", "4.0", "2.0"), ("number", "4.0", "0.0"), ("number", "0.0", "1.0"),
-        ("comparison", ">", "<="), ("boundary", ">", ">="), ("not dropped", "not p.off", "p.off"),
-        ("junction", "x > LIMIT and not p.off", "(x > LIMIT or not p.off)"), ("function", "min", "max"),
-        ("operator", "(x + s) * p.gain", "((x + s) / p.gain)"), ("term dropped", "x + s", "(x)"),
-        ("term dropped", "x + s", "(s)"), ("sign kept", "abs(x)", "(x)"), ("choice", "p.on", "(not (p.on))"),
-        ("limit dropped", "clip(-x, 0.0, 1.0)", "(-x)"), ("sign dropped", "-x", "x"),
-    }  # fmt: skip
+        ("number", "4.0", "8.0"),
+        ("number", "4.0", "2.0"),
+        ("number", "4.0", "0.0"),
+        ("number", "0.0", "1.0"),
+        ("comparison", ">", "<="),
+        ("boundary", ">", ">="),
+        ("not dropped", "not p.off", "p.off"),
+        ("junction", "x > LIMIT and not p.off", "(x > LIMIT or not p.off)"),
+        ("function", "min", "max"),
+        ("operator", "(x + s) * p.gain", "((x + s) / p.gain)"),
+        ("term dropped", "x + s", "(x)"),
+        ("term dropped", "x + s", "(s)"),
+        ("sign kept", "abs(x)", "(x)"),
+        ("choice", "p.on", "(not (p.on))"),
+        ("limit dropped", "clip(-x, 0.0, 1.0)", "(-x)"),
+        ("sign dropped", "-x", "x"),
+    }
 
 
 def test_declared_defaults_addresses_messages_and_docstrings_have_none(found):

@@ -207,11 +207,20 @@ def test_every_exception_is_of_a_page():
 @pytest.mark.parametrize(
     "sentence",
     [
-        "It reaches 3.42 µm.", "It is 7 times closer.", "They need 168 CPU-seconds.", "dross falls by 3 %",
-        "Ms is 1.22", "it lies 3 % below the paper's", "after 4.8 million steps", "between 9 and 14 µm",
-        "a ratio of × 2", "±0.3 mm", "| `pid` | 9 | 0/2400 |", "```\nkerfgym tune law   # takes 130 seconds\n```",
+        "It reaches 3.42 µm.",
+        "It is 7 times closer.",
+        "They need 168 CPU-seconds.",
+        "dross falls by 3 %",
+        "Ms is 1.22",
+        "it lies 3 % below the paper's",
+        "after 4.8 million steps",
+        "between 9 and 14 µm",
+        "a ratio of × 2",
+        "±0.3 mm",
+        "| `pid` | 9 | 0/2400 |",
+        "```\nkerfgym tune law   # takes 130 seconds\n```",
     ],
-)  # fmt: skip
+)
 def test_what_looks_like_a_result_is_found(sentence):
     assert unmarked(f"A page.\n\n{sentence}\n", {})[0]
 
@@ -219,12 +228,17 @@ def test_what_looks_like_a_result_is_found(sentence):
 @pytest.mark.parametrize(
     "sentence",
     [
-        "Huang2024's Table 2 and CN102528288A", "slot `z`, `law.kp=3.5`", "two of them, in 16 corner plants",
-        "[a link](page.md#3.5-mm)", "| Huang2024 | `x=3` |", "<!-- n: following.pid.score .2f -->9.77<!-- /n --> µm",
-        "<!-- made: following -->\n| pid | 9.77 |\n<!-- end -->", "```\nkerfgym tune law.kp=20..120 --ms 3.3\n```",
+        "Huang2024's Table 2 and CN102528288A",
+        "slot `z`, `law.kp=3.5`",
+        "two of them, in 16 corner plants",
+        "[a link](page.md#3.5-mm)",
+        "| Huang2024 | `x=3` |",
+        "<!-- n: following.pid.score .2f -->9.77<!-- /n --> µm",
+        "<!-- made: following -->\n| pid | 9.77 |\n<!-- end -->",
+        "```\nkerfgym tune law.kp=20..120 --ms 3.3\n```",
         "kerfgym 0.1.0",
     ],
-)  # fmt: skip
+)
 def test_names_code_and_marked_numbers_are_none(sentence):
     assert unmarked(f"A page.\n\n{sentence}\n", {})[0] == []
 

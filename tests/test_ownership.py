@@ -122,15 +122,25 @@ def cutting(spec):
 
 
 FLEETS = {
-    "law": controlled("pid"), "law with memory": controlled("lqg"), "two policies, one after the other": begun(
+    "law": controlled("pid"),
+    "law with memory": controlled("lqg"),
+    "two policies, one after the other": begun(
         lambda fleet, every: stacks.resolve("height-following-ppo").install(fleet, every), "height-following-ppo"
     ),
-    "policy": controlled("height-following-ppo"), "policy with a schedule": controlled("height-following-schedule-ppo"),
-    "contours": begun(travelled), "profiles": begun(uneven), "map": begun(bumpy), "signal": begun(replayed),
-    "tables": begun(own_tables), "stage at the end": begun(late), "stage behind the filter": begun(prompted, "lqg"),
-    "another law": begun(another_law), "job": cutting("recipe"), "job with a policy": cutting("cutting-ppo"),
+    "policy": controlled("height-following-ppo"),
+    "policy with a schedule": controlled("height-following-schedule-ppo"),
+    "contours": begun(travelled),
+    "profiles": begun(uneven),
+    "map": begun(bumpy),
+    "signal": begun(replayed),
+    "tables": begun(own_tables),
+    "stage at the end": begun(late),
+    "stage behind the filter": begun(prompted, "lqg"),
+    "another law": begun(another_law),
+    "job": cutting("recipe"),
+    "job with a policy": cutting("cutting-ppo"),
     "contour with a policy": cutting("contour-following-ppo"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("threads", [1, 2])
@@ -205,10 +215,13 @@ def episode(kind, **arguments):
 
 
 BATCHES = {
-    "following": (TASK, {"scenario": "wavy"}), "schedule": (TASK, {"scenario": "rough", "control": "schedule"}),
-    "raw": (TASK, {"observation": "raw", "control": "direct"}), "contour": (CONTOUR, {}),
-    "cutting": (CUTTING, {}), "several threads": (TASK, {"threads": 2}),
-}  # fmt: skip
+    "following": (TASK, {"scenario": "wavy"}),
+    "schedule": (TASK, {"scenario": "rough", "control": "schedule"}),
+    "raw": (TASK, {"observation": "raw", "control": "direct"}),
+    "contour": (CONTOUR, {}),
+    "cutting": (CUTTING, {}),
+    "several threads": (TASK, {"threads": 2}),
+}
 
 
 @pytest.mark.parametrize("kept", ["observations", "rewards", "returns", "infos", "left"])
@@ -374,10 +387,12 @@ def test_a_number_that_keeps_nothing_alive_is_no_argument():
     with pytest.raises(TypeError, match="keeps nothing alive"):
         machine.advance.bound(fleet.deck.words.ctypes.data)
     for give in (
-        lambda words: fleet.hook(0, 0, words), lambda words: fleet.pilot("height", 0, words),
-        lambda words: fleet.after_sensor(0, words), lambda words: fleet.after_supervisor(0, words),
+        lambda words: fleet.hook(0, 0, words),
+        lambda words: fleet.pilot("height", 0, words),
+        lambda words: fleet.after_sensor(0, words),
+        lambda words: fleet.after_supervisor(0, words),
         lambda words: fleet.at_end(0, words),
-    ):  # fmt: skip
+    ):
         with pytest.raises(AssertionError, match=r"keeps? nothing alive"):
             give(np.zeros(20, np.uint64))
 
@@ -409,10 +424,11 @@ def test_a_deck_s_words_lie_where_its_places_say():
 
 
 HANDED_OUT = {
-    "hook": lambda fleet, io: fleet.hook(0, 0, io), "after the sensor": lambda fleet, io: fleet.after_sensor(0, io),
+    "hook": lambda fleet, io: fleet.hook(0, 0, io),
+    "after the sensor": lambda fleet, io: fleet.after_sensor(0, io),
     "after the supervisor": lambda fleet, io: fleet.after_supervisor(0, io),
     "pilot": lambda fleet, io: fleet.pilot("other", 0, io),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("way", HANDED_OUT)
@@ -478,11 +494,18 @@ def test_decisions_are_timed_on_a_machine_that_is_there():
 
 
 KEPT_BY_KERNELS = {
-    "fleet": FLEETS["law"], "gantries": lambda: FLEETS["job"]().gantries, "deck": lambda: FLEETS["law"]().deck,
-    "stepper": lambda: FLEETS["law"]().stepper(), "stepper of threads": lambda: FLEETS["law"](2, 40).stepper(),
-    "batch": lambda: episode(TASK), "following": HeightFollowingEnv, "cutting": CuttingEnv, "panel": panel.Panel,
-    "vector": lambda: HeightFollowingVectorEnv(2), "VecEnv": lambda: HeightFollowingVecEnv(2),
-}  # fmt: skip
+    "fleet": FLEETS["law"],
+    "gantries": lambda: FLEETS["job"]().gantries,
+    "deck": lambda: FLEETS["law"]().deck,
+    "stepper": lambda: FLEETS["law"]().stepper(),
+    "stepper of threads": lambda: FLEETS["law"](2, 40).stepper(),
+    "batch": lambda: episode(TASK),
+    "following": HeightFollowingEnv,
+    "cutting": CuttingEnv,
+    "panel": panel.Panel,
+    "vector": lambda: HeightFollowingVectorEnv(2),
+    "VecEnv": lambda: HeightFollowingVecEnv(2),
+}
 
 
 @pytest.mark.parametrize("kind", KEPT_BY_KERNELS)

@@ -25,13 +25,36 @@ OLD = ("envs.plant.lanes", "envs.plant.quantity")
 """Old names of modules, which warn whoever imports them."""
 
 ROOMS = (
-    "envs.engine", "envs.plant", "envs.safety", "envs.paths", "envs.scenarios", "envs.control", "envs.figures",
-    "envs.pictures", "envs.tasks", "envs", "baselines", "agents",
-    "experiments.store", "experiments.statistics", "experiments.measure", "experiments.results", "experiments.plots",
-    "experiments.bounds", "experiments.blame", "experiments.report", "experiments.render", "experiments.tune",
-    "experiments.train", "experiments.benchmark", "experiments.speed", "experiments.reproduce", "experiments",
-    "experiments.studies", "experiments.manual",
-)  # fmt: skip
+    "envs.engine",
+    "envs.plant",
+    "envs.safety",
+    "envs.paths",
+    "envs.scenarios",
+    "envs.control",
+    "envs.figures",
+    "envs.pictures",
+    "envs.tasks",
+    "envs",
+    "baselines",
+    "agents",
+    "experiments.store",
+    "experiments.statistics",
+    "experiments.measure",
+    "experiments.results",
+    "experiments.plots",
+    "experiments.bounds",
+    "experiments.blame",
+    "experiments.report",
+    "experiments.render",
+    "experiments.tune",
+    "experiments.train",
+    "experiments.benchmark",
+    "experiments.speed",
+    "experiments.reproduce",
+    "experiments",
+    "experiments.studies",
+    "experiments.manual",
+)
 """Folders; the modules of each may import those of its own and of the ones before it."""
 
 AT_HOME = ("experiments.studies", "experiments.manual")

@@ -34,10 +34,13 @@ def test_every_source_that_the_code_names_has_an_entry():
 @pytest.mark.parametrize(
     "text",
     [
-        '"""As Kalman and Bucy 1961 have it."""', "# the law of Harashima (1996)", "(Boyd and\n# Barratt 1991)",
-        "Åström et al. 1977, p. 3", "by van der Schaft 2000.",
+        '"""As Kalman and Bucy 1961 have it."""',
+        "# the law of Harashima (1996)",
+        "(Boyd and\n# Barratt 1991)",
+        "Åström et al. 1977, p. 3",
+        "by van der Schaft 2000.",
     ],
-)  # fmt: skip
+)
 def test_a_source_without_an_entry_is_found(text):
     assert references.unknown(references.unwrapped(text), ENTRIES)
 

@@ -212,10 +212,12 @@ def test_only_regular_files_are_read(here, kind):
     path = here / kind
     with socket.socket(socket.AF_UNIX) as listening:
         for make, word in (
-            (lambda: os.mkfifo(path), "a named pipe"), (lambda: path.symlink_to("/dev/zero"), "a device"),
+            (lambda: os.mkfifo(path), "a named pipe"),
+            (lambda: path.symlink_to("/dev/zero"), "a device"),
             (lambda: path.symlink_to("/proc/self/mem"), "Input/output error"),
-            (path.mkdir, "a folder"), (lambda: listening.bind(str(path)), "|No such device"),
-        ):  # fmt: skip
+            (path.mkdir, "a folder"),
+            (lambda: listening.bind(str(path)), "|No such device"),
+        ):
             make()
             told = refused(READERS[kind], path)
             assert any(each in told for each in word.split("|")), told
@@ -223,10 +225,19 @@ def test_only_regular_files_are_read(here, kind):
 
 
 LIMITS = {
-    "scenario": files.SETTINGS, "profile": files.TABLE, "signal": files.TABLE, "head": files.TABLE,
-    "drawing.dxf": files.DRAWING, "part.svg": files.DRAWING, "part.ngc": files.DRAWING, "tuned": files.SETTINGS,
-    "preset": files.SETTINGS, "checkpoint": files.NUMBERS, "parquet": files.NUMBERS, "journal": files.NUMBERS,
-}  # fmt: skip
+    "scenario": files.SETTINGS,
+    "profile": files.TABLE,
+    "signal": files.TABLE,
+    "head": files.TABLE,
+    "drawing.dxf": files.DRAWING,
+    "part.svg": files.DRAWING,
+    "part.ngc": files.DRAWING,
+    "tuned": files.SETTINGS,
+    "preset": files.SETTINGS,
+    "checkpoint": files.NUMBERS,
+    "parquet": files.NUMBERS,
+    "journal": files.NUMBERS,
+}
 
 
 @line(
@@ -240,8 +251,12 @@ def test_a_file_that_is_too_large_is_refused_before_it_is_read(here, kind):
     os.truncate(path, most + 1)  # a sparse one, which takes no room
     assert f"larger than {most / 1e6:g} MB" in refused(READERS[kind], path, within=1.0)
     assert (files.SETTINGS, files.TABLE, files.DRAWING, files.RECORD, files.NUMBERS) == (
-        1_000_000, 32_000_000, 64_000_000, 64_000_000, 2_000_000_000,
-    )  # fmt: skip
+        1_000_000,
+        32_000_000,
+        64_000_000,
+        64_000_000,
+        2_000_000_000,
+    )
 
 
 def test_a_record_that_is_too_large_is_refused(here):
@@ -331,8 +346,13 @@ def test_what_no_file_can_be_called_is_not_there(here, text, capsys):
         lambda t: stacks.resolve(f"{t}.py:Mine"),
     ):
         refused(reader, text)
-    for words in (("report", text), ("render", "x.png", "--plan", text), ("render", "x.png", "--path", text),
-                  ("benchmark", "-s", text), ("train", "ppo", "--preset", text)):  # fmt: skip
+    for words in (
+        ("report", text),
+        ("render", "x.png", "--plan", text),
+        ("render", "x.png", "--path", text),
+        ("benchmark", "-s", text),
+        ("train", "ppo", "--preset", text),
+    ):
         told = said(capsys, *words)
         assert len(told) < 2000
 
@@ -439,8 +459,13 @@ def test_drawings_open_neither_files_nor_connections(here, watched, kind):
 
 @line("A scenario cannot name a controller or any other code.")
 def test_a_scenario_names_no_code(here):
-    for text in ('controller = "evil.py:Mine"', 'base = "evil.py:Mine"', '[job]\nmaterial = "evil.py:Mine"',
-                 '[job]\npart = "evil.py"', 'path = "evil.py"'):  # fmt: skip
+    for text in (
+        'controller = "evil.py:Mine"',
+        'base = "evil.py:Mine"',
+        '[job]\nmaterial = "evil.py:Mine"',
+        '[job]\npart = "evil.py"',
+        'path = "evil.py"',
+    ):
         (here / "x.toml").write_text(f'name = "x"\n{text}\n', encoding="utf-8")
         with pytest.raises(InvalidInput):
             run(["wu"], [scenarios.read(here / "x.toml")], here / "run", range(1000, 1001), suite="contour")
@@ -494,9 +519,10 @@ def test_an_error_about_a_foreign_file_shows_next_to_nothing_of_it(here):
 @line("A profile has at most 5 000 000 points, a surface heights of at most ±1000 mm.")
 def test_a_profile_to_the_moon_is_an_error(here):
     for rows, message in (
-        ("0,0\n1e12,0\n", "points; allowed: 5,000,000"), ("0,0\n1e300,0\n", "points; allowed"),
+        ("0,0\n1e12,0\n", "points; allowed: 5,000,000"),
+        ("0,0\n1e300,0\n", "points; allowed"),
         ("0,0\n1,1e6\n", r"row 3, column height_mm: 1e\+06 mm; allowed: ±1000 mm"),
-    ):  # fmt: skip
+    ):
         (here / "p.csv").write_text(f"position_mm,height_mm\n{rows}", encoding="utf-8")
         (here / "x.toml").write_text('name = "x"\n[sheet.profile]\nfile = "p.csv"\n', encoding="utf-8")
         assert re.search(message, refused(scenarios.read, here / "x.toml"))
@@ -546,11 +572,20 @@ def test_a_tuned_controller_that_names_itself_is_an_error(here):
 @line("A provenance of the wrong kind is an error, not a trick on the ranking.")
 @pytest.mark.parametrize(
     "text",
-    ["trials = -1", "trials = 2e18", 'trials = "many"', "simulated_steps = nan", "cpu_seconds = true",
-     "tune_seeds = [1.5]",
-     "seeds = 1.5", "policy = 3", "start = []", "[provenance.policy.ledger]\ncpu_seconds = []",
-     "[provenance.start]\nsteps = -3"],
-)  # fmt: skip
+    [
+        "trials = -1",
+        "trials = 2e18",
+        'trials = "many"',
+        "simulated_steps = nan",
+        "cpu_seconds = true",
+        "tune_seeds = [1.5]",
+        "seeds = 1.5",
+        "policy = 3",
+        "start = []",
+        "[provenance.policy.ledger]\ncpu_seconds = []",
+        "[provenance.start]\nsteps = -3",
+    ],
+)
 def test_a_provenance_is_of_the_right_kind(here, text):
     (here / "t.toml").write_text(
         f'controller = "pid"\n[parameters]\n"law.kp" = 50.0\n[provenance]\n{text}\n', encoding="utf-8"
@@ -562,19 +597,25 @@ def test_a_provenance_is_of_the_right_kind(here, text):
 @pytest.mark.parametrize(
     ("text", "key"),
     [
-        ("environment.base = 3", "environment: base is 3"), ("environment.scenario = 3", "environment: scenario is 3"),
+        ("environment.base = 3", "environment: base is 3"),
+        ("environment.scenario = 3", "environment: scenario is 3"),
         ('environment.scenario = [["wavy"]]', "environment: scenario.0 is a list"),
-        ("evaluation.scenario = [1]", "evaluation: scenario.0 is 1"), ("evaluation.base = []", "base is a list"),
+        ("evaluation.scenario = [1]", "evaluation: scenario.0 is 1"),
+        ("evaluation.base = []", "base is a list"),
         ('environment.reward = {rate = "x"}', "environment: reward.rate is 'x'"),
         ("environment.reward = {rate = true}", "environment: reward.rate is True"),
-        ("environment.machine = 1", "environment: machine is 1"), ("environment.max_steps = 1.5", "max_steps is 1.5"),
+        ("environment.machine = 1", "environment: machine is 1"),
+        ("environment.max_steps = 1.5", "max_steps is 1.5"),
         ("environment.num_envs = 100001", "environment.num_envs = 100001; a whole number, from 1 to 100,000"),
-        ("environment.num_threads = 0", "environment.num_threads = 0"), ("steps = true", "steps = True"),
-        ("algorithm.gamma = []", "algorithm.gamma = []"), ("policy.activation = {}", "policy.activation = {}"),
-        ("policy.spread = [0.1, inf]", "policy.spread = [0.1, inf]"), ("algorithm = 1", "'algorithm' is a table"),
+        ("environment.num_threads = 0", "environment.num_threads = 0"),
+        ("steps = true", "steps = True"),
+        ("algorithm.gamma = []", "algorithm.gamma = []"),
+        ("policy.activation = {}", "policy.activation = {}"),
+        ("policy.spread = [0.1, inf]", "policy.spread = [0.1, inf]"),
+        ("algorithm = 1", "'algorithm' is a table"),
         (f"environment.scenario = {json.dumps(['wavy'] * 1001)}", "environment.scenario has 1,001 entries"),
     ],
-)  # fmt: skip
+)
 def test_a_preset_holds_what_it_should(here, text, key):
     (here / "mine.toml").write_text(text, encoding="utf-8")
     told = refused(settings.from_file, here / "mine.toml", "ppo", within=30.0)
@@ -612,12 +653,15 @@ def policy(here):
 @pytest.mark.parametrize(
     "change",
     [
-        lambda d: d["base"]["z"].update(law="evil.py:Mine"), lambda d: d["base"]["z"].update(law="../x"),
-        lambda d: d["network"]["layers"][0].update(outputs=5000), lambda d: d["network"].update(layers=[]),
-        lambda d: d["network"].update(layers=d["network"]["layers"][:1] * 17), lambda d: d.update(code="import os"),
+        lambda d: d["base"]["z"].update(law="evil.py:Mine"),
+        lambda d: d["base"]["z"].update(law="../x"),
+        lambda d: d["network"]["layers"][0].update(outputs=5000),
+        lambda d: d["network"].update(layers=[]),
+        lambda d: d["network"].update(layers=d["network"]["layers"][:1] * 17),
+        lambda d: d.update(code="import os"),
         lambda d: d.update(provenance={"trials": "x"}),
     ],
-)  # fmt: skip
+)
 def test_a_policy_is_numbers_for_a_small_network(policy, change):
     with pytest.raises(InvalidInput):
         Policy.load(policy(change))
@@ -714,10 +758,12 @@ def test_names_in_a_record_stay_in_the_folder(here, changed, capsys, monkeypatch
     for name in ("a" * 300, "a/" * 3000, "ring", "\ud800"):  # nothing can be called so, or be there
         assert "can be called so" in refused(files.within, here, name, "folder")
     (here / "secret.toml").write_text('password = "hunter2"', encoding="utf-8")
-    for i, make in enumerate((
-        lambda place: place.symlink_to(here, target_is_directory=True),
-        lambda place: (place.mkdir(), (place / "a.toml").symlink_to(here / "secret.toml")),
-    )):  # fmt: skip
+    for i, make in enumerate(
+        (
+            lambda place: place.symlink_to(here, target_is_directory=True),
+            lambda place: (place.mkdir(), (place / "a.toml").symlink_to(here / "secret.toml")),
+        )
+    ):
         bad = changed(lambda r: None, f"linked{i}")
         shutil.rmtree(bad / "scenarios")
         make(bad / "scenarios")
@@ -736,10 +782,23 @@ def test_names_in_a_record_stay_in_the_folder(here, changed, capsys, monkeypatch
 @line("A key of the wrong kind in a `run.json` is an error with its place.")
 @pytest.mark.parametrize(
     ("key", "value"),
-    [("tables", None), ("tables", []), ("summaries", {"a": 1}), ("core", "wavy"), ("scenarios", [1]), ("ledger", []),
-     ("tuning", {"pid": 3}), ("tuning", {"pid": {"trials": "x"}}), ("parameters", {"pid": 1}), ("kind", "other"),
-     ("folder", 3), ("decisions", {"pid": []}), ("bounds", {"wavy": "x"}), ("exempt", 1)],
-)  # fmt: skip
+    [
+        ("tables", None),
+        ("tables", []),
+        ("summaries", {"a": 1}),
+        ("core", "wavy"),
+        ("scenarios", [1]),
+        ("ledger", []),
+        ("tuning", {"pid": 3}),
+        ("tuning", {"pid": {"trials": "x"}}),
+        ("parameters", {"pid": 1}),
+        ("kind", "other"),
+        ("folder", 3),
+        ("decisions", {"pid": []}),
+        ("bounds", {"wavy": "x"}),
+        ("exempt", 1),
+    ],
+)
 def test_a_record_of_the_wrong_kind_is_an_error(changed, key, value):
     told = refused(archive.load, changed(lambda r: r["grids"]["following"].update({key: value})))
     assert "grids.following" in told
@@ -748,10 +807,21 @@ def test_a_record_of_the_wrong_kind_is_an_error(changed, key, value):
 
 @pytest.mark.parametrize(
     ("key", "value"),
-    [("machine", {"processor": []}), ("machine", {"cores": "2"}), ("git", {"commit": [1]}), ("packages", {"numpy": 1}),
-     ("wall_seconds", "1"), ("notes", "x"), ("tuning", {"pid": {"trials": "x"}}), ("plates", [[]]), ("corners", 1),
-     ("linear", {"wavy": []}), ("ledger", {"pid": {"cpu_seconds": "1"}}), ("kernel", 1)],
-)  # fmt: skip
+    [
+        ("machine", {"processor": []}),
+        ("machine", {"cores": "2"}),
+        ("git", {"commit": [1]}),
+        ("packages", {"numpy": 1}),
+        ("wall_seconds", "1"),
+        ("notes", "x"),
+        ("tuning", {"pid": {"trials": "x"}}),
+        ("plates", [[]]),
+        ("corners", 1),
+        ("linear", {"wavy": []}),
+        ("ledger", {"pid": {"cpu_seconds": "1"}}),
+        ("kernel", 1),
+    ],
+)
 def test_what_holds_for_the_whole_run_is_of_the_right_kind_too(changed, key, value):
     assert f"run.json': {key}" in refused(archive.load, changed(lambda r: r.update({key: value})))
 
@@ -855,13 +925,22 @@ def test_a_study_file_writes_in_its_run_alone(here, name, more):
 @line("A key of a study file that is unknown or of the wrong kind is an error with its place.")
 @pytest.mark.parametrize(
     ("text", "told"),
-    [("sweet = 1", "'sweet'"), ("trials = 'many'", "trials"), ("ranges = 3", "ranges"),
-     ("[search.pid]\nset = 3", "set"),
-     ("[search.pid]\n[[search.pid.stage]]\nsampler = 3", "sampler"), ("like = 'folowers'", "followers"),
-     ("seeds = 1" + 30 * "0", "64 bits"), ("ms = [nan]", "ms = nan"), ("limits = { jitter = nan }", "jitter = nan"),
-     ("[search.wu]\nsuite = 'contour'\nwhat = ['law.kp']\nset = { 'law.kp' = { gain_margin = 0.0 } }", "of 0 is no"),
-     ("[search]\npid = 3", "search.pid"), ("stage = 3", "stage"), ("[[stage]]\nspread = 'x'", "spread")],
-)  # fmt: skip
+    [
+        ("sweet = 1", "'sweet'"),
+        ("trials = 'many'", "trials"),
+        ("ranges = 3", "ranges"),
+        ("[search.pid]\nset = 3", "set"),
+        ("[search.pid]\n[[search.pid.stage]]\nsampler = 3", "sampler"),
+        ("like = 'folowers'", "followers"),
+        ("seeds = 1" + 30 * "0", "64 bits"),
+        ("ms = [nan]", "ms = nan"),
+        ("limits = { jitter = nan }", "jitter = nan"),
+        ("[search.wu]\nsuite = 'contour'\nwhat = ['law.kp']\nset = { 'law.kp' = { gain_margin = 0.0 } }", "of 0 is no"),
+        ("[search]\npid = 3", "search.pid"),
+        ("stage = 3", "stage"),
+        ("[[stage]]\nspread = 'x'", "spread"),
+    ],
+)
 def test_a_changed_study_file_is_an_error(here, text, told):
     rest = "" if "[search" in text else "[search.pid]\n"
     (here / "s.toml").write_text(f"{text}\n{rest}", encoding="utf-8")
@@ -886,12 +965,22 @@ def journal(here):
 @line("A journal is JSON, line by line; lines that do not fit each other, or values of the wrong kind, are an error.")
 @pytest.mark.parametrize(
     ("old", "new"),
-    [('"op_code":6', '"op_code":99'), ('"op_code":4', '"op_kode":4'), ('"trial_id":0', '"trial_id":"x"'),
-     ('"study_id":0', '"study":0'), ('"values":[3.0]', '"values":["x"]'), ('"explore":1', '"explore":"x"'),
-     ('"steps":10', '"steps":[]'), ('"space":["suite x"]', '"space":3'), ('"study_name":"x"', '"study_name":[]'),
-     ('"worker_id"', '"worker"'), ('"directions":[1]', '"directions":[7]'),
-     ('"intermediate_value":1.0', '"intermediate_value":"x"'), ('"steps":10', '"steps":1' + 400 * "0")],
-)  # fmt: skip
+    [
+        ('"op_code":6', '"op_code":99'),
+        ('"op_code":4', '"op_kode":4'),
+        ('"trial_id":0', '"trial_id":"x"'),
+        ('"study_id":0', '"study":0'),
+        ('"values":[3.0]', '"values":["x"]'),
+        ('"explore":1', '"explore":"x"'),
+        ('"steps":10', '"steps":[]'),
+        ('"space":["suite x"]', '"space":3'),
+        ('"study_name":"x"', '"study_name":[]'),
+        ('"worker_id"', '"worker"'),
+        ('"directions":[1]', '"directions":[7]'),
+        ('"intermediate_value":1.0', '"intermediate_value":"x"'),
+        ('"steps":10', '"steps":1' + 400 * "0"),
+    ],
+)
 def test_a_changed_journal_is_an_error(here, journal, old, new):
     text = "\n".join(journal) + "\n"
     assert old in text
@@ -902,11 +991,15 @@ def test_a_changed_journal_is_an_error(here, journal, old, new):
 
 @pytest.mark.parametrize(
     ("start", "told"),
-    [({"filter.kind": "none"}, "cmaes.law.kp = 'None'; allowed: a number"),
-     ({"law.kp": "x", "filter.kind": "none"}, "cmaes.law.kp = 'x'"), ({}, "cmaes.filter.kind"),
-     ({"law.kp": 50.0, "law.ki": 1.0, "filter.kind": "evil"}, "cmaes.filter.kind = 'evil'; allowed: none, mean"),
-     ({"law.kp": 50.0, "filter.kind": "mean"}, "cmaes.law.ki"), ([], "cmaes")],
-)  # fmt: skip
+    [
+        ({"filter.kind": "none"}, "cmaes.law.kp = 'None'; allowed: a number"),
+        ({"law.kp": "x", "filter.kind": "none"}, "cmaes.law.kp = 'x'"),
+        ({}, "cmaes.filter.kind"),
+        ({"law.kp": 50.0, "law.ki": 1.0, "filter.kind": "evil"}, "cmaes.filter.kind = 'evil'; allowed: none, mean"),
+        ({"law.kp": 50.0, "filter.kind": "mean"}, "cmaes.law.ki"),
+        ([], "cmaes"),
+    ],
+)
 def test_a_start_of_cma_es_that_does_not_fit_is_an_error(here, start, told):
     from kerfgym.experiments.tune.study import Task
 
@@ -972,10 +1065,8 @@ def test_passwords_are_nowhere(here, capsys, monkeypatch):
     monkeypatch.setattr("kerfgym.experiments.tune.outcome.TEST_SEEDS", 2)
     opened = storage.opened
     monkeypatch.setattr(storage, "opened", lambda url: opened(url.replace("?password=hunter2", "")))
-    main([
-        "tune", "law.kp", "-c", "pid", "--trials", "2", "--seeds", "1", "--suite", "drawing", "--storage", database,
-        "--ms", "inf", "--name", "y",
-    ])  # fmt: skip
+    words = "tune law.kp -c pid --trials 2 --seeds 1 --suite drawing --ms inf --name y --storage"
+    main([*words.split(), database])
     out = capsys.readouterr()
     assert "password=…" in out.out
     assert "hunter2" not in out.out + out.err
@@ -988,12 +1079,17 @@ def test_passwords_are_nowhere(here, capsys, monkeypatch):
 @pytest.mark.parametrize(
     "url",
     [
-        "postgresql://u:hunter2@127.0.0.1:notaport/d", "postgresql:///d?host=127.0.0.1&port=1&password=hunter2",
-        "postgresql://u:hun/ter2@127.0.0.1:1/d", "sqlite:////none/x.db?password=hunter2", "redis://:hunter2@127.0.0.1:1",
-        "redis://:hunter2@127.0.0.1:notaport", "mysql://u:hunter2@127.0.0.1:1/d", "foo://u:hunter2@x/y",
+        "postgresql://u:hunter2@127.0.0.1:notaport/d",
+        "postgresql:///d?host=127.0.0.1&port=1&password=hunter2",
+        "postgresql://u:hun/ter2@127.0.0.1:1/d",
+        "sqlite:////none/x.db?password=hunter2",
+        "redis://:hunter2@127.0.0.1:1",
+        "redis://:hunter2@127.0.0.1:notaport",
+        "mysql://u:hunter2@127.0.0.1:1/d",
+        "foo://u:hunter2@x/y",
         "u:hunter2@host/d",
     ],
-)  # fmt: skip
+)
 def test_a_storage_that_cannot_be_used_says_so_at_once_and_without_its_password(here, url):
     told = refused(storage.opened, url)
     assert "unter2" not in told
@@ -1004,11 +1100,14 @@ def test_a_storage_that_cannot_be_used_says_so_at_once_and_without_its_password(
 @pytest.mark.parametrize(
     ("text", "shown"),
     [
-        ("postgresql://u:p@h/d", "postgresql://u:…@h/d"), ("redis://:p@h", "redis://:…@h"),
-        ("mysql+x://u:p@ss:w/rd@h:1/d", "mysql+x://u:…@h:1/d"), ("x://h/d?a=1&sslpassword=p&b=2", "x://h/d?a=1&sslpassword=…&b=2"),
-        ("postgresql://user@host/database", "postgresql://user@host/database"), ("tcp://10.0.0.1:8786", "tcp://10.0.0.1:8786"),
+        ("postgresql://u:p@h/d", "postgresql://u:…@h/d"),
+        ("redis://:p@h", "redis://:…@h"),
+        ("mysql+x://u:p@ss:w/rd@h:1/d", "mysql+x://u:…@h:1/d"),
+        ("x://h/d?a=1&sslpassword=p&b=2", "x://h/d?a=1&sslpassword=…&b=2"),
+        ("postgresql://user@host/database", "postgresql://user@host/database"),
+        ("tcp://10.0.0.1:8786", "tcp://10.0.0.1:8786"),
     ],
-)  # fmt: skip
+)
 def test_passwords_of_urls_are_masked(text, shown):
     assert secrets.masked(text) == secrets.masked_word(text) == shown
     assert (
@@ -1016,6 +1115,12 @@ def test_passwords_of_urls_are_masked(text, shown):
         == f"kerfgym tune --storage {shown} -c z=pid,xy=wu"
     )
     assert secrets.everywhere({"a": [text, 1]}) == {"a": [shown, 1]}
+
+
+def test_a_long_word_is_read_once_and_not_from_each_of_its_characters_anew():
+    began = time.process_time()
+    assert secrets.masked("x" * 100_000) == secrets.masked_word("x" * 100_000) == "x" * 100_000
+    assert time.process_time() - began < 1.0  # 0.01 s, where each beginning was tried 20 s and more
 
 
 def test_what_a_driver_repeats_of_a_password_is_masked_too():

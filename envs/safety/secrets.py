@@ -5,10 +5,14 @@ from typing import Any
 
 HIDDEN = "…"
 
-_PASSWORD = re.compile(r"(?P<before>[A-Za-z][\w+.\-]*://[^\s:/@?#'\"]*:)[^\s'\"]*(?=@)")
+_SCHEME = r"(?<![\w+.\-])(?:(?![A-Za-z])[\w+.\-])*+[A-Za-z][\w+.\-]*+://"
+"""From the first of all characters that a scheme may have, and never back: a long word is read once, not from each of
+its characters anew."""
+
+_PASSWORD = re.compile(rf"(?P<before>{_SCHEME}[^\s:/@?#'\"]*:)[^\s'\"]*(?=@)")
 """Up to the last @: a password with one of its own must not be half shown."""
 
-_WORD = re.compile(r"(?P<before>[A-Za-z][\w+.\-]*://[^\s:/@?#]*:).*(?=@)", re.DOTALL)
+_WORD = re.compile(rf"(?P<before>{_SCHEME}[^\s:/@?#]*:).*(?=@)", re.DOTALL)
 
 _QUERY = re.compile(
     r"(?P<before>[?&][\w.\-]*(?:pass(?:word|wd|phrase|file)?|pwd|secret|token|key|auth|credential)[\w.\-]*=)[^\s&#'\"]*",

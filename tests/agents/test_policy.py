@@ -36,12 +36,14 @@ SHORT = scenarios.load("wavy").varied(duration=0.4, settle=0.1)
 SETTINGS = {
     PPO: {"n_steps": 8, "batch_size": 8, "policy_kwargs": {"net_arch": [16, 7]}},
     RecurrentPPO: {
-        "n_steps": 8, "batch_size": 8, "policy_kwargs": {"lstm_hidden_size": 8, "n_lstm_layers": 2, "net_arch": [5]},
+        "n_steps": 8,
+        "batch_size": 8,
+        "policy_kwargs": {"lstm_hidden_size": 8, "n_lstm_layers": 2, "net_arch": [5]},
     },
     SAC: {"policy_kwargs": {"net_arch": [16, 16]}},
     TD3: {"policy_kwargs": {"net_arch": [16, 16]}},
     TQC: {"policy_kwargs": {"net_arch": [16, 16]}},
-}  # fmt: skip
+}
 
 
 def model(kind, env, steps=0, **settings):
@@ -381,14 +383,16 @@ def test_damaged_weights_are_refused(folder, tmp_path):
 
     tensors = load(data)
     name = "layers.0.weight"
-    for i, (bad, message) in enumerate([
-        (data[:-4], "no safetensors file"),
-        (b"\x80\x04\x95pickle", "no safetensors file"),
-        (save({**tensors, name: tensors[name].astype(np.float64)}), "type float64"),
-        (save({**tensors, name: tensors[name][:, 1:].copy()}), "has shape"),
-        (save({**tensors, name: tensors[name] * np.float32(np.nan)}), "not finite"),
-        (save({k: v for k, v in tensors.items() if k != name}), "do not fit: layers.0.weight"),
-    ]):  # fmt: skip
+    for i, (bad, message) in enumerate(
+        [
+            (data[:-4], "no safetensors file"),
+            (b"\x80\x04\x95pickle", "no safetensors file"),
+            (save({**tensors, name: tensors[name].astype(np.float64)}), "type float64"),
+            (save({**tensors, name: tensors[name][:, 1:].copy()}), "has shape"),
+            (save({**tensors, name: tensors[name] * np.float32(np.nan)}), "not finite"),
+            (save({k: v for k, v in tensors.items() if k != name}), "do not fit: layers.0.weight"),
+        ]
+    ):
         with pytest.raises(InvalidInput, match=message):
             Policy.load(forged(i, bad))
     place = copy_of(folder, tmp_path / "without")

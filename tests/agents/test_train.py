@@ -29,17 +29,31 @@ from kerfgym.experiments import cli
 
 HEIGHT, CONTOUR, CUTTING = settings.TASKS
 TINY = {
-    "environment.num_envs": 4, "environment.max_steps": 30, "environment.scenario": "tilt", "policy.net_arch": [8],
-    "evaluation.scenario": "tilt", "evaluation.max_steps": 20, "evaluation.episodes": 2, "evaluation.every": 128,
-    "checkpoint.every": 64, "steps": 256,
-}  # fmt: skip
+    "environment.num_envs": 4,
+    "environment.max_steps": 30,
+    "environment.scenario": "tilt",
+    "policy.net_arch": [8],
+    "evaluation.scenario": "tilt",
+    "evaluation.max_steps": 20,
+    "evaluation.episodes": 2,
+    "evaluation.every": 128,
+    "checkpoint.every": 64,
+    "steps": 256,
+}
 ON = {"algorithm.n_steps": 16, "algorithm.batch_size": 32, "algorithm.n_epochs": 2}
-OFF = {"algorithm.learning_starts": 64, "algorithm.batch_size": 16, "algorithm.gradient_steps": 1,
-       "algorithm.buffer_size": 1000}  # fmt: skip
+OFF = {
+    "algorithm.learning_starts": 64,
+    "algorithm.batch_size": 16,
+    "algorithm.gradient_steps": 1,
+    "algorithm.buffer_size": 1000,
+}
 MORE = {
-    "ppo": ON, "sac": OFF, "td3": OFF, "tqc": {**OFF, "policy.n_quantiles": 5},
+    "ppo": ON,
+    "sac": OFF,
+    "td3": OFF,
+    "tqc": {**OFF, "policy.n_quantiles": 5},
     "recurrent-ppo": {**ON, "policy.lstm_hidden_size": 8},
-}  # fmt: skip
+}
 JOB = {CONTOUR: "contour-square", CUTTING: "cut-square"}
 
 
@@ -286,8 +300,17 @@ class Trembling(gym.Env):
 
 
 def test_a_spread_by_state_falls_where_trembling_costs():
-    model = PPO(SpreadPolicy, DummyVecEnv([Trembling] * 8), n_steps=32, batch_size=64, gamma=0.0, seed=0, device="cpu",
-                policy_kwargs={"net_arch": [16], "log_std_init": np.log(0.3)}, learning_rate=1e-3)  # fmt: skip
+    model = PPO(
+        SpreadPolicy,
+        DummyVecEnv([Trembling] * 8),
+        n_steps=32,
+        batch_size=64,
+        gamma=0.0,
+        seed=0,
+        device="cpu",
+        policy_kwargs={"net_arch": [16], "log_std_init": np.log(0.3)},
+        learning_rate=1e-3,
+    )
     model.learn(6000)
     seen = torch.tensor([[-1.0], [1.0]])
     elsewhere, here = model.policy.get_distribution(seen).distribution.stddev.detach().flatten().tolist()
@@ -305,8 +328,11 @@ def test_the_presets_own_scenario_is_found_and_trains_what_the_suite_has_not():
 
 def test_values_are_set_as_in_toml():
     assert settings.parsed(["a.b=0.5", 'c=["x", "y"]', "d=word", "e=true"]) == {
-        "a.b": 0.5, "c": ["x", "y"], "d": "word", "e": True,
-    }  # fmt: skip
+        "a.b": 0.5,
+        "c": ["x", "y"],
+        "d": "word",
+        "e": True,
+    }
     given = settings.preset("ppo", HEIGHT, {"environment.reward.rate": 0.1, "algorithm.gamma": 0.9})
     assert given.environment["reward"] == {"rate": 0.1, "tolerance": 1e-4}
     assert given.flat()["algorithm.gamma"] == 0.9

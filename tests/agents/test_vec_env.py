@@ -155,7 +155,7 @@ def begun():
         (lambda: begun().set_attr("control", "direct"), InvalidInput, r"'control' is fixed when the envir"),
         (lambda: begun().get_attr("true_gap", 5), InvalidInput, r"environment 5 does not exist; there are 2"),
     ],
-)  # fmt: skip
+)
 def test_bad_input_is_named(act, error, message):
     with pytest.raises(error, match=message):
         act()

@@ -13,9 +13,16 @@ from kerfgym.experiments.results import jobs
 
 PLAN = huang2024.Params(restore=0.0)
 STEADY = ProcessSensed(
-    planned=16.0, planned_50=16.0, planned_100=16.0, planned_200=16.0, speed=16.0, feed=16.0, height=1.0,
-    set_height=1.0, phase=4.0,
-)  # fmt: skip
+    planned=16.0,
+    planned_50=16.0,
+    planned_100=16.0,
+    planned_200=16.0,
+    speed=16.0,
+    feed=16.0,
+    height=1.0,
+    set_height=1.0,
+    phase=4.0,
+)
 
 
 def after(p, signals, decisions=400):

@@ -115,9 +115,15 @@ class Plant:
             lap = int(here / self.lap + 1e-9)
             height = self.head - 0.2 * np.sin(self.k * here)
             x = Sensed(
-                height=height, set_height=0.8, head_position=self.head, captured=True, fresh=self.tick == 0,
-                feed=self.feed, place=max(here - lap * self.lap, 0.0), lap=float(lap),
-            )  # fmt: skip
+                height=height,
+                set_height=0.8,
+                head_position=self.head,
+                captured=True,
+                fresh=self.tick == 0,
+                feed=self.feed,
+                place=max(here - lap * self.lap, 0.0),
+                lap=float(lap),
+            )
             self.state, wish = ilc.control(self.p, self.state, x, (), self.memory)
             self.queue.append(wish)
             self.head += self.queue.pop(0) * PERIOD
@@ -165,13 +171,31 @@ def test_an_impulse_is_learnt_no_further_than_the_gate():
         assert gate < 1.0 or learnt > 0.5 * 0.05 / PERIOD
 
 
+@pytest.mark.parametrize(("feed", "reach"), [(100.0, 40), (200.0, 60)])
+def test_q_reaches_as_far_as_its_length_says_and_no_further_than_sixty_cells(feed, reach):
+    # 40 ms are 40 cells of 0.1 mm at 100 mm/s, and would be 80 at 200 mm/s.
+    p = ilc.Params(kp=0.0, ki=0.0, kd=0.0, learn=1.0, lead=0.0, smooth=40.0, gate=1.0, cell=0.1)
+    memory, state = np.zeros(ilc.MEMORY), ilc.init(p)
+    for tick in range(165):
+        height = 0.8 + 0.01 * (tick >= 75)  # once: what was seen is not 0 in one period's cells
+        place = 0.05 + tick * PERIOD * feed
+        x = Sensed(height=height, set_height=0.8, captured=True, fresh=tick == 0, feed=feed, place=place)
+        state, _ = ilc.control(p, state, x, (), memory)
+    assert np.count_nonzero(memory[: 2 * ilc.CELLS]) == 2 * reach + feed * PERIOD / p.cell
+
+
 def test_nothing_is_learnt_while_the_supervisor_overrides():
     memory, state = np.zeros(ilc.MEMORY), ilc.init(SLOW)
     for tick in range(200):
         x = Sensed(
-            height=1.0 + 0.001 * tick, set_height=0.8, captured=True, override=True, fresh=tick == 0, feed=200.0,
+            height=1.0 + 0.001 * tick,
+            set_height=0.8,
+            captured=True,
+            override=True,
+            fresh=tick == 0,
+            feed=200.0,
             place=0.2 * tick,
-        )  # fmt: skip
+        )
         state, _ = ilc.control(SLOW, state, x, (), memory)
     assert not memory.any()
 

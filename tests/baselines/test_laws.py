@@ -333,9 +333,7 @@ def test_feeding_the_sheets_speed_forward_takes_the_lag_of_a_ramp_away(feed, lag
     state, head = observer.init(p), 0.8
     for i in range(3000):
         surface = 4.0 * i * T
-        x = Sensed(
-            height=head - surface, head_position=head, set_height=0.8, captured=True, mode=supervisor.FOLLOW
-        )  # fmt: skip
+        x = Sensed(height=head - surface, head_position=head, set_height=0.8, captured=True, mode=supervisor.FOLLOW)
         state, wish = observer.control(p, state, x, ())
         head += wish * T
     error = x.height - x.set_height

@@ -127,9 +127,14 @@ def loop(p, surface, plant=None, override=None):
     head, errors, states, motion = np.zeros(6), [], [], []
     for i, level in enumerate(surface):
         x = Sensed(
-            height=head[0] + 0.8 - level, head_position=head[0] + 0.8, set_height=0.8, command=head[3],
-            fresh=i == 0, captured=True, mode=supervisor.FOLLOW,
-        )  # fmt: skip
+            height=head[0] + 0.8 - level,
+            head_position=head[0] + 0.8,
+            set_height=0.8,
+            command=head[3],
+            fresh=i == 0,
+            captured=True,
+            mode=supervisor.FOLLOW,
+        )
         state, wish = lqg.control(p, state, x, (), memory)
         states.append(state)
         errors.append(x.height - x.set_height)

@@ -131,9 +131,15 @@ def stepped(p, clipped, size=0.1, periods=200):
     for i in range(periods):
         surface = size if i >= 5 else 0.0
         x = Sensed(
-            height=motion[0] + 0.8 - surface, head_position=motion[0] + 0.8, set_height=0.8, command=sent[-1],
-            fresh=i == 0, captured=True, override=clipped, mode=supervisor.FOLLOW,
-        )  # fmt: skip
+            height=motion[0] + 0.8 - surface,
+            head_position=motion[0] + 0.8,
+            set_height=0.8,
+            command=sent[-1],
+            fresh=i == 0,
+            captured=True,
+            override=clipped,
+            mode=supervisor.FOLLOW,
+        )
         state, wish = mpc.control(p, state, x, (), memory)
         step = memory[lqg.STEP :][:18].reshape(3, 6)
         motion = np.array([motion[0], 0.0, 0.0]) + step @ [*motion[1:], *sent[:-4:-1], wish]

@@ -88,9 +88,12 @@ def imported(path):
 def run(program: str, folder, **environment: str) -> str:
     """What a program in a process of its own prints; ``folder`` holds modules that it may import."""
     out = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, timeout=120,
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        timeout=120,
         env={**os.environ, "PYTHONPATH": str(folder), **environment},
-    )  # fmt: skip
+    )
     assert out.returncode == 0, out.stderr
     return out.stdout.strip()
 
@@ -238,11 +241,14 @@ def test_processes_that_compile_the_same_kernel_at_once_all_get_it_and_leave_one
     )
     processes = [
         subprocess.Popen(
-            [sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+            [sys.executable, "-c", program],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
             env={**os.environ, "PYTHONPATH": str(tmp_path)},
         )
         for _ in range(2)
-    ]  # fmt: skip
+    ]
     assert [process.stdout.readline() for process in processes] == ["ready\n"] * 2
     for process in processes:
         process.stdin.write("\n")
@@ -257,10 +263,12 @@ def test_processes_that_compile_the_same_kernel_at_once_all_get_it_and_leave_one
 @pytest.mark.parametrize(
     ("blocked", "used"),
     [
-        ([], "cache"), (["cache"], "__pycache__"), (["cache", "__pycache__"], "user/kerfgym/*"),
+        ([], "cache"),
+        (["cache"], "__pycache__"),
+        (["cache", "__pycache__"], "user/kerfgym/*"),
         (["cache", "__pycache__", "user"], "temporary/kerfgym-*"),
     ],
-)  # fmt: skip
+)
 def test_where_no_folder_can_be_made_the_next_place_is_taken(tmp_path, monkeypatch, blocked, used):
     (tmp_path / "small.py").write_text(SMALL)
     (tmp_path / "temporary").mkdir()
@@ -724,9 +732,12 @@ def test_a_z_axis_in_python_lives_the_same_bits_as_in_a_kernel_and_alone():
 def test_a_filter_in_python_gives_the_same_bits_as_compiled(kind):
     rng = np.random.default_rng(9)
     settings = {
-        "window": rng.integers(3, 12), "trim": kind == "improved", "ratio": rng.uniform(0.5, 1.0),
-        "tau": rng.uniform(0.5, 5.0), "trust": rng.uniform(0.1, 2.0),
-    }  # fmt: skip
+        "window": rng.integers(3, 12),
+        "trim": kind == "improved",
+        "ratio": rng.uniform(0.5, 1.0),
+        "tau": rng.uniform(0.5, 5.0),
+        "trust": rng.uniform(0.1, 2.0),
+    }
     p = filters.Params(kind=float(filters.KINDS.index(kind)))._replace(**{k: float(v) for k, v in settings.items()})
     x = 4e6 + np.cumsum(rng.normal(0.0, 500.0, 300)) + 4e4 * (rng.random(300) < 0.1)
     outs = [np.empty(300) for _ in range(2)]

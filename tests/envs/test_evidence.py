@@ -59,13 +59,17 @@ def test_what_was_published_without_a_result_is_not_calibrated():
 @pytest.mark.parametrize(
     ("command", "setting", "much"),
     [
-        (DYNAMIC._replace(z=1.5), "depth", 0.5), (DYNAMIC._replace(override=1.5), "feed", 0.5 * FEED),
+        (DYNAMIC._replace(z=1.5), "depth", 0.5),
+        (DYNAMIC._replace(override=1.5), "feed", 0.5 * FEED),
         (DYNAMIC._replace(override=0.1), "feed", 200 / 60 - 0.1 * FEED),
-        (DYNAMIC._replace(power=0.9), "power", 0.1), (DYNAMIC._replace(power=1.1), "power", 0.1),
-        (DYNAMIC._replace(frequency=1500.0), "frequency", 500.0), (DYNAMIC._replace(x=0.35, y=0.35), "amplitude", 0.05),
-        (DYNAMIC._replace(focus=-5.0), "focus", 4.9), (DYNAMIC._replace(standoff=0.3), "standoff", 0.25),
+        (DYNAMIC._replace(power=0.9), "power", 0.1),
+        (DYNAMIC._replace(power=1.1), "power", 0.1),
+        (DYNAMIC._replace(frequency=1500.0), "frequency", 500.0),
+        (DYNAMIC._replace(x=0.35, y=0.35), "amplitude", 0.05),
+        (DYNAMIC._replace(focus=-5.0), "focus", 4.9),
+        (DYNAMIC._replace(standoff=0.3), "standoff", 0.25),
     ],
-)  # fmt: skip
+)
 def test_each_setting_knows_by_how_much_it_lies_outside(command, setting, much):
     assert excess(command) == {setting: pytest.approx(much)}
 
@@ -106,9 +110,9 @@ def test_of_other_materials_nothing_is_calibrated():
 def test_what_is_obeyed_was_published_whatever_is_asked():
     random = np.random.default_rng(0)
     for _ in range(500):
-        asked = Process(*(random.uniform(low, high) for low, high in (
-            (0.05, 2.0), (0.0, 1.2), (0.0, 4000.0), (0.0, 0.3), (0.0, 0.3), (0.0, 5.0), (-5.0, 5.0), (-1.0, 1.0),
-        )))  # fmt: skip
+        least = (0.05, 0.0, 0.0, 0.0, 0.0, 0.0, -5.0, -1.0)
+        most = (2.0, 1.2, 4000.0, 0.3, 0.3, 5.0, 5.0, 1.0)
+        asked = Process(*map(random.uniform, least, most))
         feed = random.uniform(3.4, 40.0)
         assert excess(published.bounded(PRINTED, feed, asked), feed=feed, ranges=PRINTED) == {}
     assert published.bounded(PRINTED, FEED, DYNAMIC) == pytest.approx(DYNAMIC)
@@ -166,9 +170,13 @@ def test_the_action_space_is_what_was_published_unless_asked_otherwise(control):
     names = published.Excess._fields
     for extrapolate in (False, True):
         env = gym.make(
-            "kerfgym/Cutting-v0", scenario="cut-square", machine=SMALL, control=control, base="huang2024-dynamic",
+            "kerfgym/Cutting-v0",
+            scenario="cut-square",
+            machine=SMALL,
+            control=control,
+            base="huang2024-dynamic",
             extrapolate=extrapolate,
-        ).unwrapped  # fmt: skip
+        ).unwrapped
         env.reset(seed=0)
         seen = []
         for _ in range(150):
@@ -202,8 +210,9 @@ def test_a_process_that_keeps_the_frequency_of_the_calibrated_cuts_is_within_the
 def test_a_reward_may_charge_what_lies_outside_the_calibrated_settings_and_by_default_does_not():
     """Per mm cut: an action at the ends asks for the highest frequency, and the machine obeys."""
     for weights, charge in ((None, 0.0), ({"outside": 2.0}, 2.0)):
-        env = gym.make("kerfgym/Cutting-v0", scenario="cut-square", machine=SMALL, base="huang2024-dynamic",
-                       reward=weights).unwrapped  # fmt: skip
+        env = gym.make(
+            "kerfgym/Cutting-v0", scenario="cut-square", machine=SMALL, base="huang2024-dynamic", reward=weights
+        ).unwrapped
         env.reset(seed=0)
         charged = 0.0
         for _ in range(400):
@@ -217,8 +226,9 @@ def test_a_reward_may_charge_what_lies_outside_the_calibrated_settings_and_by_de
 
 
 def test_direct_actions_reach_every_end_of_the_published_range():
-    env = gym.make("kerfgym/Cutting-v0", scenario="cut-square", machine=SMALL, control="direct",
-                   base="huang2024-dynamic").unwrapped  # fmt: skip
+    env = gym.make(
+        "kerfgym/Cutting-v0", scenario="cut-square", machine=SMALL, control="direct", base="huang2024-dynamic"
+    ).unwrapped
     for sign in (-1.0, 1.0):
         env.reset(seed=0)
         for _ in range(8):

@@ -90,7 +90,7 @@ def test_a_circle_is_seen_as_its_centripetal_acceleration():
     radius, feed = 20.0, 50.0
     env = gym.make(
         CONTOUR, scenario=scene("circle", 2 * radius, feed=feed), observation="raw", base="wu-tuned"
-    ).unwrapped  # fmt: skip
+    ).unwrapped
     seen, _ = env.reset(seed=0)
     names, rows, over = FEATURES["contour"], [], False
     while not over:

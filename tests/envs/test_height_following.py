@@ -81,12 +81,19 @@ SIGNALS = ("true_gap", "measured_height")
 @pytest.mark.parametrize(
     ("scenario", "base"),
     [
-        *((name, "xi2023-improved") for name in suite("following")), ("wavy", "pid"), ("holes", "pid"),
-        ("impulses", "observer"), ("holes", "observer"), ("wavy", "preview-5ms"),
-        ("descent", "patent2022"), ("holes", "cn102528288a-gap"), ("holes", "plasma-style"), ("wavy", "oracle"),
+        *((name, "xi2023-improved") for name in suite("following")),
+        ("wavy", "pid"),
+        ("holes", "pid"),
+        ("impulses", "observer"),
+        ("holes", "observer"),
+        ("wavy", "preview-5ms"),
+        ("descent", "patent2022"),
+        ("holes", "cn102528288a-gap"),
+        ("holes", "plasma-style"),
+        ("wavy", "oracle"),
         ("laps-wavy", "ilc"),
     ],
-)  # fmt: skip
+)
 def test_residual_control_with_zero_actions_is_the_base_controllers_roll_out_bit_for_bit(scenario, base):
     env, info = begun(1005, scenario=scenario, base=base, max_steps=400)
     fleet = fleet_for(load(scenario), get(base), [1005])
@@ -151,8 +158,11 @@ def test_a_schedule_that_asks_for_the_bases_own_settings_is_the_base_controller(
 def test_a_schedule_reaches_the_ends_of_its_table():
     env, _ = begun(1002, control="schedule")
     for action, window, trim, gain in (
-        ([-1, -1, -1], 1, 0, 0.2), ([1, 1, 1], 15, 3, 3.0), ([-1, 1, 0], 1, 0, 1.6), ([-5 / 7, 1, 0], 3, 1, 1.6),
-    ):  # fmt: skip
+        ([-1, -1, -1], 1, 0, 0.2),
+        ([1, 1, 1], 15, 3, 3.0),
+        ([-1, 1, 0], 1, 0, 1.6),
+        ([-5 / 7, 1, 0], 3, 1, 1.6),
+    ):
         env.step(np.array(action, np.float32))
         settings, hand = env.batch.fleet.get("filter"), env.batch.fleet.get("hand")
         assert (settings.window, settings.trim) == (window, trim)
@@ -415,7 +425,7 @@ def test_the_machine_may_be_changed_from_outside():
         ({"max_steps": 0}, r"max_steps = 0 is out of range; at least 1"),
         ({"max_steps": -5}, r"max_steps = -5 is out of range; at least 1"),
     ],
-)  # fmt: skip
+)
 def test_a_bad_argument_is_named(arguments, message):
     with pytest.raises(InvalidInput, match=message):
         HeightFollowingEnv(**arguments)
@@ -471,9 +481,16 @@ def test_the_docstring_tells_the_numbers_of_the_code():
     text = inspect.getdoc(HeightFollowingEnv)
     sections = re.findall(r"^## (.+)$", text, re.MULTILINE)
     assert sections == [
-        "Description", "Action Space", "Observation Space", "Rewards", "Starting State", "Episode End", "Arguments",
-        "Vectorised environment", "Version History",
-    ]  # fmt: skip
+        "Description",
+        "Action Space",
+        "Observation Space",
+        "Rewards",
+        "Starting State",
+        "Episode End",
+        "Arguments",
+        "Vectorised environment",
+        "Version History",
+    ]
     assert f"Box(-10, 10, ({len(FEATURES)},), float32)" in text
     assert f"Box(low, high, ({len(RAW)},), float32)" in text
     documented = set(re.findall(r"^\| `(\w+)` +\|", text.split("## Arguments")[1], re.MULTILINE))

@@ -46,6 +46,17 @@ def test_without_dead_time_a_command_moves_the_head_in_the_period_in_which_it_is
     assert moves[1] <= given
 
 
+def test_an_ideal_sensor_is_one_without_faults_bit_for_bit():
+    faults = {"jitter": 1e-5, "drift": 0.01, "impulses": 30.0, "bursts": 5.0, "plasma": 0.02}
+    bad, none = {"noise": 0.005, **faults}, dict.fromkeys(("noise", *faults), 0.0)
+    real, cured, sound = (
+        rolled(STILL.varied(head=head), "xi2023-improved", *stages)
+        for head, stages in ((bad, ()), (bad, ("sensor",)), (none, ()))
+    )
+    np.testing.assert_array_equal(cured.data, sound.data)
+    assert not np.array_equal(real.data, sound.data)
+
+
 def test_an_exact_table_reads_the_gap_that_a_calibrated_one_misses():
     scenario = STILL.varied(head={"noise": 0.0, "jitter": 0.0, "impulses": 0.0})
     misread = {}
@@ -55,8 +66,15 @@ def test_an_exact_table_reads_the_gap_that_a_calibrated_one_misses():
     assert misread[("table",)] < 1e-4 < 5e-4 < misread[()]  # mm; a count of the clock is 0.4 µm, its mean far less
 
 
-@pytest.mark.parametrize("filter_", ["filter.kind=1,filter.window=9", "filter.kind=2,filter.window=8,filter.trim=2",
-                                     "filter.kind=4,filter.window=7", "filter.kind=5,filter.tau=4"])  # fmt: skip
+@pytest.mark.parametrize(
+    "filter_",
+    [
+        "filter.kind=1,filter.window=9",
+        "filter.kind=2,filter.window=8,filter.trim=2",
+        "filter.kind=4,filter.window=7",
+        "filter.kind=5,filter.tau=4",
+    ],
+)
 def test_a_filter_without_delay_follows_a_slope_at_once_and_still_averages_noise(filter_):
     late, prompt = (rolled(SLOPE, f"idle:{filter_}", *s) for s in ((), ("filter",)))
     behind = [np.abs((r["height"] - r["raw_height"])[20:].mean(axis=0)) for r in (late, prompt)]

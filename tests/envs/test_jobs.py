@@ -60,9 +60,7 @@ def test_the_phases_of_a_contour_come_in_order_and_pierce_as_the_material_says()
     job = workshop.programme(SMALL, team("wu"))
     changes = np.append(0, np.flatnonzero(np.diff(job.phase)) + 1)
     order = [jobs.PHASES[int(p)] for p in job.phase[changes]]
-    assert order == [
-        "rapid", "approach", "pierce", "approach", "pierce", "approach", "lead-in", "cut", "lift", "rapid",
-    ]  # fmt: skip
+    assert order == ["rapid", "approach", "pierce", "approach", "pierce", "approach", "lead-in", "cut", "lift", "rapid"]
     steel = workshop.material_of(SMALL)
     pierced = (job.phase == jobs.PIERCE).sum() * 1e-3
     assert pierced == pytest.approx(sum(seconds for _, seconds in steel.pierce), abs=0.005)
@@ -133,8 +131,10 @@ def test_metrics_are_what_a_recording_says():
 def test_table_2_holds_in_the_machine_too():
     scenario = scenarios.load("cut-square").varied(job={"size": 15.0})
     for method, rough, dross in (
-        ("huang2024-static-quality", 50, 1.0), ("huang2024-static-fast", 170, 1.0), ("huang2024-dynamic", 90, 0.9),
-    ):  # fmt: skip
+        ("huang2024-static-quality", 50, 1.0),
+        ("huang2024-static-fast", 170, 1.0),
+        ("huang2024-dynamic", 90, 0.9),
+    ):
         fleet, job, _ = job_runs.roll(scenario, team(method), [1000])
         figures = job_metrics.evaluate(job_metrics.Jobs.of(fleet, job))
         assert figures["roughness"][0] == pytest.approx(rough, rel=0.10)
@@ -371,9 +371,10 @@ def test_single_vector_and_threads_live_through_the_same_bits(id_, width):
 
 
 def test_stable_baselines_sees_the_same():
-    env, ours = CuttingVecEnv(3, scenario=SMALL, max_steps=20), gym.make_vec(
-        CUTTING, num_envs=3, scenario=SMALL, max_steps=20, autoreset_mode="SameStep"
-    )  # fmt: skip
+    env, ours = (
+        CuttingVecEnv(3, scenario=SMALL, max_steps=20),
+        gym.make_vec(CUTTING, num_envs=3, scenario=SMALL, max_steps=20, autoreset_mode="SameStep"),
+    )
     env.seed(5)
     assert np.array_equal(env.reset(), ours.reset(seed=5)[0])
     for action in 0.3 * actions(50, 3, 8):
@@ -423,7 +424,7 @@ def test_the_roll_out_of_a_team_is_what_the_environment_does_without_an_action()
         ({"machine": {"gantry": {"preset": "wuu"}}}, r"preset"),
         ({"max_steps": 0}, r"max_steps = 0 is out of range"),
     ],
-)  # fmt: skip
+)
 def test_bad_input_is_named(arguments, message):
     with pytest.raises(InvalidInput, match=message):
         gym.make(CUTTING, **arguments)

@@ -91,7 +91,7 @@ def test_a_recorded_signal_is_what_the_filter_gets(tmp_path):
         ("signal", "f\n3e6\n", r"column frequency_Hz is missing"),
         ("table", "frequency_Hz,height_mm\n3e6,1\n2e6,2\n", r"row 3: frequency and height must both rise"),
     ],
-)  # fmt: skip
+)
 def test_bad_data_is_named_when_the_scenario_is_read(tmp_path, name, text, message):
     (tmp_path / f"{name}.csv").write_text(text, encoding="utf-8")
     table = '[sheet.map]\nfile = "map.csv"' if name == "map" else f'[head]\n{name} = "{name}.csv"'

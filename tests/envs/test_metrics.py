@@ -156,7 +156,7 @@ def test_travel_acceleration_and_jerk_of_a_sine():
     amplitude, omega = 0.4, 2 * np.pi * 5
     r = recording(
         velocity=amplitude * omega * np.cos(omega * t), acceleration=-amplitude * omega**2 * np.sin(omega * t)
-    )  # fmt: skip
+    )
     assert value("z_travel", r) == pytest.approx(4 * amplitude * 5, rel=1e-3)  # four amplitudes a turn
     assert value("rms_acceleration", r) == pytest.approx(amplitude * omega**2 / np.sqrt(2), rel=1e-3)
     assert value("rms_jerk", r) == pytest.approx(amplitude * omega**3 / np.sqrt(2), rel=1e-3)
@@ -191,9 +191,17 @@ def test_a_failed_run_shows_as_nan_and_not_as_a_good_figure(when):
     assert failed(r).tolist() == [False, True]
     figures = evaluate(r)
     for name in (
-        "rms_true", "p99_true", "max_true", "rms_reported", "p99_reported", "max_reported", "settling_20um",
-        "settling_10um", "overshoot", "undershoot",
-    ):  # fmt: skip
+        "rms_true",
+        "p99_true",
+        "max_true",
+        "rms_reported",
+        "p99_reported",
+        "max_reported",
+        "settling_20um",
+        "settling_10um",
+        "overshoot",
+        "undershoot",
+    ):
         assert np.isfinite(figures[name][0]), name
         assert np.isnan(figures[name][1]), name
 
@@ -296,7 +304,7 @@ def registry():
         ({"better": "higher", "shown": Shown(compared=True)}, "what is better lower; this is better higher"),
         ({"shown": Shown(column="score")}, "metric 'depth': that name means something else"),
     ],
-)  # fmt: skip
+)
 def test_a_metric_that_is_declared_wrongly_is_refused(registry, wrong, said):
     with pytest.raises(InvalidInput, match=said):
         registry.metric("mm", **wrong)(depth)

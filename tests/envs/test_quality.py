@@ -44,15 +44,20 @@ def full(
     ramp = 4.0 * np.abs((frequency * t - 0.25) % 1.0 - 0.5) - 1.0
     e, c = (f(place) if callable(f) else none + f for f in (error, contour))
     x = along * np.cos(phase)
-    found = quality.evaluate(quality.Trajectory(
-        dt, place + x, across * np.sin(phase) + c, none + feed, e, z * ramp, none + (power or steel.power), x
-    ), steel.params)  # fmt: skip
+    found = quality.evaluate(
+        quality.Trajectory(
+            dt, place + x, across * np.sin(phase) + c, none + feed, e, z * ramp, none + (power or steel.power), x
+        ),
+        steel.params,
+    )
     half = slice(len(found.place) // 2, -20)
     return {
-        "margin": found.margin[half].mean(), "roughness": found.roughness[half].mean(),
-        "dross": found.dross[half].mean(), "kerf_top": found.kerf_top[half].mean(),
+        "margin": found.margin[half].mean(),
+        "roughness": found.roughness[half].mean(),
+        "dross": found.dross[half].mean(),
+        "kerf_top": found.kerf_top[half].mean(),
         "kerf_bottom": found.kerf_bottom[half].mean(),
-    }  # fmt: skip
+    }
 
 
 def sine(amplitude, wavelength):
@@ -95,8 +100,13 @@ def test_exponential_and_power_are_exact():
 
 def test_iso_9013_ranges():
     assert [quality.iso_range(1e-3 * rz, 10.0) for rz in (16.0, 16.1, 48.0, 82.0, 128.0, 128.1)] == [
-        "1", "2", "2", "3", "4", "outside",
-    ]  # fmt: skip
+        "1",
+        "2",
+        "2",
+        "3",
+        "4",
+        "outside",
+    ]
     assert quality.iso_taper(0.08, 10.0) == "1"
     assert quality.iso_taper(0.081, 10.0) == "2"
 
@@ -251,8 +261,11 @@ def test_a_dither_that_makes_the_kerf_narrower_is_rougher_and_leaves_more_dross(
     assert dross[-1] > 1.05 * dross[0]
 
 
-@pytest.mark.parametrize("dither", [{}, {"feed": 3.333}, {"feed": 16.667, "along": 0.297, "across": 0.297, "z": 1.0,
-                                                        "frequency": 2000.0}], ids=str)  # fmt: skip
+@pytest.mark.parametrize(
+    "dither",
+    [{}, {"feed": 3.333}, {"feed": 16.667, "along": 0.297, "across": 0.297, "z": 1.0, "frequency": 2000.0}],
+    ids=str,
+)
 def test_the_focus_has_its_optimum_where_the_recipe_puts_it(dither):
     at = {offset: streaming(C45, focus=offset, **dither) for offset in (-5.0, -2.0, -1.0, 0.0, 1.0, 2.0, 5.0)}
     best = at[0.0]

@@ -35,10 +35,19 @@ def scene(gap=0.5, time=3.0, true=None, hole=None, **changes):
     x = np.arange(-15.0, 15.01, 0.2)
     void = (x > hole[0]) & (x < hole[1]) if hole else np.zeros(len(x), bool)
     usual = Scene(
-        time=time, distance=200.0 * time, ahead=np.column_stack([200.0 * time + x, np.full(len(x), 2.0)]), void=void,
-        head=2.0 + gap, gap=gap, set_height=0.5, reported=gap, mode="follow", override=False,
-        trace=np.column_stack([past, error, error + 0.004]), title="flat · xi2023-improved",
-    )  # fmt: skip
+        time=time,
+        distance=200.0 * time,
+        ahead=np.column_stack([200.0 * time + x, np.full(len(x), 2.0)]),
+        void=void,
+        head=2.0 + gap,
+        gap=gap,
+        set_height=0.5,
+        reported=gap,
+        mode="follow",
+        override=False,
+        trace=np.column_stack([past, error, error + 0.004]),
+        title="flat · xi2023-improved",
+    )
     return replace(usual, **changes)
 
 

@@ -246,8 +246,8 @@ def test_a_users_file_does_not_take_the_place_of_a_module_of_that_name(tmp_path,
             "xi2023-improved:filter.window=5,filter.trim=3",
             r"filter\.trim = 3 eats the whole window of 5 samples; allowed: 0 to 2 at this window",
         ),
-    ("xy=pid", "'xy=pid': controller 'pid' drives slot 'z', not 'xy'"),
-    ("yx=pid", "'yx=pid': no slot 'yx' in this machine; did you mean 'xy'"),
+        ("xy=pid", "'xy=pid': controller 'pid' drives slot 'z', not 'xy'"),
+        ("yx=pid", "'yx=pid': no slot 'yx' in this machine; did you mean 'xy'"),
         ("q=pid", r"'q=pid': no slot 'q' in this machine; .*known: z"),
         ("nowhere.at.all:Mine", r"cannot import 'nowhere\.at\.all': No module named 'nowhere'"),
         ("nowhere.py:Mine", r"no file 'nowhere\.py'"),
@@ -261,7 +261,7 @@ def test_a_users_file_does_not_take_the_place_of_a_module_of_that_name(tmp_path,
         ("mylaw.py:Mine:law.gian=3", r"unknown parameter 'law\.gian'; did you mean 'law\.gain'\?"),
         ("mylaw.py:Mine:law.gain=300", r"law\.gain = 300\.0 is out of range; allowed: 1 to 100 1/s"),
     ],
-)  # fmt: skip
+)
 def test_a_mistake_in_a_controllers_words_is_named(own, spec, message):
     with pytest.raises(InvalidInput, match=message):
         resolve(spec)

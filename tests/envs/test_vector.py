@@ -112,9 +112,14 @@ def test_a_seeds_life_is_the_same_bits_for_any_number_of_environments_threads_an
     whole = lives(257, 1, "SameStep")
     assert whole.shape == (257, 83, len(FEATURES))
     for num_envs, threads, mode in (
-        (1, 1, "SameStep"), (2, 2, "NextStep"), (31, 1, "Disabled"), (64, 2, "SameStep"), (257, 2, "NextStep"),
-        (257, 1, "Disabled"), (257, 2, "SameStep"),
-    ):  # fmt: skip
+        (1, 1, "SameStep"),
+        (2, 2, "NextStep"),
+        (31, 1, "Disabled"),
+        (64, 2, "SameStep"),
+        (257, 2, "NextStep"),
+        (257, 1, "Disabled"),
+        (257, 2, "SameStep"),
+    ):
         assert np.array_equal(lives(num_envs, threads, mode), whole[:num_envs]), (num_envs, threads, mode)
 
 
@@ -197,7 +202,7 @@ def begun(**arguments):
         (lambda: made(3).reset(options={"scenario_seed": [10000] * 2}), r"scenario_seed has shape \(2,\)"),
         (lambda: made(3).reset(options={"scenario_seed": 1.5}), r"scenario_seed = 1\.5; whole numbers are needed"),
     ],
-)  # fmt: skip
+)
 def test_bad_input_is_named(act, message):
     with pytest.raises(InvalidInput, match=message):
         act()

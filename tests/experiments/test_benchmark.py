@@ -241,11 +241,15 @@ def key(task):
 def test_a_tasks_name_changes_with_everything_its_result_depends_on():
     seeds = (1000, 1001)
     tasks = [
-        Case("pid", SHORT[0], seeds, seeds), Case("observer", SHORT[0], seeds, seeds),
-        Case("pid", SHORT[1], seeds, seeds), Case("pid", SHORT[0], (1000, 1002), seeds),
-        Case("pid", SHORT[0], seeds), Case("pid", None, ()),
-        Case("pid", SHORT[0].varied(feed=201), seeds, seeds), Case("pid:law.kp=40", SHORT[0], seeds, seeds),
-    ]  # fmt: skip
+        Case("pid", SHORT[0], seeds, seeds),
+        Case("observer", SHORT[0], seeds, seeds),
+        Case("pid", SHORT[1], seeds, seeds),
+        Case("pid", SHORT[0], (1000, 1002), seeds),
+        Case("pid", SHORT[0], seeds),
+        Case("pid", None, ()),
+        Case("pid", SHORT[0].varied(feed=201), seeds, seeds),
+        Case("pid:law.kp=40", SHORT[0], seeds, seeds),
+    ]
     assert len({key(task) for task in tasks}) == len(tasks)
     assert key(Case("pid", load("wavy").varied(duration=0.5), seeds, seeds)) == key(tasks[0])
 
@@ -315,11 +319,20 @@ def results_of(runs, core_=("a", "b"), exempt=(), sensitivity=None):
     rows = []
     for controller, scenario, seed, rms, *more in runs:
         extra = more[0] if more else {}
-        rows.append({
-            "controller": controller, "information": "preview" if controller == "preview-5ms" else "sensor",
-            "scenario": scenario, "seed": seed, "failed": bool(np.isnan(rms)), "rms_true": rms,
-            "rms_reported": rms / 2, "p99_true": 3 * rms, "jitter": 0.5, "collision": 0.0, **extra,
-        })  # fmt: skip
+        row = {
+            "controller": controller,
+            "information": "preview" if controller == "preview-5ms" else "sensor",
+            "scenario": scenario,
+            "seed": seed,
+            "failed": bool(np.isnan(rms)),
+            "rms_true": rms,
+            "rms_reported": rms / 2,
+            "p99_true": 3 * rms,
+            "jitter": 0.5,
+            "collision": 0.0,
+            **extra,
+        }
+        rows.append(row)
     peaks = pd.DataFrame(sensitivity or {"controller": [], "frequency": [], "magnitude": []})
     return Results(pd.DataFrame(rows), pd.DataFrame(), peaks, {"seed_count": 2}, core_, exempt)
 

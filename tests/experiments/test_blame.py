@@ -176,8 +176,16 @@ def test_the_command_writes_a_run_that_resumes_and_repeats(tmp_path, monkeypatch
 
     table, room = ask(tmp_path / "a")
     files = {p.name for p in (tmp_path / "a").iterdir()}
-    assert files == {"blame.parquet", "blame.csv", "headroom.parquet", "headroom.csv", "coalitions.parquet",
-                     "blame.png", "run.json", "scenarios"}  # fmt: skip
+    assert files == {
+        "blame.parquet",
+        "blame.csv",
+        "headroom.parquet",
+        "headroom.csv",
+        "coalitions.parquet",
+        "blame.png",
+        "run.json",
+        "scenarios",
+    }
     pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "a" / "blame.parquet"), table)
     record = json.loads((tmp_path / "a" / "run.json").read_text())
     assert record["ledger"]["simulated_steps"] == ROUGH.steps * 2 * (4 + 2)
@@ -220,9 +228,16 @@ def test_bad_input_is_told_before_anything_is_written(tmp_path, words, message):
 def test_a_benchmark_stores_blame_of_reference_and_best(tmp_path, monkeypatch):
     monkeypatch.setattr("kerfgym.experiments.report.page.write_report", lambda *_: None)
     results = benchmarking.run(
-        ["xi2023-tuned", "pid", "preview-5ms"], [ROUGH], tmp_path / "r", SEEDS[:2], with_ms=False, with_blame=True,
-        workers=1, quiet=True, command=["x"],
-    )  # fmt: skip
+        ["xi2023-tuned", "pid", "preview-5ms"],
+        [ROUGH],
+        tmp_path / "r",
+        SEEDS[:2],
+        with_ms=False,
+        with_blame=True,
+        workers=1,
+        quiet=True,
+        command=["x"],
+    )
     stored = pd.read_parquet(tmp_path / "r" / "blame.parquet")
     best = results.summary().loc[["xi2023-tuned", "pid"], "score"].idxmin()
     assert list(stored["controller"].unique()) == list(dict.fromkeys(["xi2023-tuned", best]))

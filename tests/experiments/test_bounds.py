@@ -210,8 +210,10 @@ def test_the_sensor_resolves_no_gap_better_than_its_least_and_the_worth_of_a_rea
         assert sight.worth[150] == pytest.approx((sight.noise / noise.at(fleet, lower)[i]) ** 2 - 1.0)
     p = fleet.get("sensor", 0)._replace(noise=0.0, jitter=0.0)
     with np.errstate(over="ignore"):  # random bits
-        said = [sensor.step(p, sensor.State(), fleet.get("gate", 0), gap, 1.0, 0.0, np.uint64(1), np.uint64(1))[1]
-                for gap in (0.2 * sensor.LEAST_GAP, sensor.LEAST_GAP, 2 * sensor.LEAST_GAP)]  # fmt: skip
+        said = [
+            sensor.step(p, sensor.State(), fleet.get("gate", 0), gap, 1.0, 0.0, np.uint64(1), np.uint64(1))[1]
+            for gap in (0.2 * sensor.LEAST_GAP, sensor.LEAST_GAP, 2 * sensor.LEAST_GAP)
+        ]
     assert said[0] == said[1] != said[2]
 
 
@@ -526,17 +528,23 @@ def test_a_bulge_grows_as_the_machines():
 
 def test_where_steps_are_counted_the_rest_of_the_sheet_is_not_and_never_both_are_less_than_one():
     step = scenarios.load("following-v1/step")
-    flat, one, both = (suite.of(each, range(1000, 1004)) for each in (
-        step.varied(sheet={"steps": None, "random": {"rms": 0.3}}), step,
-        step.varied(sheet={"random": {"rms": 0.3}}),
-    ))  # fmt: skip
+    rough = {"random": {"rms": 0.3}}
+    sheets = (step.varied(sheet={"steps": None, **rough}), step, step.varied(sheet=rough))
+    flat, one, both = (suite.of(each, range(1000, 1004)) for each in sheets)
     assert max(flat.bound, one.bound) <= both.bound < np.hypot(flat.bound, one.bound)
 
 
 BOUNDED = (
-    "random-k2", "random-k3", "flutter", "chatter", "step-flutter", "corners", "following-v1/step", "ood/fast-step",
+    "random-k2",
+    "random-k3",
+    "flutter",
+    "chatter",
+    "step-flutter",
+    "corners",
+    "following-v1/step",
+    "ood/fast-step",
     "elsewhere/tabs",
-)  # fmt: skip
+)
 """Scenarios with something that nobody can learn: continuous spectra, bands, steps, corners."""
 
 
@@ -672,9 +680,8 @@ def test_bounds_are_shown_last_in_the_table_and_drawn_in_the_report(made_up):
     sheet_ = terminal.sheets(results)[0]
     row = dict(zip(sheet_.titles, sheet_.sections[-1][0], strict=True))
     assert len(sheet_.sections[-1]) == 1
-    assert (row["controller"], row["score, µm"], row["wavy"], row["rough"], row["rank"]) == (
-        stored.LABEL, "0.50", "0.25", "1.00", "–",
-    )  # fmt: skip
+    shown = [row[title] for title in ("controller", "score, µm", "wavy", "rough", "rank")]
+    assert shown == [stored.LABEL, "0.50", "0.25", "1.00", "–"]
     seen = Suite("following", results)
     labels, look = {n: n for n in seen.ranked}, looks(seen.ranked)
     plot = scores.figure(all_of(seen)["rms_true"], look, labels).views[""]
@@ -689,8 +696,7 @@ def test_bounds_are_shown_last_in_the_table_and_drawn_in_the_report(made_up):
     plot = scores.figure(all_of(seen)["rms_true"], look, labels).views[""].to_dict()["layout"]
     assert {0.5, 2.0} <= {shape["x0"] for shape in plot["shapes"]}
     assert any(stored.LINEAR in note["text"] for note in plot["annotations"])
-    assert list(next(iter(heat.figure(seen, labels).views.values())).to_dict()["data"][0]["y"][-2:]) == [
-        stored.LABEL, stored.LINEAR,
-    ]  # fmt: skip
+    view = next(iter(heat.figure(seen, labels).views.values())).to_dict()
+    assert list(view["data"][0]["y"][-2:]) == [stored.LABEL, stored.LINEAR]
     results.meta["bounds"]["wavy"] = 0.0
     assert np.isnan(results.bound)  # of scenarios of which all can be learned there is no score

@@ -4,6 +4,7 @@ import errno
 import json
 import os
 import resource
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -49,10 +50,13 @@ def here(tmp_path, monkeypatch):
 def kerfgym_(folder, *words):
     """The command in a process of its own."""
     return subprocess.run(
-        [sys.executable, "-m", "kerfgym.experiments.cli", *words], cwd=folder, capture_output=True, text=True,
+        [sys.executable, "-m", "kerfgym.experiments.cli", *words],
+        cwd=folder,
+        capture_output=True,
+        text=True,
         timeout=280,
         env={**os.environ, "PYTHONIOENCODING": "utf-8", "COLUMNS": "200"},
-    )  # fmt: skip
+    )
 
 
 def refused(capsys, *words):
@@ -106,9 +110,12 @@ def test_an_unknown_kind_is_answered_with_the_nearest(capsys):
 
 def test_a_reader_that_has_seen_enough_is_no_error(here):
     process = subprocess.Popen(
-        [sys.executable, "-m", "kerfgym.experiments.cli", "list"], cwd=here, stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+        [sys.executable, "-m", "kerfgym.experiments.cli", "list"],
+        cwd=here,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
     assert process.stdout.readline() == "environments:\n"
     process.stdout.close()
     assert process.stderr.read() == ""
@@ -132,10 +139,10 @@ def test_help_tells_of_every_command(capsys):
 
 
 def test_a_benchmark_from_end_to_end_and_again_with_the_same_figures(here, capsys, monkeypatch):
-    words = [
-        "benchmark", "-c", "xi2023-improved", "-c", "mine.py:Mine", "-s", "short.toml", "-s", "wavy", "--seeds", "4",
-        "--jobs", "1", "--no-ms", "--no-blame", "--no-detuned", "--name", "first",
-    ]  # fmt: skip
+    words = shlex.split(
+        "benchmark -c xi2023-improved -c mine.py:Mine -s short.toml -s wavy --seeds 4 "
+        "--jobs 1 --no-ms --no-blame --no-detuned --name first"
+    )
     done = kerfgym_(here, *words)
     assert done.returncode == 0, done.stderr
     assert "xi2023-improved" in done.stdout
@@ -372,9 +379,13 @@ def test_render_writes_films(here, kind, words):
 def test_a_film_that_does_not_fit_on_the_disk_is_an_error_and_no_file(here, kind):
     words = ["render", f"film.{kind}", "-c", "pid", "-s", "short.toml", "--seconds", "0.2"]
     done = subprocess.run(
-        [sys.executable, "-m", "kerfgym.experiments.cli", *words], cwd=here, capture_output=True, text=True,
-        timeout=100, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (8192, 8192)),
-    )  # fmt: skip
+        [sys.executable, "-m", "kerfgym.experiments.cli", *words],
+        cwd=here,
+        capture_output=True,
+        text=True,
+        timeout=100,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (8192, 8192)),
+    )
     assert done.returncode == 2
     assert "kerfgym: error: cannot write" in done.stderr
     assert not list(here.glob("*film.*"))

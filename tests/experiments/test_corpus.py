@@ -25,8 +25,11 @@ def folder(tmp_path):
 def test_each_file_of_a_folder_gets_a_verdict(folder):
     found = {v.path.name: v for v in each.verdicts(each.files(folder))}
     assert {name: v.outcome for name, v in found.items()} == {
-        "square.ngc": ACCEPTED, "comp.nc": REFUSED, "thread.tap": REFUSED, "empty.gcode": NOTHING,
-    }  # fmt: skip
+        "square.ngc": ACCEPTED,
+        "comp.nc": REFUSED,
+        "thread.tap": REFUSED,
+        "empty.gcode": NOTHING,
+    }
     assert found["square.ngc"].length_mm == pytest.approx(160)
     assert found["square.ngc"].box == pytest.approx((40, 40))
     assert found["comp.nc"].reason.startswith("line 2: 'G41'")
@@ -49,9 +52,13 @@ def test_the_table_counts_what_should_be_accepted():
         return Verdict(accepted.Path("a.ngc"), "gcode", outcome, **more)
 
     found = [
-        verdict(ACCEPTED, deviation_mm=0.0005, seconds=2.0), verdict(ACCEPTED, deviation_mm=0.002), verdict(REFUSED),
-        verdict(REFUSED, counted=False), verdict(NOTHING), verdict(FAILED, counted=False),
-    ]  # fmt: skip
+        verdict(ACCEPTED, deviation_mm=0.0005, seconds=2.0),
+        verdict(ACCEPTED, deviation_mm=0.002),
+        verdict(REFUSED),
+        verdict(REFUSED, counted=False),
+        verdict(NOTHING),
+        verdict(FAILED, counted=False),
+    ]
     (row,) = accepted.summary(found).sections[0]
     assert row == ["gcode", "6", "2", "2", "1", "1", "2/3 (66.7%)", "2", "1", "2.00"]
 

@@ -81,9 +81,8 @@ def test_windows_together_are_what_the_metrics_say_of_the_whole_run(name):
 
 
 def test_a_run_counts_until_the_window_in_which_it_collides():
-    follower, scenario = stack.resolve("pid"), scenarios.load("step").varied(
-        duration=1.0, sheet={"steps": {"height": {"uniform": [0.5, 1.5], "sign": "±"}}}
-    )  # fmt: skip
+    follower, high = stack.resolve("pid"), {"height": {"uniform": [0.5, 1.5], "sign": "±"}}
+    scenario = scenarios.load("step").varied(duration=1.0, sheet={"steps": high})
     seeds = tuple(range(1000, 1024))
     record = rollout.roll(scenario, follower, seeds)
     assert 0 < record.collided.sum() < len(seeds)
@@ -206,26 +205,42 @@ def test_a_lost_run_is_counted_and_its_other_windows_are_still_judged():
 
 def rows(**changed):
     row = {
-        "controller": "self-tuning", "sheet": "wavy", "drawing": False, "word": "steady", "ratio": 1.4, "bursts": 0,
-        "lost": 0, "largest_first": 10.0, "largest_later": 14.0,
-    }  # fmt: skip
+        "controller": "self-tuning",
+        "sheet": "wavy",
+        "drawing": False,
+        "word": "steady",
+        "ratio": 1.4,
+        "bursts": 0,
+        "lost": 0,
+        "largest_first": 10.0,
+        "largest_later": 14.0,
+    }
     return row | changed
 
 
 def test_what_is_promised_of_self_tuning_is_checked_sheet_by_sheet_and_along_the_drawing():
-    frame = pd.DataFrame([
-        rows(), rows(sheet="rough", ratio=1.6, bursts=2, lost=1), rows(controller="pid", ratio=9.0, bursts=7),
-        rows(sheet="Gear", drawing=True, ratio=9.0), rows(sheet="Gear", drawing=True, controller="xi2023-tuned"),
-    ])  # fmt: skip
+    frame = pd.DataFrame(
+        [
+            rows(),
+            rows(sheet="rough", ratio=1.6, bursts=2, lost=1),
+            rows(controller="pid", ratio=9.0, bursts=7),
+            rows(sheet="Gear", drawing=True, ratio=9.0),
+            rows(sheet="Gear", drawing=True, controller="xi2023-tuned"),
+        ]
+    )
     held = {p["what"]: p["held"] for p in tables.promises(frame)}
     assert held == {
         "controllers that get worse with time": True,
-        "self-tuning on wavy: largest error later over first": True, "self-tuning on wavy: bursts": True,
-        "self-tuning on wavy: lost runs": True, "self-tuning on rough: largest error later over first": False,
-        "self-tuning on rough: bursts": False, "self-tuning on rough: lost runs": False,
-        "self-tuning along Gear: lost runs": True, "self-tuning along Gear: bursts": True,
+        "self-tuning on wavy: largest error later over first": True,
+        "self-tuning on wavy: bursts": True,
+        "self-tuning on wavy: lost runs": True,
+        "self-tuning on rough: largest error later over first": False,
+        "self-tuning on rough: bursts": False,
+        "self-tuning on rough: lost runs": False,
+        "self-tuning along Gear: lost runs": True,
+        "self-tuning along Gear: bursts": True,
         "self-tuning along Gear: largest error, µm": True,
-    }  # fmt: skip
+    }
     turns = tables.promises(pd.DataFrame([rows(sheet="shift", drawing=True, bursts=9)]))
     assert [p["what"] for p in turns[1:]] == ["self-tuning along shift: lost runs"]
     frame.loc[3, "largest_first"] = 14.2
@@ -299,16 +314,26 @@ def test_the_command_writes_its_run_and_its_page(tmp_path, monkeypatch, capsys):
     page.write_text("<!-- run: endurance -->\n<!-- end -->\n", "utf-8")
     monkeypatch.setattr(pages, "manual", lambda name: tmp_path / name)
     part = tmp_path / "part.svg"
-    part.write_text('<svg xmlns="http://www.w3.org/2000/svg" width="20mm" height="20mm" viewBox="0 0 20 20">'
-                    '<rect x="2" y="2" width="9" height="7"/></svg>', "utf-8")  # fmt: skip
+    part.write_text(
+        '<svg xmlns="http://www.w3.org/2000/svg" width="20mm" height="20mm" viewBox="0 0 20 20">'
+        '<rect x="2" y="2" width="9" height="7"/></svg>',
+        "utf-8",
+    )
     command.main(
-        controllers=("xi2023-tuned", "self-tuning"), sheets=("chatter", "path"), seeds=2, duration=3.0, path=part,
+        controllers=("xi2023-tuned", "self-tuning"),
+        sheets=("chatter", "path"),
+        seeds=2,
+        duration=3.0,
+        path=part,
         docs=True,
-    )  # fmt: skip
+    )
     frame = pd.read_parquet(tmp_path / "runs" / "endurance" / "verdicts.parquet")
     assert frame[["sheet", "controller"]].to_numpy().tolist() == [
-        ["chatter", "xi2023-tuned"], ["chatter", "self-tuning"], ["part", "xi2023-tuned"], ["part", "self-tuning"],
-    ]  # fmt: skip
+        ["chatter", "xi2023-tuned"],
+        ["chatter", "self-tuning"],
+        ["part", "xi2023-tuned"],
+        ["part", "self-tuning"],
+    ]
     text = page.read_text("utf-8")
     assert "What is promised" in text
     assert "self-tuning along part: largest error, µm" in text

@@ -281,8 +281,12 @@ def test_the_printed_table_has_ranks_intervals_and_reasons(capsys):
     sheet = sheets(Results(frame, pd.DataFrame(), pd.DataFrame(), {"tuning": tuning}, CORE))[0]
     cells = {row[0]: [row[1], *row[3:5]] for section in sheet.sections for row in section}
     assert {name: row[0] for name, row in cells.items()} == {
-        "pid": "1=", "twin": "1=", "xi2023-tuned": "3", "slow": "–", "seer": "1",
-    }  # fmt: skip
+        "pid": "1=",
+        "twin": "1=",
+        "xi2023-tuned": "3",
+        "slow": "–",
+        "seer": "1",
+    }
     assert re.fullmatch(r"\d+\.\d\d \(\d+\.\d\d … \d+\.\d\d\)", cells["pid"][1])
     assert re.fullmatch(r"[12]\.\d\d \(1\.\d\d … 2\.\d\d\)", cells["pid"][2])
     assert cells["xi2023-tuned"][2] == "1.00"

@@ -77,9 +77,10 @@ def test_a_spike_is_asked_for_in_one_period_and_a_pair_in_two(follower):
 
 def test_commands_are_scaled_frozen_and_late_as_told(follower):
     faults = [
-        Fault(inject.SCALED, START, 7.0, -1.0), Fault(inject.FROZEN, START, 9.0),
+        Fault(inject.SCALED, START, 7.0, -1.0),
+        Fault(inject.FROZEN, START, 9.0),
         Fault(inject.DELAYED, START, 6.0, back=13.0),
-    ]  # fmt: skip
+    ]
     x = course(follower, faults, PASSED)
     own, spoilt, first = x["wish"], x["spoilt"], at(START)
     assert spoilt[first : first + 7, 0] == pytest.approx(-own[first : first + 7, 0], rel=1e-6)
@@ -100,9 +101,11 @@ def test_what_a_policy_adds_is_spoilt_with_the_command(name):
 
 def test_counts_drop_out_stick_and_saturate_as_told(follower):
     faults = [
-        Fault(inject.DROPOUT, START, 5.0), Fault(inject.STUCK, START, 5.0),
-        Fault(inject.SATURATED, START, 5.0, 1.0, 1.0), Fault(inject.SATURATED, START, 5.0, 0.5, 0.0),
-    ]  # fmt: skip
+        Fault(inject.DROPOUT, START, 5.0),
+        Fault(inject.STUCK, START, 5.0),
+        Fault(inject.SATURATED, START, 5.0, 1.0, 1.0),
+        Fault(inject.SATURATED, START, 5.0, 0.5, 0.0),
+    ]
     x = course(follower, faults, PASSED)
     spoilt = slice(at(START), at(START) + 5)
     assert np.flatnonzero(x["valid"][:, 0] == 0.0).tolist() == list(range(at(START), at(START) + 5))
@@ -305,20 +308,26 @@ def test_a_sheet_that_falls_as_no_sheet_does_holds_the_head(name):
 
 
 ROW = {
-    "lost_faultless": False, "lost_no_supervisor": True, "lost_no_filter": True, "lost_neither": True,
+    "lost_faultless": False,
+    "lost_no_supervisor": True,
+    "lost_no_filter": True,
+    "lost_neither": True,
     "lost_forgetful": True,
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize(
     ("changed", "cause"),
     [
-        ({}, "fault itself"), ({"lost_faultless": True, "lost_no_supervisor": False}, "no fault"),
-        ({"lost_no_supervisor": False}, "supervisor"), ({"lost_no_filter": False}, "filter"),
+        ({}, "fault itself"),
+        ({"lost_faultless": True, "lost_no_supervisor": False}, "no fault"),
+        ({"lost_no_supervisor": False}, "supervisor"),
+        ({"lost_no_filter": False}, "filter"),
         ({"lost_no_supervisor": False, "lost_no_filter": False}, "supervisor and filter"),
-        ({"lost_neither": False}, "supervisor and filter"), ({"lost_forgetful": False}, "law's memory"),
+        ({"lost_neither": False}, "supervisor and filter"),
+        ({"lost_forgetful": False}, "law's memory"),
     ],
-)  # fmt: skip
+)
 def test_the_cause_is_what_prevents_it_when_taken_out(changed, cause):
     assert culprits.cause(pd.Series(ROW | changed)) == cause
 
@@ -326,14 +335,15 @@ def test_the_cause_is_what_prevents_it_when_taken_out(changed, cause):
 @pytest.mark.parametrize(
     ("apart", "bare", "unfiltered", "alarm", "excess"),
     [
-        (0.09, 0.0, 0.0, "none", ""), (0.2, 0.05, 0.2, "none", "supervisor"), (0.2, 0.1, 0.05, "none", "filter"),
-        (0.2, 0.1, 0.1, "none", ""), (5.0, 0.1, 0.1, "collision", "stopped"),
+        (0.09, 0.0, 0.0, "none", ""),
+        (0.2, 0.05, 0.2, "none", "supervisor"),
+        (0.2, 0.1, 0.05, "none", "filter"),
+        (0.2, 0.1, 0.1, "none", ""),
+        (5.0, 0.1, 0.1, "collision", "stopped"),
     ],
-)  # fmt: skip
+)
 def test_an_excess_is_more_than_three_times_what_is_there_without(apart, bare, unfiltered, alarm, excess):
-    row = {
-        "apart_mm": apart, "apart_no_supervisor_mm": bare, "apart_no_filter_mm": unfiltered, "alarm": alarm,
-    }  # fmt: skip
+    row = {"apart_mm": apart, "apart_no_supervisor_mm": bare, "apart_no_filter_mm": unfiltered, "alarm": alarm}
     assert culprits.excess(pd.Series(row)) == excess
 
 
@@ -382,14 +392,24 @@ def test_a_campaign_gives_every_controller_the_same_faults_and_says_how_to_see_o
 
 def test_its_tables_count_what_the_rows_say():
     row = {
-        "controller": "pid", "scenario": "flat", "number": 3, "seed": 1003, "fault": "spike", "lost": True,
-        "broken": False, "lowest_mm": -0.1, "cause": "supervisor", "excess": "", "lost_no_supervisor": False,
-    }  # fmt: skip
+        "controller": "pid",
+        "scenario": "flat",
+        "number": 3,
+        "seed": 1003,
+        "fault": "spike",
+        "lost": True,
+        "broken": False,
+        "lowest_mm": -0.1,
+        "cause": "supervisor",
+        "excess": "",
+        "lost_no_supervisor": False,
+    }
     rows = [
-        row, row | {"lowest_mm": -2.0, "number": 7, "controller": "lqg"},
+        row,
+        row | {"lowest_mm": -2.0, "number": 7, "controller": "lqg"},
         row | {"lost": False, "cause": "", "excess": "stopped", "lost_no_supervisor": True},
         row | {"cause": "fault itself", "lost_no_supervisor": True, "fault": "shower"},
-    ]  # fmt: skip
+    ]
     controllers, kinds, remaining = tables.sheets(pd.DataFrame(rows), seed=5)
     cells = dict(zip(controllers.titles, controllers.sections[1][0], strict=True))
     assert (cells["faults"], cells["lost"], cells["supervisor"], cells["fault itself"]) == ("4", "3", "2", "1")

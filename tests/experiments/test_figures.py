@@ -55,9 +55,11 @@ def of(name, make, depends=("laws/*.py", "laws/*.toml")):
 
 
 def test_words_about_a_source_change_no_result():
-    other = SOURCE.replace("Of a function.", "Of a law,\n    in two lines.").replace("# why", "# because").replace(
-        '"""What it is."""\n', "\n\n"
-    )  # fmt: skip
+    other = (
+        SOURCE.replace("Of a function.", "Of a law,\n    in two lines.")
+        .replace("# why", "# because")
+        .replace('"""What it is."""\n', "\n\n")
+    )
     assert stamp.code(other) == stamp.code(SOURCE)
     assert '"# no comment"' in stamp.code(SOURCE)
     assert "# why" not in stamp.code(SOURCE)
@@ -105,35 +107,55 @@ def test_every_study_depends_on_files_that_there_are():
 
 def test_what_a_module_imports_counts_however_it_is_written(tmp_path):
     sources = {
-        "lab/__init__.py": "", "lab/study.py": "from . import grid\nfrom ..core.plant import step\n",
-        "lab/grid.py": "def late():\n    from ..core import noise\n", "lab/report/page.py": "import secrets\n",
-        "core/__init__.py": "", "core/plant.py": "import kerfgym.core.sheet\n", "core/noise.py": "import numpy\n",
-        "core/sheet.py": "from ..lab.report import page\n", "core/unused.py": "",
-    }  # fmt: skip
+        "lab/__init__.py": "",
+        "lab/study.py": "from . import grid\nfrom ..core.plant import step\n",
+        "lab/grid.py": "def late():\n    from ..core import noise\n",
+        "lab/report/page.py": "import secrets\n",
+        "core/__init__.py": "",
+        "core/plant.py": "import kerfgym.core.sheet\n",
+        "core/noise.py": "import numpy\n",
+        "core/sheet.py": "from ..lab.report import page\n",
+        "core/unused.py": "",
+    }
     for name, text in sources.items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text(text, encoding="utf-8")
     found = imports.sources(tmp_path, [tmp_path / "lab" / "study.py"])
     assert [path.relative_to(tmp_path).as_posix() for path in found] == [
-        "core/__init__.py", "core/noise.py", "core/plant.py", "core/sheet.py", "lab/__init__.py", "lab/grid.py",
-        "lab/report/page.py", "lab/study.py",
-    ]  # fmt: skip
+        "core/__init__.py",
+        "core/noise.py",
+        "core/plant.py",
+        "core/sheet.py",
+        "lab/__init__.py",
+        "lab/grid.py",
+        "lab/report/page.py",
+        "lab/study.py",
+    ]
 
 
 @pytest.mark.parametrize(
     ("name", "files"),
     [
-        ("following", {
-            "measure.plants", "measure.margins", "measure.stability", "benchmark.benchmarking", "results.conclusions",
-            "statistics.pooling", "statistics.comparison", "statistics.ranks",
-        }),
+        (
+            "following",
+            {
+                "measure.plants",
+                "measure.margins",
+                "measure.stability",
+                "benchmark.benchmarking",
+                "results.conclusions",
+                "statistics.pooling",
+                "statistics.comparison",
+                "statistics.ranks",
+            },
+        ),
         ("ood", {"statistics.pooling", "statistics.comparison", "results.tasks", "measure.rollout"}),
         ("coverage", {"statistics.bootstrap", "statistics.intervals"}),
         ("filter-grid", {"studies.filter_grid", "tune.study", "measure.stability"}),
         ("blame", {"blame.game", "blame.shares"}),
         ("reproduction", {"reproduce.xi2023_table", "reproduce.claims", "measure.stability"}),
     ],
-)  # fmt: skip
+)
 def test_a_study_depends_on_what_computes_its_figures(name, files):
     (one,) = registry.studies([name])
     named = [p for found in stamp.files(one.depends).values() for p in found if p.suffix == ".py"]
@@ -207,13 +229,18 @@ def test_a_number_is_shown_as_it_is_stored(place):
 @pytest.mark.parametrize(
     ("claim", "why"),
     [
-        ("one.pid.score < one.lqg.score", ""), ("one.lqg.score > 9", ""), ("one.pid.budget = larger", ""),
-        ("one.pid.room > one.pid.score", ""), ("one.pid.score > one.lqg.score", "it is 8 and 9.5"),
-        ("one.pid.score > 8", "it is 8 and 8.0"), ("one.pid.budget = none", "it is larger and none"),
-        ("one.pid.failed > 0", "it is None and 0.0"), ("one.pdi.score < 9", "did you mean 'pid'"),
+        ("one.pid.score < one.lqg.score", ""),
+        ("one.lqg.score > 9", ""),
+        ("one.pid.budget = larger", ""),
+        ("one.pid.room > one.pid.score", ""),
+        ("one.pid.score > one.lqg.score", "it is 8 and 9.5"),
+        ("one.pid.score > 8", "it is 8 and 8.0"),
+        ("one.pid.budget = none", "it is larger and none"),
+        ("one.pid.failed > 0", "it is None and 0.0"),
+        ("one.pdi.score < 9", "did you mean 'pid'"),
         ("two.pid.score < 9", "it is None and 9.0"),
     ],
-)  # fmt: skip
+)
 def test_a_claim_that_is_no_longer_so_is_found(place, claim, why):
     pid = {"score": 8.0, "budget": "larger", "failed": None, "room": float("inf")}
     registry.run(of("one", lambda trial: {"numbers": {"pid": pid, "lqg": {"score": 9.5}}}), 1)
@@ -272,7 +299,7 @@ def controllers(ratios, information="sensor"):
         name: {"information": information, "rank": rank, "score": 20.0 / ratio, "ratio": ratio}
         for name, ratio in ratios.items()
         for rank in (1 + sum(other > ratio for other in ratios.values()),)
-    }  # fmt: skip
+    }
 
 
 def test_suites_agree_if_order_and_ratios_of_the_first_five_do():
@@ -294,8 +321,15 @@ def test_suites_agree_if_order_and_ratios_of_the_first_five_do():
 
 
 def test_the_tables_of_blame_are_made_of_what_blame_gives(monkeypatch, tmp_path):
-    blamed = Blame("wavy", "pid", "gap", (1, 2, 3), ("sensor",), np.array([[4.0, 5.0, 6.0], [1.0, 2.0, 1.0]]),
-                   {"oracle": np.array([1.0, 1.5, 1.2])})  # fmt: skip
+    blamed = Blame(
+        "wavy",
+        "pid",
+        "gap",
+        (1, 2, 3),
+        ("sensor",),
+        np.array([[4.0, 5.0, 6.0], [1.0, 2.0, 1.0]]),
+        {"oracle": np.array([1.0, 1.5, 1.2])},
+    )
     frames = blame_tables.shares([blamed]), blame_tables.headroom([blamed])
     for i, frame in enumerate(frames):  # a report reads them back, words and all
         frame.to_parquet(tmp_path / f"{i}.parquet")

@@ -83,7 +83,7 @@ def test_every_change_changes_something(made, change):
         (lambda path: (path / "EXECUTED").touch(), "executed"),
         (lambda path: (path / "pyproject.toml").touch(), "escaped"),
     ],
-)  # fmt: skip
+)
 def test_every_problem_is_noticed(home, use, kind):
     assert worker._tried(use, home, home).kind == kind
     assert not list(home.iterdir())

@@ -52,8 +52,10 @@ def test_a_tuned_team_is_known_as_one_without_its_name_saying_so(tmp_path):
 def test_scenarios_name_their_suites_if_nobody_else_does():
     grids = by_suite(named=["wavy", "cut-square", "fast-step", "step"])
     assert {name: [s.name for s in grid.scenarios] for name, grid in grids.items()} == {
-        "following": ["wavy", "step"], "cutting": ["cut-square"], "ood": ["fast-step"],
-    }  # fmt: skip
+        "following": ["wavy", "step"],
+        "cutting": ["cut-square"],
+        "ood": ["fast-step"],
+    }
     mine, job = scenarios.load("wavy").varied(name="mine"), scenarios.load("cut-square").varied(name="job")
     assert list(by_suite(named=[mine, job])) == ["following", "contour"]
     dealt = by_suite(suites=["ood", "cutting"], named=[mine, job])

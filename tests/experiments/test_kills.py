@@ -95,9 +95,12 @@ def test_a_command_that_goes_on_well_has_no_bad_end(found):
 
 @pytest.mark.parametrize(
     ("kind", "trouble"),
-    [("refuses", "rc 1: ['it exists']"), ("differs", "other figures in figures"),
-     ("leaves", "left behind: .begun, .table.csv.a1b2c3d4")],
-)  # fmt: skip
+    [
+        ("refuses", "rc 1: ['it exists']"),
+        ("differs", "other figures in figures"),
+        ("leaves", "left behind: .begun, .table.csv.a1b2c3d4"),
+    ],
+)
 def test_every_bad_end_is_noticed(found, kind, trouble):
     met = [kill for kill in found(kind, 8) if kill.found == "begun"]
     assert met

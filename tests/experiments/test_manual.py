@@ -90,9 +90,8 @@ Does it.
 """
     found = list(command_line.options(text))
     assert found[1] == ("-c NAME, --controller NAME", "what is run, which is long. (default: pid)")
-    assert [command_line.told(about) for _, about in found[1:]] == [
-        ("what is run, which is long.", "pid"), ("measure it.", "on"),
-    ]  # fmt: skip
+    told = [command_line.told(about) for _, about in found[1:]]
+    assert told == [("what is run, which is long.", "pid"), ("measure it.", "on")]
 
 
 def test_every_script_that_the_page_names_is_one():

@@ -22,16 +22,27 @@ RECORD = {"command": "kerfgym report", "kerfgym": kerfgym.__version__}
 
 def rows(controllers, scenarios, seeds):
     """Runs whose RMS is 100 · controller's number + 10 · scenario's + seed, µm."""
-    return pd.DataFrame([
-        {
-            "controller": name, "information": "sensor", "scenario": scenario, "seed": seed, "failed": False,
-            "rms_true": 100.0 * number + 10.0 * place + seed, "rms_reported": 1.0, "p99_true": 2.0, "collision": 0.0,
-            "jitter": 0.5, "dross": 0.1, "roughness": 20.0,
-        }
-        for name, number in controllers.items()
-        for place, scenario in enumerate(scenarios)
-        for seed in seeds
-    ])  # fmt: skip
+    return pd.DataFrame(
+        [
+            {
+                "controller": name,
+                "information": "sensor",
+                "scenario": scenario,
+                "seed": seed,
+                "failed": False,
+                "rms_true": 100.0 * number + 10.0 * place + seed,
+                "rms_reported": 1.0,
+                "p99_true": 2.0,
+                "collision": 0.0,
+                "jitter": 0.5,
+                "dross": 0.1,
+                "roughness": 20.0,
+            }
+            for name, number in controllers.items()
+            for place, scenario in enumerate(scenarios)
+            for seed in seeds
+        ]
+    )
 
 
 def store(
@@ -41,10 +52,14 @@ def store(
     frame = rows(controllers, scenarios, seeds)
     record = {**RECORD, "command": f"kerfgym benchmark --name {folder.name}", "kernel": "k", **meta}
     own = {
-        "seeds": "1000-1003", "seed_count": len(seeds), "scenarios": list(scenarios), "controllers": list(controllers),
-        "core": ["wavy", "step"], "parameters": {name: {"law.kp": float(n)} for name, n in controllers.items()},
+        "seeds": "1000-1003",
+        "seed_count": len(seeds),
+        "scenarios": list(scenarios),
+        "controllers": list(controllers),
+        "core": ["wavy", "step"],
+        "parameters": {name: {"law.kp": float(n)} for name, n in controllers.items()},
         "ledger": {name: {"simulated_steps": 7} for name in controllers},
-    }  # fmt: skip
+    }
     channels = {"time": 0.001, "gap": 1.0, "height": 1.0, "mode": 1.0, "scored": True, "set_height": 1.0}
     traces = frame[frame["seed"] == 1000][["controller", "scenario", "seed"]].assign(**channels)
     peaks = pd.DataFrame({"controller": list(controllers), "frequency": 1.0, "magnitude": list(controllers.values())})
@@ -348,9 +363,10 @@ def test_a_run_of_another_version_is_shown_with_a_note(tmp_path):
 def test_one_suite_that_cannot_be_read_does_not_hide_the_others(tmp_path):
     def change(folder):
         record = json.loads((folder / "run.json").read_text(encoding="utf-8"))
-        runs.write_json(folder / "run.json", {
-            **record, "grids": {**record["grids"], "ood": {**record["grids"]["following"], "folder": "ood"}},
-        })  # fmt: skip
+        runs.write_json(
+            folder / "run.json",
+            {**record, "grids": {**record["grids"], "ood": {**record["grids"]["following"], "folder": "ood"}}},
+        )
 
     found = broken(tmp_path / "run", change)
     assert list(found.grids) == ["following"]
@@ -375,10 +391,20 @@ def test_the_first_format_is_still_read(tmp_path, suite, name):
     folder, case = tmp_path / "old", load_scenario(name)
     frame = rows({"pid": 1}, (name,), range(2)).assign(**{"roughness": 5.0, "iso_roughness": "3"})
     runs.write_table(folder, "runs", frame)
-    runs.write_json(folder / "run.json", {
-        **RECORD, "seeds": "0-1", "seed_count": 2, "scenarios": [name], "controllers": ["pid"],
-        "core": list(scenarios.core(suite)), "ledger": {}, "tuning": {}, "parameters": {},
-    })  # fmt: skip
+    runs.write_json(
+        folder / "run.json",
+        {
+            **RECORD,
+            "seeds": "0-1",
+            "seed_count": 2,
+            "scenarios": [name],
+            "controllers": ["pid"],
+            "core": list(scenarios.core(suite)),
+            "ledger": {},
+            "tuning": {},
+            "parameters": {},
+        },
+    )
     with runs.atomic(folder / "scenarios" / f"{name}.toml") as part:
         dead = "set_height = 0.8\n" if case.job else ""  # which early runs have
         part.write_text(dead + case.to_toml(), encoding="utf-8")

@@ -148,7 +148,7 @@ def test_folders_of_drawings_are_read_without_an_option(tmp_path):
         (["--plan", "nothing.dxf", "a.png"], "nothing.dxf: no such file"),
         (["-s", "wavy", "a.png", "--kerf", "0.2"], "--kerf: scenario 'wavy' cuts nothing; allowed: scenarios with"),
     ],
-)  # fmt: skip
+)
 def test_what_cannot_be_planned_is_an_error(words, message, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit) as error:
@@ -229,10 +229,17 @@ def test_where_all_runs_failed_nobody_has_a_rank_and_the_reason_is_told():
     class All:
         controllers, scored, core, metric, reference = ["a", "b"], ["one"], ("one",), "rms_true", "a"
         meta, exempt = {}, ()
-        runs = pd.DataFrame({
-            "controller": ["a", "a", "b", "b"], "information": "sensor", "scenario": "one", "seed": [0, 1, 0, 1],
-            "failed": True, "collision": [0.0, 1.0, 0.0, 0.0], "rms_true": np.nan,
-        })  # fmt: skip
+        runs = pd.DataFrame(
+            {
+                "controller": ["a", "a", "b", "b"],
+                "information": "sensor",
+                "scenario": "one",
+                "seed": [0, 1, 0, 1],
+                "failed": True,
+                "collision": [0.0, 1.0, 0.0, 0.0],
+                "rms_true": np.nan,
+            }
+        )
 
     frame = ranks.standings(All())
     assert frame["rank"].isna().all()

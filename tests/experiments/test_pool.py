@@ -1,5 +1,6 @@
 """Pools and interruption: whoever computes a grid, and however often it is killed, the figures are the same."""
 
+import shlex
 import socket
 import subprocess
 import sys
@@ -26,10 +27,10 @@ class Mine:
 """
 FILES = ("runs.parquet", "runs.csv", "traces.parquet", "summary.parquet", "summary.csv")
 CASES = [load(name).varied(duration=0.4) for name in ("wavy", "step", "impulses")]
-WORDS = [
-    "benchmark", "-c", "mine.py:Mine", "-c", "pid", "-s", "wavy.toml", "-s", "step.toml", "-s", "impulses.toml",
-    "--seeds", "12", "--no-ms", "--no-cost", "--no-blame", "--no-detuned",
-]  # fmt: skip
+WORDS = shlex.split(
+    "benchmark -c mine.py:Mine -c pid -s wavy.toml -s step.toml -s impulses.toml --seeds 12 "
+    "--no-ms --no-cost --no-blame --no-detuned"
+)
 
 
 def figures(folder):
@@ -109,12 +110,14 @@ def test_a_stranger_at_the_schedulers_address_is_an_error_at_once(here, stranger
     [
         ("tcp://127.0.0.1:1", "no dask scheduler at 'tcp://127.0.0.1:1': .*refused"),
         ("127.0.0.1:1", "no dask scheduler at '127.0.0.1:1': .*refused"),
-        ("tls://127.0.0.1:1", "no dask scheduler"), ("tcp://[::1]:1", "no dask scheduler"),
-        ("tcp://127.0.0.1:99999", "is not an address such as tls://10.0.0.1:8786"), ("x", "is not an address"),
+        ("tls://127.0.0.1:1", "no dask scheduler"),
+        ("tcp://[::1]:1", "no dask scheduler"),
+        ("tcp://127.0.0.1:99999", "is not an address such as tls://10.0.0.1:8786"),
+        ("x", "is not an address"),
         ("tcp://user:hunter2@127.0.0.1:1", r"'tcp://user:…@127.0.0.1:1' is not an address"),
         ("carrier-pigeon://127.0.0.1:1", "is not an address|no dask scheduler"),
     ],
-)  # fmt: skip
+)
 def test_a_scheduler_that_does_not_answer_is_an_error_at_once(address, message):
     start = time.monotonic()
     with pytest.raises(InvalidInput, match=message):

@@ -228,10 +228,15 @@ def test_what_speaks_against_the_winner_is_said(made_up):
     ]
 
 
-@pytest.mark.parametrize(("ratio", "low", "high", "words"), [
-    (3.012, 2.226, 3.666, "3.01 (2.23–3.67) times closer"), (23.4, 20.2, 27.9, "23.4 (20.2–27.9) times closer"),
-    (1.03, 1.02, 1.04, "2.91 (1.96–3.85) % closer"), (2.0, np.nan, np.nan, "2.00 times closer"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("ratio", "low", "high", "words"),
+    [
+        (3.012, 2.226, 3.666, "3.01 (2.23–3.67) times closer"),
+        (23.4, 20.2, 27.9, "23.4 (20.2–27.9) times closer"),
+        (1.03, 1.02, 1.04, "2.91 (1.96–3.85) % closer"),
+        (2.0, np.nan, np.nan, "2.00 times closer"),
+    ],
+)
 def test_how_much_better_in_words(ratio, low, high, words):
     assert answer.better(ratio, low, high, "closer") == words
 
@@ -298,9 +303,9 @@ def test_runs_of_earlier_versions_lack_metrics(made_up, tmp_path):
 
 
 def test_the_best_and_who_is_tied_are_marked(made_up):
-    results = made_up.following({
-        "a": ("sensor", 9.0, 1.9), "b": ("sensor", 9.05, 1.9), "c": ("sensor", 30.0, 1.9), "p": ("preview", 1.0, 1.0),
-    })  # fmt: skip
+    results = made_up.following(
+        {"a": ("sensor", 9.0, 1.9), "b": ("sensor", 9.05, 1.9), "c": ("sensor", 30.0, 1.9), "p": ("preview", 1.0, 1.0)}
+    )
     suite, found = judged(results)
     column = {g.title: g for g in table.groups(suite, found)}["score"].columns
     cells = next(c for c in column if c.title == "score").cells
@@ -353,9 +358,7 @@ def test_ms_that_was_not_measured_says_why(made_up, tmp_path):
     suite, found = judged(results)
     columns = {g.title: g for g in table.groups(suite, found)}["stability"].columns
     gain = next(c for c in columns if c.title == "gain").cells["pid"]
-    assert (gain.text, gain.title) == (
-        "–", "not measured on axis.dead_time 0.0005: margins need more dead time",
-    )  # fmt: skip
+    assert (gain.text, gain.title) == ("–", "not measured on axis.dead_time 0.0005: margins need more dead time")
     reader = read(page.page(tmp_path, {"following": results}, {}))
     assert "pid on the machine axis.dead_time 0.0005: margins need more dead time" in reader.text
     notes = "\n".join(sheets(results)[0].notes)
@@ -367,14 +370,22 @@ def test_several_machines_have_a_table_of_their_own(made_up, tmp_path):
     results = made_up.following()
     curves, margins = results.sensitivity, results.margins
     both = [(1.0, "standard"), (1.4, "axis.bandwidth 25")]
-    results.sensitivity = pd.concat([
-        curves.assign(machine=machine, signal=signal, magnitude=factor * more * curves["magnitude"], peak_low=1.0,
-                      peak_high=3.0)
-        for factor, machine in both for more, signal in ((1.0, "sine"), (1.1, "noise"))
-    ])  # fmt: skip
-    results.margins = pd.concat([
-        margins.assign(machine=machine, gain=margins["gain"] / factor, reason="") for factor, machine in both
-    ])  # fmt: skip
+    results.sensitivity = pd.concat(
+        [
+            curves.assign(
+                machine=machine,
+                signal=signal,
+                magnitude=factor * more * curves["magnitude"],
+                peak_low=1.0,
+                peak_high=3.0,
+            )
+            for factor, machine in both
+            for more, signal in ((1.0, "sine"), (1.1, "noise"))
+        ]
+    )
+    results.margins = pd.concat(
+        [margins.assign(machine=machine, gain=margins["gain"] / factor, reason="") for factor, machine in both]
+    )
     results.meta["machines"] = {"standard": ["wavy"], "axis.bandwidth 25": ["rough", "holes"]}
     row = results.summary().loc["pid"]
     assert (row["ms"], row["ms_noise"]) == pytest.approx((1.4 * 1.95, 1.4 * 1.1 * 1.95))  # the worst of both
@@ -525,9 +536,9 @@ def test_a_follower_along_a_drawing_has_a_kerf_too(made_up):
 
 def test_studies_and_trainings_are_found_beside_their_controllers(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # nothing outside of it is read because a record names it
-    tuned = pd.DataFrame({
-        "parameter": ["law.kp"], "value": [50.0], "side": [1], "moved": [60.0], "rms_true": [1.1], "ms": [2.0],
-    })  # fmt: skip
+    tuned = pd.DataFrame(
+        {"parameter": ["law.kp"], "value": [50.0], "side": [1], "moved": [60.0], "rms_true": [1.1], "ms": [2.0]}
+    )
     (tmp_path / "study").mkdir()
     tuned.to_parquet(tmp_path / "study" / "sensitivity.parquet")
     (tmp_path / "ppo" / "policy").mkdir(parents=True)
@@ -546,10 +557,21 @@ def test_studies_and_trainings_are_found_beside_their_controllers(tmp_path, monk
 # ------------------------------------------------------------------------------------------------------- the numbers
 
 
-@pytest.mark.parametrize(("value", "text"), [
-    (9.104, "9.10"), (23.94, "23.9"), (104.4, "104"), (99.96, "100"), (-3.0, "−3.00"), (np.nan, "–"), (np.inf, "∞"),
-    (0.05068, "0.0507"), (12345.6, "12\u202f346"), (0.0, "0.00"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (9.104, "9.10"),
+        (23.94, "23.9"),
+        (104.4, "104"),
+        (99.96, "100"),
+        (-3.0, "−3.00"),
+        (np.nan, "–"),
+        (np.inf, "∞"),
+        (0.05068, "0.0507"),
+        (12345.6, "12\u202f346"),
+        (0.0, "0.00"),
+    ],
+)
 def test_numbers_have_three_digits(value, text):
     assert numbers.number(value) == text
 
@@ -561,9 +583,10 @@ def test_an_interval_tells_how_many_digits_are_known():
     assert numbers.span(-0.4, 0.3, 1) == "−0.4 to 0.3"
 
 
-@pytest.mark.parametrize(("share", "text"), [
-    (0.5, "50 %"), (0.9996, "> 99.9 %"), (1.0, "100 %"), (0.0003, "< 0.1 %"), (0.995, "99.5 %"), (np.nan, "–"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("share", "text"),
+    [(0.5, "50 %"), (0.9996, "> 99.9 %"), (1.0, "100 %"), (0.0003, "< 0.1 %"), (0.995, "99.5 %"), (np.nan, "–")],
+)
 def test_shares_are_never_rounded_to_certainty(share, text):
     assert numbers.percent(share) == text
 
@@ -573,8 +596,9 @@ def test_the_limits_tell_of_the_scenarios_that_were_run(made_up):
         cases = scenarios.suite(suite).values()
         results = made_up.following()
         results.meta |= {
-            "plates": sorted({s.head.plate for s in cases}), "corners": [s.name for s in cases if s.corners]
-        }  # fmt: skip
+            "plates": sorted({s.head.plate for s in cases}),
+            "corners": [s.name for s in cases if s.corners],
+        }
         one = [Suite(suite, results)]
         return " ".join(text for _, text in limits.sentences(one, []))
 

@@ -124,9 +124,12 @@ def test_the_oscilloscope_shows_what_was_recorded(opened, page):
     run = traces[(traces["scenario"] == "holes") & (traces["seed"] == 1001) & (traces["controller"] == "xi2023-tuned")]
     drawn = plotted(page, "oscilloscope")
     signals = [
-        run["surface"], 1e3 * (run["gap"] - run["set_height"]), 1e3 * (run["height"] - run["set_height"]),
-        run["command"], run["velocity"],
-    ]  # fmt: skip
+        run["surface"],
+        1e3 * (run["gap"] - run["set_height"]),
+        1e3 * (run["height"] - run["set_height"]),
+        run["command"],
+        run["velocity"],
+    ]
     assert len(drawn["data"]) == len(signals)
     for trace, signal, step in zip(drawn["data"], signals, (1e-4, 0.05, 0.05, 0.01, 0.01), strict=True):
         np.testing.assert_allclose(trace["y"], signal, atol=0.51 * step)

@@ -204,9 +204,7 @@ def test_a_run_writes_page_markdown_figures_and_record(shelf, tmp_path):
     def own(trial: Trial, rows: Rows) -> list[Drawing]:
         figure = Figure(figsize=(2, 1))
         figure.subplots().plot([0, 1])
-        row = weighed(
-            "eq. 1", "gain | of it", "4.5", estimate(np.arange(trial.seeds), "mm"), GOOD, true="a < b"
-        )  # fmt: skip
+        row = weighed("eq. 1", "gain | of it", "4.5", estimate(np.arange(trial.seeds), "mm"), GOOD, true="a < b")
         rows += [row, weighed("eq. 2", "by another law", "4.5", "4.5", GOOD, instead="the observer")]
         return [Drawing("line", figure, "A line (mm).", "Wu Fig. 0")]
 

@@ -68,9 +68,7 @@ def test_rates_and_recursion_hold():
 
 def test_an_8_bit_converter_leaves_half_a_step_and_a_16_bit_one_less_than_two_counts():
     p, b = xy_axes.Params(), wu.PRESETS["b"]
-    coarse, fine = wu.approached([
-        (b._replace(dac=wu.RAPID / 128), axes.gain(30.0, b)), (p, axes.gain(30.0, p)),
-    ])  # fmt: skip
+    coarse, fine = wu.approached([(b._replace(dac=wu.RAPID / 128), axes.gain(30.0, b)), (p, axes.gain(30.0, p))])
     half = 0.5 * wu.RAPID / 128 / (30.0 / b.gain)  # error at which the command rounds to 0, mm
     assert 0.01 < np.abs(coarse).max() < half + 1e-3
     assert np.ptp(coarse, axis=(0, 1)).max() / 2 > 0.01  # worse than Wu's repeatability

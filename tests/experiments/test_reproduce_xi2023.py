@@ -15,9 +15,17 @@ from kerfgym.experiments.reproduce.xi2023_table import OneSided
 FEW = Trial(seeds=6)
 
 STUDIES = (
-    "oscillator", "calibration-run", "look-up", "moving-average", "improved-filter", "table-1", "rising-height",
-    "above-set-height", "static-accuracy", "dynamic-accuracy",
-)  # fmt: skip
+    "oscillator",
+    "calibration-run",
+    "look-up",
+    "moving-average",
+    "improved-filter",
+    "table-1",
+    "rising-height",
+    "above-set-height",
+    "static-accuracy",
+    "dynamic-accuracy",
+)
 
 PRINTED = {
     "oscillator": ("1.665–4.053 MHz, 10–50 pF",),
@@ -107,9 +115,10 @@ def test_the_six_steps_are_a_trimmed_mean():
 
 def test_the_studies_say_so_too(found):
     for key, words, verdict in (
-        ("moving-average", "N = 3, 5, 9, 17", "reproduced"), ("moving-average", "delay", "present"),
+        ("moving-average", "N = 3, 5, 9, 17", "reproduced"),
+        ("moving-average", "delay", "present"),
         ("improved-filter", "six steps", "reproduced"),
-    ):  # fmt: skip
+    ):
         (row,) = rows(found, key, words)
         assert row.verdict == verdict
     (pair,) = rows(found, "improved-filter", "two samples")
@@ -148,8 +157,12 @@ def test_the_verdicts_of_table_1_tell_fitted_from_held_out(found):
 
 
 def test_the_line_between_the_fitted_points_is_beside_every_number_held_out(found, table):
-    line = {(0.3, "moving average"): -9.05, (0.3, "improved"): -10.13, (0.7, "moving average"): 4.60,
-            (0.7, "improved"): 4.30}  # fmt: skip
+    line = {
+        (0.3, "moving average"): -9.05,
+        (0.3, "improved"): -10.13,
+        (0.7, "moving average"): 4.60,
+        (0.7, "improved"): 4.30,
+    }
     for (height, name), deviation in line.items():
         (row,) = rows(found, "table-1", f"{name}, set height {height:g} mm")
         assert row.evidence.trivial_error == pytest.approx(deviation, abs=0.01)

@@ -14,7 +14,9 @@ from kerfgym.envs.scenarios import load, suite
 from kerfgym.experiments.measure.rollout import chunks, command_of, roll
 
 ALL = load("wavy").varied(
-    name="all at once", guard=True, start_above=0.5,
+    name="all at once",
+    guard=True,
+    start_above=0.5,
     head={"impulses": 20, "impulse_samples": 2, "bursts": 5, "drift": 0.001, "warming": 1.0},
     sheet={
         "tilt": {"uniform": [-0.01, 0.01]},
@@ -22,17 +24,29 @@ ALL = load("wavy").varied(
         "holes": {"pitch": 60, "length": {"uniform": [2, 15]}, "round": True},
         "bulge": {"height": 0.5, "width": 40, "growth": 1, "x": 40},
     },
-)  # fmt: skip
+)
 """Everything a sheet and a sensor can do, in one machine."""
 
 MIX = [*(load(n) for n in ("wavy", "rough", "step", "holes", "impulses", "flutter", "bulge", "descent", "tip-up")), ALL]
 """Machine i of a mixture travels MIX[i mod 10], with seed 1000 + i."""
 
 COLUMNS = (
-    "signals.gap", "signals.height", "signals.raw_height", "signals.frequency", "signals.surface_0",
-    "signals.surface_5", "signals.head_position", "signals.command", "signals.mode", "motion.position",
-    "motion.velocity", "motion.acceleration", "supervisor.anchor", "tally.lowest", "journey.distance",
-)  # fmt: skip
+    "signals.gap",
+    "signals.height",
+    "signals.raw_height",
+    "signals.frequency",
+    "signals.surface_0",
+    "signals.surface_5",
+    "signals.head_position",
+    "signals.command",
+    "signals.mode",
+    "motion.position",
+    "motion.velocity",
+    "motion.acceleration",
+    "supervisor.anchor",
+    "tally.lowest",
+    "journey.distance",
+)
 PERIODS = 400
 
 
@@ -162,10 +176,16 @@ def test_a_recording_is_what_the_columns_hold():
         fleet.advance()
         if period % 50 == 49:
             for channel, column in (
-                ("gap", "signals.gap"), ("height", "signals.height"), ("raw_height", "signals.raw_height"),
-                ("surface", "signals.surface_0"), ("head", "signals.head"), ("velocity", "motion.velocity"),
-                ("acceleration", "motion.acceleration"), ("command", "signals.command"), ("mode", "signals.mode"),
-            ):  # fmt: skip
+                ("gap", "signals.gap"),
+                ("height", "signals.height"),
+                ("raw_height", "signals.raw_height"),
+                ("surface", "signals.surface_0"),
+                ("head", "signals.head"),
+                ("velocity", "motion.velocity"),
+                ("acceleration", "motion.acceleration"),
+                ("command", "signals.command"),
+                ("mode", "signals.mode"),
+            ):
                 assert np.array_equal(record[channel][period], fleet.column(column).astype(np.float32)), channel
     assert np.array_equal(record.set_height, fleet.column("job.set_height"))
     assert np.array_equal(record.lowest, fleet.column("tally.lowest"))

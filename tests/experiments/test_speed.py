@@ -22,12 +22,18 @@ from kerfgym.experiments.speed.cost_curve import picture
 from kerfgym.experiments.speed.proof import NothingDone
 
 TASKS = {
-    "kernel": (lambda: timed.kernel(700), 700), "kernel, two threads": (lambda: timed.kernel(700, 2), 700),
-    "roll-out": (lambda: timed.closed_loop("pid", 500), 500), "open loop": (lambda: timed.closed_loop("idle"), 1024),
-    "registers": (lambda: timed.from_registers(40), 40), "vector": (lambda: timed.vector(400), 400),
-    "batch": (lambda: timed.with_policy(400), 400), "sb3": (lambda: timed.sb3(400), 400),
-    "env": (timed.single, 1), "job": (timed.job_step, 1), "jobs": (lambda: timed.job_vector(300), 300),
-}  # fmt: skip
+    "kernel": (lambda: timed.kernel(700), 700),
+    "kernel, two threads": (lambda: timed.kernel(700, 2), 700),
+    "roll-out": (lambda: timed.closed_loop("pid", 500), 500),
+    "open loop": (lambda: timed.closed_loop("idle"), 1024),
+    "registers": (lambda: timed.from_registers(40), 40),
+    "vector": (lambda: timed.vector(400), 400),
+    "batch": (lambda: timed.with_policy(400), 400),
+    "sb3": (lambda: timed.sb3(400), 400),
+    "env": (timed.single, 1),
+    "job": (timed.job_step, 1),
+    "jobs": (lambda: timed.job_vector(300), 300),
+}
 
 
 @pytest.mark.parametrize("kind", TASKS)
@@ -154,8 +160,9 @@ def test_the_command_fails_loudly_when_a_task_has_not_moved_its_machines(broken,
         cli.main(["speed", "--rounds", "1", "--name", "broken", "--no-train"])
     assert re.fullmatch(
         "kerfgym: error: 'kernel, step by step, N = 64, threads: 1' is no measurement: 937 periods were timed, but the "
-        "clock went on by 0", str(stopped.value.code)
-    )  # fmt: skip
+        "clock went on by 0",
+        str(stopped.value.code),
+    )
     assert "what is promised" not in capsys.readouterr().out
     assert not list(tmp_path.glob("runs/broken/*.csv"))
 
@@ -191,14 +198,16 @@ def test_the_lane_loops_are_packed_instructions():
 def made_up() -> tuple[pd.DataFrame, dict[str, list[float]]]:
     """Costs of 100 ns for everything but the references."""
     todo = [
-        ("single", "Pendulum-v1 unwrapped", 1, 1, 900.0), ("single", "env.step", 1, 1, 200.0),
+        ("single", "Pendulum-v1 unwrapped", 1, 1, 900.0),
+        ("single", "env.step", 1, 1, 200.0),
         *(("kernel", "kernel, step by step", n, 1, 100.0) for n in timed.SIZES),
         ("kernel", "kernel, step by step", 4096, 2, 125.0),
         *(("roll-out", f"roll-out, {c}", 1024, 1, 100.0) for c in timed.CONTROLLERS),
         ("vector", "kernel with action and observation", 256, 1, 120.0),
-        ("vector", "stable-baselines3 VecEnv.step", 256, 1, 180.0), ("vector", "VectorEnv.step", 256, 1, 200.0),
+        ("vector", "stable-baselines3 VecEnv.step", 256, 1, 180.0),
+        ("vector", "VectorEnv.step", 256, 1, 200.0),
         ("registers", "from registers, pid", 1024, 1, 350.0),
-    ]  # fmt: skip
+    ]
     costs = pd.DataFrame(todo, columns=["group", "name", "machines", "threads", "ns_per_step"])
     costs = costs.assign(ns_low=costs.ns_per_step * 0.9, ns_high=costs.ns_per_step * 1.1, rounds=5)
     costs["times_pendulum"] = 900.0 / costs.ns_per_step
@@ -210,14 +219,17 @@ def made_up() -> tuple[pd.DataFrame, dict[str, list[float]]]:
 def test_ratios_are_quotients_of_the_measured_costs_and_say_whether_a_promise_is_held():
     ratios = run.ratios(*made_up(), {"KB per machine, block": 5.0}).set_index("ratio")
     expected = {
-        "env.step × Pendulum-v1 unwrapped": (4.5, 1.0), "roll-out of 1024, one thread × Pendulum-v1": (9.0, 0.0),
-        "lanes × the same machine from registers": (3.5, 0.0), "two threads ÷ one, per CPU-second": (0.8, 0.0),
+        "env.step × Pendulum-v1 unwrapped": (4.5, 1.0),
+        "roll-out of 1024, one thread × Pendulum-v1": (9.0, 0.0),
+        "lanes × the same machine from registers": (3.5, 0.0),
+        "two threads ÷ one, per CPU-second": (0.8, 0.0),
         "slowest law ÷ open loop, roll-out of 1024": (1.0, 1.0),
         "stable-baselines3 VecEnv ÷ kernel, 256, time": (1.8, 0.0),
         "stable-baselines3 VecEnv ÷ kernel with action and observation, 256, time": (1.5, 1.0),
-        "import kerfgym ÷ import gymnasium": (1.0, 1.0), "first step warm, CPU-s": (0.3, 1.0),
+        "import kerfgym ÷ import gymnasium": (1.0, 1.0),
+        "first step warm, CPU-s": (0.3, 1.0),
         "KB per machine, block": (5.0, 0.0),
-    }  # fmt: skip
+    }
     for name, (value, held) in expected.items():
         assert ratios.measured[name] == pytest.approx(value), name
         assert ratios.held[name] == held, name
@@ -230,8 +242,11 @@ def test_the_picture_has_a_curve_for_each_way_of_stepping_and_a_level_for_each_r
     axes = picture(made_up()[0]).axes[0]
     legend = [text.get_text() for text in axes.get_legend().get_texts()]
     assert legend == [
-        "kernel, step by step", "kernel with action and observation", "VectorEnv.step", "stable-baselines3 VecEnv.step",
-    ]  # fmt: skip
+        "kernel, step by step",
+        "kernel with action and observation",
+        "VectorEnv.step",
+        "stable-baselines3 VecEnv.step",
+    ]
     assert [t.get_text() for t in axes.texts] == ["Pendulum-v1 unwrapped: 900 ns", "env.step: 200 ns"]
     assert "ns" in axes.get_ylabel()
 
@@ -243,9 +258,12 @@ def tables() -> dict:
     stages.loc[stages.stage == "law", ["packed", "scalar", "bits"]] = np.nan
     began = [{"program": n, "cpu_seconds": 0.3, "low": 0.2, "high": 0.4} for n in start]
     return {
-        "speed": costs, "stages": stages, "memory": run.memory(), "startup": pd.DataFrame(began),
+        "speed": costs,
+        "stages": stages,
+        "memory": run.memory(),
+        "startup": pd.DataFrame(began),
         "ratios": run.ratios(costs, start, {}),
-    }  # fmt: skip
+    }
 
 
 def test_the_tables_are_printed_whole(capsys):

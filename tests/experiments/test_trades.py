@@ -25,14 +25,28 @@ def results(reference="plain"):
                 own = {m: factor.get(m, 1.0) * random.lognormal(0.0, 1e-3) for m in base}
                 own["dross"] = 1.3 if (seed % 2 == 0) == (name == "mine") else 1.0
                 own |= {"power_max": 1.0 if name == "plain" else 0.9, "collision": 1.0}
-                rows.append({
-                    "controller": name, "information": "sensor", "scenario": scenario, "seed": seed, "failed": False,
-                    "iso_roughness": "1", "iso_taper": "1", **{m: base[m] * own[m] for m in base},
-                })  # fmt: skip
+                row = {
+                    "controller": name,
+                    "information": "sensor",
+                    "scenario": scenario,
+                    "seed": seed,
+                    "failed": False,
+                    "iso_roughness": "1",
+                    "iso_taper": "1",
+                    **{m: base[m] * own[m] for m in base},
+                }
+                rows.append(row)
     return Results(
-        pd.DataFrame(rows), pd.DataFrame(), pd.DataFrame(), {}, ("one", "other"), metric="roughness",
-        reference=reference, jobs=True, labels=("assumed",),
-    )  # fmt: skip
+        pd.DataFrame(rows),
+        pd.DataFrame(),
+        pd.DataFrame(),
+        {},
+        ("one", "other"),
+        metric="roughness",
+        reference=reference,
+        jobs=True,
+        labels=("assumed",),
+    )
 
 
 def test_each_figure_is_over_the_references_with_an_interval_from_the_same_seeds():
@@ -81,8 +95,9 @@ def test_extrapolated_figures_of_the_cut_are_shown_and_marked_but_not_ranked():
 
 
 def test_what_is_no_figure_of_the_cut_is_ranked_all_the_same():
-    assert not any("extrapolated" in why for each in ranks.reasons(extrapolating("contour_rms")).values()
-                   for why in each)  # fmt: skip
+    assert not any(
+        "extrapolated" in why for each in ranks.reasons(extrapolating("contour_rms")).values() for why in each
+    )
     assert any("extrapolated" in why for why in ranks.reasons(extrapolating("dross"))["mine"])
 
 

@@ -59,9 +59,7 @@ def test_the_ledger_adds_up_and_keeps_splits_apart():
     ledger = Ledger(100, 1.25)
     ledger.use([0, 1, 2, 5, 1000])
     both = ledger + Ledger(11, 0.5, {"tune": {3}})
-    assert both.entry() == {
-        "simulated_steps": 111, "cpu_seconds": 1.75, "seeds": {"tune": "0-3,5", "test": "1000"},
-    }  # fmt: skip
+    assert both.entry() == {"simulated_steps": 111, "cpu_seconds": 1.75, "seeds": {"tune": "0-3,5", "test": "1000"}}
     with pytest.raises(InvalidInput, match=r"seeds 1000 are of split 'test'; allowed: 'tune'"):
         both.check("tune")
     assert ranges([7, 3, 4]) == "3-4,7"
@@ -150,8 +148,9 @@ def test_a_fleet_that_is_used_again_remembers_nothing():
 def bowl(s: Space, sampler: str, trials: int, seed: int = 0, first: int = 0, study=None):
     """A study of a function whose smallest value is known: a narrow, tilted valley in kp and ki."""
     study = study or optuna.create_study()
-    study.sampler = sampling.Seeded(sampler, s, seed, sampling.explored(trials, s) if "+" in sampler else 1,
-                                    sampling.costs(1.0, True, False))  # fmt: skip
+    study.sampler = sampling.Seeded(
+        sampler, s, seed, sampling.explored(trials, s) if "+" in sampler else 1, sampling.costs(1.0, True, False)
+    )
     for _ in range(first, trials):
         trial = study.ask()
         values = s.suggest(trial)
@@ -397,8 +396,15 @@ def test_candidates_that_come_again_cost_a_killed_search_no_more_than_one_that_w
 
 
 def test_several_metrics_give_a_front(here, few):
-    task = Task("xi2023-improved", ("law.kv",), metrics=("rms_true", "jitter"), limits=Limits(2.0), sampler="nsga2",
-                seeds=1, trials=40)  # fmt: skip
+    task = Task(
+        "xi2023-improved",
+        ("law.kv",),
+        metrics=("rms_true", "jitter"),
+        limits=Limits(2.0),
+        sampler="nsga2",
+        seeds=1,
+        trials=40,
+    )
     result = tune(task, Path("runs/front"), threads=1)
     assert len(result.front) > 2
     points = np.array(sorted(f.values for f in result.front))
@@ -421,9 +427,13 @@ def test_what_breaks_limits_by_far_does_not_press_the_front_flat():
 
 
 def test_jobs_are_tuned_as_teams_or_one_stack_of_them(here, plain, monkeypatch):
-    monkeypatch.setattr("kerfgym.experiments.tune.evaluate.chosen", lambda suite: (
-        [scenarios.load("contour-circle").varied(name="contour-circle", job={"size": 8.0})], ("contour-circle",)
-    ))  # fmt: skip
+    monkeypatch.setattr(
+        "kerfgym.experiments.tune.evaluate.chosen",
+        lambda suite: (
+            [scenarios.load("contour-circle").varied(name="contour-circle", job={"size": 8.0})],
+            ("contour-circle",),
+        ),
+    )
     task = Task("z=pid,xy=wu", ("xy.law.kp=0.1..1",), "contour", ("contour_rms",), seeds=1, trials=8, sampler="tpe")
     result = tune(task, Path("runs/team"), threads=1)
     assert result.found.values[0] < result.before["contour_rms"] * 1.5
@@ -485,9 +495,13 @@ def command(folder, *words, **more):
         "from kerfgym.experiments.cli import main; main(sys.argv[1:])"
     )
     return subprocess.Popen(
-        [sys.executable, "-c", code, "tune", *QUICK, "--threads", "1", *words], cwd=folder, stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE, text=True, **more,
-    )  # fmt: skip
+        [sys.executable, "-c", code, "tune", *QUICK, "--threads", "1", *words],
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        **more,
+    )
 
 
 def finished(process):

@@ -30,10 +30,19 @@ from kerfgym.experiments.tune.work import abandoned, done
 
 HEIGHT, CONTOUR, CUTTING = settings.TASKS
 TINY = {
-    "environment.num_envs": 8, "environment.max_steps": 30, "environment.scenario": "tilt", "policy.net_arch": [8],
-    "evaluation.scenario": "tilt", "evaluation.max_steps": 20, "evaluation.episodes": 2, "algorithm.n_steps": 8,
-    "algorithm.batch_size": 16, "algorithm.n_epochs": 2, "steps": 2560, "checkpoint.every": 26,
-}  # fmt: skip
+    "environment.num_envs": 8,
+    "environment.max_steps": 30,
+    "environment.scenario": "tilt",
+    "policy.net_arch": [8],
+    "evaluation.scenario": "tilt",
+    "evaluation.max_steps": 20,
+    "evaluation.episodes": 2,
+    "algorithm.n_steps": 8,
+    "algorithm.batch_size": 16,
+    "algorithm.n_epochs": 2,
+    "steps": 2560,
+    "checkpoint.every": 26,
+}
 BASE = settings.preset("ppo", HEIGHT, TINY)
 TASK = TrainingTask(BASE, steps=256, trials=6)
 WORDS = ["ppo", "--steps", "256", "--trials", "6"]
@@ -96,8 +105,9 @@ def test_every_point_of_the_space_is_a_training_that_could_be():
                     assert math.log2(given.value(key) / base.value(key)) in (-2, -1, 0, 1, 2)
             if name != "sac":
                 assert given.algorithm["batch_size"] <= given.algorithm["n_steps"] * base.environment["num_envs"]
-                rates = [s.value("algorithm.final_learning_rate") / s.value("algorithm.learning_rate")
-                         for s in (given, base)]  # fmt: skip
+                rates = [
+                    s.value("algorithm.final_learning_rate") / s.value("algorithm.learning_rate") for s in (given, base)
+                ]
                 assert rates[0] == pytest.approx(rates[1], rel=1e-3)
 
 
@@ -158,9 +168,11 @@ def test_the_same_command_gives_the_same_study_even_if_it_is_killed(whole, here,
     code = "import sys; from kerfgym.experiments.cli import main; main(sys.argv[1:])"
     more = ["--name", "x"]
     process = subprocess.Popen(
-        [sys.executable, "-c", code, "tune", *WORDS, *more], cwd=here, stdout=subprocess.DEVNULL,
+        [sys.executable, "-c", code, "tune", *WORDS, *more],
+        cwd=here,
+        stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
-    )  # fmt: skip
+    )
     folder, until = here / "runs" / "x", time.monotonic() + 120
     while not (folder / "trials" / "0002" / CHECKPOINT).is_file():
         assert time.monotonic() < until
@@ -250,8 +262,13 @@ def test_trainings_whose_numbers_run_away_count_as_failed(tmp_path):
 
 
 def test_off_policy_learners_are_searched_too(tmp_path):
-    tiny = {**{k: v for k, v in TINY.items() if "algorithm" not in k}, "algorithm.learning_starts": 32,
-            "algorithm.batch_size": 16, "algorithm.gradient_steps": 1, "algorithm.buffer_size": 500}  # fmt: skip
+    tiny = {
+        **{k: v for k, v in TINY.items() if "algorithm" not in k},
+        "algorithm.learning_starts": 32,
+        "algorithm.batch_size": 16,
+        "algorithm.gradient_steps": 1,
+        "algorithm.buffer_size": 500,
+    }
     result = learners.tune(
         TrainingTask(settings.preset("td3", HEIGHT, tiny), 128, sampler="random", trials=2), tmp_path / "td3"
     )

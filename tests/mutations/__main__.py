@@ -40,9 +40,14 @@ COPIED = ("__init__.py", "pyproject.toml", "envs", "baselines", "agents", "exper
 
 
 def main(
-    count: int = 120, seed: int = 0, only: tuple[str, ...] = (), again: bool = False, limit: float = 900.0,
-    folder: Path = ROOT / "runs" / "mutations", docs: bool = False,
-) -> None:  # fmt: skip
+    count: int = 120,
+    seed: int = 0,
+    only: tuple[str, ...] = (),
+    again: bool = False,
+    limit: float = 900.0,
+    folder: Path = ROOT / "runs" / "mutations",
+    docs: bool = False,
+) -> None:
     """Runs a random sample of all mutants of the plant and the laws against their tests.
 
     Args:
@@ -142,9 +147,16 @@ def judged(mutant: Mutant, copy: Path, limit: float, sound: set[str]) -> dict[st
             raise InvalidInput(f"{tests} fails without any mutant:\n{(copy.parent / 'last.txt').read_text()[-3000:]}")
         sound.add(tests)
     return {
-        "name": mutant.name, "file": mutant.file, "line": mutant.line, "kind": mutant.kind, "old": mutant.old,
-        "new": mutant.new, "by": by, "seconds": round(time.time() - begun, 1), "source": told(mutant),
-    }  # fmt: skip
+        "name": mutant.name,
+        "file": mutant.file,
+        "line": mutant.line,
+        "kind": mutant.kind,
+        "old": mutant.old,
+        "new": mutant.new,
+        "by": by,
+        "seconds": round(time.time() - begun, 1),
+        "source": told(mutant),
+    }
 
 
 def ran(copy: Path, tests: str, limit: float, mutated: str) -> str:

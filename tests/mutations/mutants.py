@@ -91,9 +91,14 @@ class _Finder:
 
     def _own(self, node: ast.AST) -> Iterator[Mutant]:
         kinds: dict[type, Callable[[ast.AST], Iterator[Mutant]]] = {
-            ast.BinOp: self._operator, ast.Compare: self._comparison, ast.BoolOp: self._junction,
-            ast.Constant: self._number, ast.Call: self._call, ast.IfExp: self._choice, ast.UnaryOp: self._sign,
-        }  # fmt: skip
+            ast.BinOp: self._operator,
+            ast.Compare: self._comparison,
+            ast.BoolOp: self._junction,
+            ast.Constant: self._number,
+            ast.Call: self._call,
+            ast.IfExp: self._choice,
+            ast.UnaryOp: self._sign,
+        }
         return kinds.get(type(node), lambda _: iter(()))(node)
 
     # ------------------------------------------------------------------------------------------------ places

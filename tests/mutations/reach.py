@@ -86,11 +86,9 @@ QUICK = ("tests/baselines/", "tests/plant/test_gantry.py", "tests/plant/test_xy_
 _HERE = ("controller",)  # in every kernel
 INSIDE: dict[str, tuple[str, ...]] = {
     "gantry": ("gantry", "cut", "spot", "xy_axes", "published", "path", "machine", "supervisor", *_HERE),
-    "machine": (
-        "machine", "calibration", "filters", "path", "sensor", "sheet", "supervisor", "z_axis", *_HERE,
-    ),
+    "machine": ("machine", "calibration", "filters", "path", "sensor", "sheet", "supervisor", "z_axis", *_HERE),
     "controller": _HERE,  # a law's stage; its own text is part of its stamp
-}  # fmt: skip
+}
 """Modules whose code a kernel of a module can contain; of other kernels nothing is known."""
 
 

@@ -48,9 +48,15 @@ def axis(position: Array) -> SimpleNamespace:
     """An axis at rest."""
     zero = np.zeros_like(position)
     return SimpleNamespace(
-        position=position.copy(), issued=position.copy(), summed=position.copy(), drawn=zero.copy(),
-        parts=np.zeros((2, *position.shape)), command=zero.copy(), step=zero.copy(), velocity=zero.copy(),
-    )  # fmt: skip
+        position=position.copy(),
+        issued=position.copy(),
+        summed=position.copy(),
+        drawn=zero.copy(),
+        parts=np.zeros((2, *position.shape)),
+        command=zero.copy(),
+        step=zero.copy(),
+        velocity=zero.copy(),
+    )
 
 
 class XYMachine:
@@ -205,14 +211,24 @@ class XYMachine:
         along, beside = dx * tx + dy * ty, dy * tx - dx * ty
         corner = np.abs(along) > feed * PERIOD + 1e-9  # the nearest point is the corner, not on either leg
         error = np.where(corner, np.where(beside >= 0.0, 1.0, -1.0) * np.hypot(dx, dy), beside)
-        self.trail.append({
-            "x": self.x.position.copy(), "y": self.y.position.copy(), "error": error,
+        seen = {
+            "x": self.x.position.copy(),
+            "y": self.y.position.copy(),
+            "error": error,
             "speed": np.hypot(self.x.parts.sum(axis=0), self.y.parts.sum(axis=0)),
             "lag": (self.x.issued - self.x.position) * tx + (self.y.issued - self.y.position) * ty,
-            "s": s + np.where(corner, 0.0, along), "feed": feed * self.override, "tx": tx, "ty": ty, "phase": phase,
-            "beam": beam, "lift": self.at(self.aloft, "lift"), "tau": self.near.copy(),
-            "override": self.override.copy(), "over": (self.near >= self.last).astype(float),
-        })  # fmt: skip
+            "s": s + np.where(corner, 0.0, along),
+            "feed": feed * self.override,
+            "tx": tx,
+            "ty": ty,
+            "phase": phase,
+            "beam": beam,
+            "lift": self.at(self.aloft, "lift"),
+            "tau": self.near.copy(),
+            "override": self.override.copy(),
+            "over": (self.near >= self.last).astype(float),
+        }
+        self.trail.append(seen)
 
     # ------------------------------------------------------------------------------------------------ servo instant
 
@@ -274,11 +290,14 @@ class XYMachine:
         w, r, o = self.wish, self.recipe, self.optics
         c = {
             "override": np.clip(w["override"], LEAST_OVERRIDE, r.most_override),
-            "power": np.clip(w["power"], 0.0, r.most_power), "frequency": np.clip(w["frequency"], 0.0, o.highest),
-            "x": np.clip(w["x"], 0.0, o.galvo_range), "y": np.clip(w["y"], 0.0, o.galvo_range),
-            "z": np.clip(w["z"], 0.0, o.piezo_range), "focus": np.clip(w["focus"], -o.piezo_range, o.piezo_range),
+            "power": np.clip(w["power"], 0.0, r.most_power),
+            "frequency": np.clip(w["frequency"], 0.0, o.highest),
+            "x": np.clip(w["x"], 0.0, o.galvo_range),
+            "y": np.clip(w["y"], 0.0, o.galvo_range),
+            "z": np.clip(w["z"], 0.0, o.piezo_range),
+            "focus": np.clip(w["focus"], -o.piezo_range, o.piezo_range),
             "standoff": np.clip(w["standoff"], -r.most_standoff, r.most_standoff),
-        }  # fmt: skip
+        }
         within = self._published(c)
         c = {name: np.where(self.range.bounded > 0.5, within[name], c[name]) for name in c}
         on = self.due_process & True
@@ -287,14 +306,19 @@ class XYMachine:
         galvo, piezo = self._phasor(f, o.galvo, o.galvo_zeta), self._phasor(f, o.piezo, o.piezo_zeta)
         play = 2.0 * o.hysteresis * o.piezo_range  # the loop's width
         made = {
-            "frequency": f, "x": np.abs(galvo) * c["x"], "y": np.abs(galvo) * c["y"], "z": np.abs(piezo) * c["z"],
-            "lag": -np.angle(galvo) * (f > 0.0), "lag_z": (o.hysteresis - np.angle(piezo)) * (f > 0.0),
+            "frequency": f,
+            "x": np.abs(galvo) * c["x"],
+            "y": np.abs(galvo) * c["y"],
+            "z": np.abs(piezo) * c["z"],
+            "lag": -np.angle(galvo) * (f > 0.0),
+            "lag_z": (o.hysteresis - np.angle(piezo)) * (f > 0.0),
             # A play: the focus stays where it is until what is wanted is half the loop away.
             "focus": np.where(
                 np.abs(self.realised["focus"] - c["focus"]) <= 0.5 * play,
-                self.realised["focus"], c["focus"] + 0.5 * play * np.sign(self.realised["focus"] - c["focus"]),
+                self.realised["focus"],
+                c["focus"] + 0.5 * play * np.sign(self.realised["focus"] - c["focus"]),
             ),
-        }  # fmt: skip
+        }
         for name in ("x", "y", "z"):
             made[name] = np.where(f > 0.0, made[name], 0.0)
         self.realised = {name: np.where(on, made[name], self.realised[name]) for name in made}
@@ -311,10 +335,14 @@ class XYMachine:
         deepest = r.deep_low + (r.deep_high - r.deep_low) * np.clip(share, 0.0, 1.0)
         return {
             "override": np.minimum(np.maximum(c["override"], r.feed_low / feed), fastest / feed),
-            "power": np.clip(c["power"], r.power_low, r.power_high), "frequency": f, "x": a, "y": a,
-            "z": np.clip(c["z"], 0.0, deepest), "focus": np.clip(c["focus"], -r.focus, r.focus),
+            "power": np.clip(c["power"], r.power_low, r.power_high),
+            "frequency": f,
+            "x": a,
+            "y": a,
+            "z": np.clip(c["z"], 0.0, deepest),
+            "focus": np.clip(c["focus"], -r.focus, r.focus),
             "standoff": np.clip(c["standoff"], -r.standoff, r.standoff),
-        }  # fmt: skip
+        }
 
     @staticmethod
     def _phasor(f: Array, natural: Array, zeta: Array) -> Array:
@@ -360,15 +388,24 @@ class XYMachine:
         f, w = self.figures, np.where(scored, t["speed"] * PERIOD, 0.0)
         off, worst = np.abs(t["error"]), self.sums
         added = {
-            "time": np.where(t["over"] > 0.5, 0.0, PERIOD), "cutting": np.where(scored, PERIOD, 0.0), "length": w,
-            "contour2": w * off**2, "gap2": w * error**2, "dross": w * f["dross"], "roughness": w * f["roughness"],
-            "through": w * f["through"], "kerf": w * f["kerf_top"], "taper": w * f["taper"],
+            "time": np.where(t["over"] > 0.5, 0.0, PERIOD),
+            "cutting": np.where(scored, PERIOD, 0.0),
+            "length": w,
+            "contour2": w * off**2,
+            "gap2": w * error**2,
+            "dross": w * f["dross"],
+            "roughness": w * f["roughness"],
+            "through": w * f["through"],
+            "kerf": w * f["kerf_top"],
+            "taper": w * f["taper"],
             "energy": t["beam"] * power * PERIOD,
-        }  # fmt: skip
+        }
         largest = {
-            "contour_worst": off, "gap_worst": np.abs(error), "power_most": power,
+            "contour_worst": off,
+            "gap_worst": np.abs(error),
+            "power_most": power,
             "dither_most": np.maximum(real["x"], real["y"]),
-        }  # fmt: skip
+        }
         self.sums = {name: worst[name] + more for name, more in added.items()} | {
             name: np.where(scored, np.maximum(worst[name], value), worst[name]) for name, value in largest.items()
         }
@@ -435,9 +472,14 @@ class XYMachine:
         rough = np.sqrt(melted**2 + written**2 + p.follow**2 * self.error2 + burnt**2)
         dross = p.dross * np.cbrt((BOOLE * kerf).sum(axis=0) / WIDTH) / np.sqrt(flow / FLOW * gas)
         return {
-            "margin": margin, "roughness": np.maximum(rough, p.floor), "dross": dross, "kerf_top": kerf[0],
-            "kerf_bottom": kerf[4], "taper": np.abs(kerf[0] - kerf[4]) / 2.0, "through": (margin >= 1.0).astype(float),
-        }  # fmt: skip
+            "margin": margin,
+            "roughness": np.maximum(rough, p.floor),
+            "dross": dross,
+            "kerf_top": kerf[0],
+            "kerf_bottom": kerf[4],
+            "taper": np.abs(kerf[0] - kerf[4]) / 2.0,
+            "through": (margin >= 1.0).astype(float),
+        }
 
     @staticmethod
     def _flattened(r: Array) -> Array:

@@ -315,8 +315,9 @@ class ZMachine:
         out, p = np.zeros(len(self.keys)), self.random
         for machines, tables in self.randoms:
             for weight, begin, table in (
-                (p.one, p.begin_one, tables[int(plate)]), (p.two, p.begin_two, tables[2 + int(plate)]),
-            ):  # fmt: skip
+                (p.one, p.begin_one, tables[int(plate)]),
+                (p.two, p.begin_two, tables[2 + int(plate)]),
+            ):
                 at = np.mod((s[machines] + begin[machines]) / TABLE_SPACING, len(table) - 1)
                 i = at.astype(int)
                 out[machines] += weight[machines] * (table[i] * (i + 1 - at) + table[i + 1] * (at - i))

@@ -14,9 +14,11 @@ CONTROL = np.random.default_rng(0).uniform(-10.0, 10.0, (9, 2))
 def test_the_basis_is_eq_5_corrected_and_sums_to_1():
     t = sympy.Symbol("t")
     printed = [
-        (-(t**3) + 3 * t**2 - 3 * t + 1) / 6, (3 * t**3 - 6 * t**2 + 4) / 6, (-3 * t**3 + 3 * t**2 + 3 * t + 1) / 6,
+        (-(t**3) + 3 * t**2 - 3 * t + 1) / 6,
+        (3 * t**3 - 6 * t**2 + 4) / 6,
+        (-3 * t**3 + 3 * t**2 + 3 * t + 1) / 6,
         t**3 / 6,
-    ]  # fmt: skip
+    ]
     assert sympy.simplify(sum(printed) - 1) == 0
     at = np.linspace(0.0, 1.0, 11)
     exact = np.array([[float(n.subs(t, x)) for n in printed] for x in at])

@@ -236,10 +236,14 @@ def three_roles(space):
 @pytest.mark.parametrize(
     ("colours", "length"),
     [
-        ("red", 44), ("1", 44), ("cut=#ff0000,blue", 124), (("ignore=3",), 124), (("ignore=lime", "engrave=blue"), 44),
+        ("red", 44),
+        ("1", 44),
+        ("cut=#ff0000,blue", 124),
+        (("ignore=3",), 124),
+        (("ignore=lime", "engrave=blue"), 44),
         ("cut=*", 244),
     ],
-)  # fmt: skip
+)
 def test_colours_are_those_of_the_entity_its_layer_or_its_block(sheet, colours, length):
     assert sheet(three_roles, colours=colours).cut_length == pytest.approx(length)
 

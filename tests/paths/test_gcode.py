@@ -169,9 +169,19 @@ def test_tangents_of_arcs_tell_corners(programme):
 
 def test_only_g1_to_g3_cut_and_only_while_the_beam_is_on(programme):
     drawing = programme(
-        "G21 G0 X0 Y0 F600", "G1 X10", "M4", "G1 X20", "G0 X30", "G1 X40", "M5", "G1 X50", "M3 S0", "G1 X60", "S9",
+        "G21 G0 X0 Y0 F600",
+        "G1 X10",
+        "M4",
+        "G1 X20",
+        "G0 X30",
+        "G1 X40",
+        "M5",
+        "G1 X50",
+        "M3 S0",
+        "G1 X60",
+        "S9",
         "G1 X70",
-    )  # fmt: skip
+    )
     assert ends(drawing) == [[[10, 0], [20, 0]], [[30, 0], [40, 0]], [[60, 0], [70, 0]]]
     assert "G0 while M3 or M4 is on: read as a move without cutting (line 5)" in drawing.warnings
 
@@ -257,10 +267,24 @@ def test_parameters_that_the_programme_does_not_read_are_named(programme):
 @pytest.mark.parametrize(
     "line",
     [
-        "G40", "G49", "G43 H1", "G64 P0.005", "G94", "T3 M6", "M7", "M8", "M9", "G4 P0.5", "M52 P1",
-        "G61", "M0", "M48", "G97", "G98",
+        "G40",
+        "G49",
+        "G43 H1",
+        "G64 P0.005",
+        "G94",
+        "T3 M6",
+        "M7",
+        "M8",
+        "M9",
+        "G4 P0.5",
+        "M52 P1",
+        "G61",
+        "M0",
+        "M48",
+        "G97",
+        "G98",
     ],
-)  # fmt: skip
+)
 def test_harmless_words_are_listed_with_their_line(programme, line):
     drawing = programme("(part)", line, *SQUARE)
     name = "M6" if "M6" in line else line.split()[0]

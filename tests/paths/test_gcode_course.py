@@ -46,9 +46,16 @@ def test_a_loop_cuts_as_often_as_it_runs(programme):
 
 def test_a_subroutine_has_its_own_parameters_and_gives_a_value_back(programme):
     drawing = programme(
-        "G21 F600 M3", "#1 = 7 #<a> = 3 #31 = 1", "o<side> sub", "#31 = [#31 + #1]", "#1 = 99 #<a> = 99",
-        "o<side> endsub [#2 * 2]", "o<side> call [5] [10]", "G1 X#<_value> Y#1", "X#31 Y#<a>",
-    )  # fmt: skip
+        "G21 F600 M3",
+        "#1 = 7 #<a> = 3 #31 = 1",
+        "o<side> sub",
+        "#31 = [#31 + #1]",
+        "#1 = 99 #<a> = 99",
+        "o<side> endsub [#2 * 2]",
+        "o<side> call [5] [10]",
+        "G1 X#<_value> Y#1",
+        "X#31 Y#<a>",
+    )
     assert drawing.pieces[0].tolist() == [[0, 0], [20, 7], [6, 3]]
 
 
@@ -75,18 +82,33 @@ def test_conditions_take_the_first_branch_that_holds(programme):
 
 def test_a_break_leaves_its_own_loop_only(programme):
     drawing = programme(
-        "G21 G91 F600 M3", "o1 repeat [3]", "o2 do", "G1 X1", "o3 if [1]", "o2 break", "o3 endif", "o2 while [1]",
-        "G1 Y1", "o1 endrepeat",
-    )  # fmt: skip
+        "G21 G91 F600 M3",
+        "o1 repeat [3]",
+        "o2 do",
+        "G1 X1",
+        "o3 if [1]",
+        "o2 break",
+        "o3 endif",
+        "o2 while [1]",
+        "G1 Y1",
+        "o1 endrepeat",
+    )
     assert drawing.pieces[0][-1].tolist() == [3, 3]
 
 
 def test_after_a_break_a_later_loop_runs_to_its_end(programme):
     # rs274 2.9 leaves such a loop after its first round
     drawing = programme(
-        "G21 G91 F600 M3", "o1 while [1]", "o1 break", "o1 endwhile", "#1 = 3", "o2 do", "#1 = [#1 - 1]", "G1 X1",
+        "G21 G91 F600 M3",
+        "o1 while [1]",
+        "o1 break",
+        "o1 endwhile",
+        "#1 = 3",
+        "o2 do",
+        "#1 = [#1 - 1]",
+        "G1 X1",
         "o2 while [#1 GT 0]",
-    )  # fmt: skip
+    )
     assert drawing.cut_length == pytest.approx(3)
 
 
@@ -175,9 +197,15 @@ def test_g28_and_g30_go_home_without_cutting_by_way_of_the_point_they_name(progr
 
 def test_splines_run_through_their_points(programme):
     drawing = programme(
-        "G21 F600 M3", "G5 X10 Y0 I0 J10 P0 Q10", "G5.1 X20 Y0 I5 J10", "G5.2 P1 L3", "X25 Y5 P1", "X30 Y5 P2",
-        "X35 Y0 P1", "G5.3",
-    )  # fmt: skip
+        "G21 F600 M3",
+        "G5 X10 Y0 I0 J10 P0 Q10",
+        "G5.1 X20 Y0 I5 J10",
+        "G5.2 P1 L3",
+        "X25 Y5 P1",
+        "X30 Y5 P2",
+        "X35 Y0 P1",
+        "G5.3",
+    )
     (piece,) = drawing.pieces
     for point in ((5, 7.5), (10, 0), (15, 5), (20, 0), (35, 0)):
         assert np.hypot(*(piece - point).T).min() < 0.02

@@ -89,9 +89,26 @@ def test_random_programmes_have_the_path_of_rs274(tmp_path, seed):
 @installed
 @pytest.mark.parametrize(
     "wrong",
-    ["G2 X5 R1", "G1 X5 X6", "G41 D-1 X3", "G53 G2 X1 R5", "M3 M5", "G0 G1 X1", "#5420 = 1", "G1 X[1/0]", "G2 X5 I1 K1",
-     "o1 return", "G4 X2", "G1 X[2", "G3 X9 I2 P0", "G91 G53 G0 X1", "G10 L2 P10 X0", "G1 X#<nothing>", "F-1"],
-)  # fmt: skip
+    [
+        "G2 X5 R1",
+        "G1 X5 X6",
+        "G41 D-1 X3",
+        "G53 G2 X1 R5",
+        "M3 M5",
+        "G0 G1 X1",
+        "#5420 = 1",
+        "G1 X[1/0]",
+        "G2 X5 I1 K1",
+        "o1 return",
+        "G4 X2",
+        "G1 X[2",
+        "G3 X9 I2 P0",
+        "G91 G53 G0 X1",
+        "G10 L2 P10 X0",
+        "G1 X#<nothing>",
+        "F-1",
+    ],
+)
 def test_what_rs274_refuses_is_refused(tmp_path, wrong):
     path = tmp_path / "wrong.ngc"
     path.write_text(f"G21 F100\nG1 X20\n{wrong}\nG1 X30\nM2\n")
@@ -109,18 +126,39 @@ def programme(seed):
         return f"{r.uniform(-size, size):.3f}"
 
     def motion():
-        return r.choice([
-            f"G1 X{n()} Y{n()}", f"G0 X{n()}", f"G1 Y{n()} Z{n()}", f"G17 G3 I{n()} J{n()} P{r.randint(1, 3)}",
-            f"G18 G2 I{n()} K{n()} Y{n()}", f"G19 G3 J{n()} K{n()}", f"G17 G91 G2 X{n()} Y{n()} R{4 * size}\nG90",
-            f"G53 G1 X{n()} Y{n()}", f"G28 X{n()}", "G30.1", f"G30 Y{n()}", f"G17 G81 X{n()} Y{n()} R1 Z-1\nG80",
-        ])  # fmt: skip
+        return r.choice(
+            [
+                f"G1 X{n()} Y{n()}",
+                f"G0 X{n()}",
+                f"G1 Y{n()} Z{n()}",
+                f"G17 G3 I{n()} J{n()} P{r.randint(1, 3)}",
+                f"G18 G2 I{n()} K{n()} Y{n()}",
+                f"G19 G3 J{n()} K{n()}",
+                f"G17 G91 G2 X{n()} Y{n()} R{4 * size}\nG90",
+                f"G53 G1 X{n()} Y{n()}",
+                f"G28 X{n()}",
+                "G30.1",
+                f"G30 Y{n()}",
+                f"G17 G81 X{n()} Y{n()} R1 Z-1\nG80",
+            ]
+        )
 
     def offset():
-        return r.choice([
-            f"G10 L2 P{r.randint(0, 9)} X{n()} Y{n()}", f"G92.1\nG10 L2 P{r.randint(0, 2)} R{r.randint(-180, 180)}",
-            f"G10 L20 P{r.randint(0, 3)} Y{n()}", f"G92 X{n()}", "G92.2", f"G52 X{n()} Y{n()}",
-            r.choice(["G54", "G55", "G59.1"]), f"G43.1 X{n()}", "G49", "G20", "G21",
-        ])  # fmt: skip
+        return r.choice(
+            [
+                f"G10 L2 P{r.randint(0, 9)} X{n()} Y{n()}",
+                f"G92.1\nG10 L2 P{r.randint(0, 2)} R{r.randint(-180, 180)}",
+                f"G10 L20 P{r.randint(0, 3)} Y{n()}",
+                f"G92 X{n()}",
+                "G92.2",
+                f"G52 X{n()} Y{n()}",
+                r.choice(["G54", "G55", "G59.1"]),
+                f"G43.1 X{n()}",
+                "G49",
+                "G20",
+                "G21",
+            ]
+        )
 
     lines = [
         r.choice(["G20", "G21"]),

@@ -81,9 +81,7 @@ def test_few_contours_come_close_to_the_shortest_of_all_orders():
         rng = np.random.default_rng(seed)
         points = rng.uniform(0, 100, (7, 2))
         ends, around = np.stack([points, points], axis=1), [[] for _ in points]
-        shortest = min(
-            length(np.array(p), np.zeros(7, np.int64), ends) for p in itertools.permutations(range(7))
-        )  # fmt: skip
+        shortest = min(length(np.array(p), np.zeros(7, np.int64), ends) for p in itertools.permutations(range(7)))
         shares.append(length(*improved(*nearest(ends, around), ends, around), ends) / shortest)
     assert np.mean(shares) < 1.03
     assert max(shares) < 1.2

@@ -137,21 +137,23 @@ def test_the_wrench_is_as_long_as_counted_by_hand():
     def turn(radius, chord):  # all of them turn by 180° at most
         return 2 * radius * np.arcsin(min(chord / (2 * radius), 1.0))
 
-    outline = sum([
-        0.1968,  # up the left side
-        turn(0.1181, np.hypot(0.0386, 0.0874)),
-        turn(0.98575, np.hypot(1.4633, 0.1547)),
-        turn(0.7803, np.hypot(0.5827, 0.2579)),
-        np.hypot(3.5382, 0.0787),
-        turn(0.2362, 0.4725),  # the end of the handle
-        np.hypot(3.5382, 0.0787),
-        turn(0.7874, np.hypot(0.5828, 0.2579)),
-        turn(0.9818, np.hypot(1.4633, 0.1546)),
-        turn(0.1038, np.hypot(0.0385, 0.0873)),
-        0.0988 + 0.6692,
-        turn(0.6299, 1.0827),  # the jaw
-        0.6692,
-    ])  # fmt: skip
+    outline = sum(
+        [
+            0.1968,  # up the left side
+            turn(0.1181, np.hypot(0.0386, 0.0874)),
+            turn(0.98575, np.hypot(1.4633, 0.1547)),
+            turn(0.7803, np.hypot(0.5827, 0.2579)),
+            np.hypot(3.5382, 0.0787),
+            turn(0.2362, 0.4725),  # the end of the handle
+            np.hypot(3.5382, 0.0787),
+            turn(0.7874, np.hypot(0.5828, 0.2579)),
+            turn(0.9818, np.hypot(1.4633, 0.1546)),
+            turn(0.1038, np.hypot(0.0385, 0.0873)),
+            0.0988 + 0.6692,
+            turn(0.6299, 1.0827),  # the jaw
+            0.6692,
+        ]
+    )
     hole, wrench = drawing.pieces
     assert np.hypot(*np.diff(hole, axis=0).T).sum() == pytest.approx(25.4 * 2 * np.pi * 0.0787, rel=1e-3)
     assert np.hypot(*np.diff(wrench, axis=0).T).sum() == pytest.approx(25.4 * outline, rel=1e-3)
@@ -160,9 +162,12 @@ def test_the_wrench_is_as_long_as_counted_by_hand():
     assert high == pytest.approx(25.4 * np.array([5.8165 + 0.2362, 1.0784 + 0.98575]), abs=0.02)
     assert (drawing.closed, drawing.units, drawing.feeds) == ([True, False], "inches", None)
     assert [w.split(" (")[0] for w in drawing.warnings] == [
-        "G64", "M52", "F#<_hal[plasmac.cut-feed-rate]> is known to the machine only; the feed is left open", "S",
+        "G64",
+        "M52",
+        "F#<_hal[plasmac.cut-feed-rate]> is known to the machine only; the feed is left open",
+        "S",
         "line 3: #<holes> is set and not read by this programme",
-    ]  # fmt: skip
+    ]
 
 
 @real

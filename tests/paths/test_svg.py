@@ -248,9 +248,16 @@ def test_what_is_not_cut_is_counted(picture):
     )
     assert boxes(drawing) == [[0, 90, 10, 100], [50, 95, 55, 100]]
     assert drawing.skipped == {
-        "text": 2, "image": 1, "foreignObject": 1, "duplicate rect": 1, "line of zero length": 1,
-        "rect of zero length": 1, "path of zero length": 1, "hidden g": 1, "hidden rect": 1,
-    }  # fmt: skip
+        "text": 2,
+        "image": 1,
+        "foreignObject": 1,
+        "duplicate rect": 1,
+        "line of zero length": 1,
+        "rect of zero length": 1,
+        "path of zero length": 1,
+        "hidden g": 1,
+        "hidden rect": 1,
+    }
     assert drawing.warnings == []
 
 

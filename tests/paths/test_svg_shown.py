@@ -41,10 +41,13 @@ STROKES = (
 @pytest.mark.parametrize(
     ("colours", "length"),
     [
-        ("red", 40 + 20), ("blue", 7 + 2 * np.pi), ("none", 3), (("ignore=red", "engrave=#000"), 7 + 3 + 2 * np.pi),
+        ("red", 40 + 20),
+        ("blue", 7 + 2 * np.pi),
+        ("none", 3),
+        (("ignore=red", "engrave=#000"), 7 + 3 + 2 * np.pi),
         (None, 40 + 20 + 20 + 7 + 3 + 2 * np.pi),
     ],
-)  # fmt: skip
+)
 def test_a_stroke_is_that_of_the_style_the_sheet_the_attribute_or_the_group(picture, colours, length):
     drawing = picture(*STROKES, colours=colours)
     assert drawing.cut_length == pytest.approx(length, rel=1e-3)
@@ -117,7 +120,8 @@ DOUBLING = "".join(f'<g id="g{k}"><use href="#g{k - 1}"/><use href="#g{k - 1}" x
     [
         (["&e9;"], LAUGHS, r"line 1: cannot be read as SVG: its entity 'e1' stands for others or for more than 10000"),
         (
-            [f'<defs><g id="g0"><rect width="1" height="1"/></g>{DOUBLING}</defs><use href="#g39"/>'], "",
+            [f'<defs><g id="g0"><rect width="1" height="1"/></g>{DOUBLING}</defs><use href="#g39"/>'],
+            "",
             "more than 100000 entities",
         ),
         (["<path d='" + "M0 0h1" * 200_000 + "'/>"], "", "more than 100000 entities"),
@@ -127,7 +131,7 @@ DOUBLING = "".join(f'<g id="g{k}"><use href="#g{k - 1}"/><use href="#g{k - 1}" x
         (["<g/>" * 100_001], "", "more than 100000 elements"),
         (['<circle r="1e8"/>' * 300], "", r"more than 1e\+07 mm to cut"),
     ],
-)  # fmt: skip
+)
 def test_a_picture_beyond_all_measure_is_refused_at_once(picture, lines, before, message):
     began = time.process_time()
     with pytest.raises(InvalidInput, match=message):

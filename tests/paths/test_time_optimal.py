@@ -26,16 +26,15 @@ def possible(time, way, v0, v1, speed, acceleration, jerk):
     v = dt**2 * np.where(n > 0, n - 0.5, 0.0)
     s = dt**3 * np.where(n > 0, n**2 / 2 - n / 2 + 1 / 6, 0.0)
     middle = dt**2 * np.where(n > 0, np.where(n == 1, 1 / 8, n - 1.0), 0.0)  # half a step earlier
+    speeds = np.full(STEPS, speed - v0), np.full(STEPS, v0)
     unlimited = linprog(
         np.zeros(STEPS),
         A_ub=np.vstack([a, -a, v, -v, middle, -middle]),
-        b_ub=np.concatenate([
-            np.full(2 * STEPS, acceleration), np.full(STEPS, speed - v0), np.full(STEPS, v0),
-            np.full(STEPS, speed - v0), np.full(STEPS, v0),
-        ]),
-        A_eq=np.vstack([a[-1], v[-1], s[-1]]), b_eq=[0.0, v1 - v0, way - v0 * time],
+        b_ub=np.concatenate([np.full(2 * STEPS, acceleration), *speeds, *speeds]),
+        A_eq=np.vstack([a[-1], v[-1], s[-1]]),
+        b_eq=[0.0, v1 - v0, way - v0 * time],
         bounds=[(-jerk, jerk)] * STEPS,
-    )  # fmt: skip
+    )
     return unlimited.status == 0
 
 
@@ -52,10 +51,16 @@ def shortest(guess, *motion):
 @pytest.mark.parametrize(
     ("way", "v0", "v1", "speed"),
     [
-        (12.0, 0.0, 0.0, 100.0), (1.0, 0.0, 0.0, 100.0), (30.0, 0.0, 0.0, 60.0), (2.0, 0.0, 0.0, 10.0),
-        (10.0, 30.0, 0.0, 80.0), (8.0, 10.0, 50.0, 70.0), (20.0, 60.0, 20.0, 60.0), (15.0, 20.0, 25.0, 200.0),
+        (12.0, 0.0, 0.0, 100.0),
+        (1.0, 0.0, 0.0, 100.0),
+        (30.0, 0.0, 0.0, 60.0),
+        (2.0, 0.0, 0.0, 10.0),
+        (10.0, 30.0, 0.0, 80.0),
+        (8.0, 10.0, 50.0, 70.0),
+        (20.0, 60.0, 20.0, 60.0),
+        (15.0, 20.0, 25.0, 200.0),
     ],
-)  # fmt: skip
+)
 def test_no_motion_within_the_limits_is_faster_than_the_s_curve(way, v0, v1, speed):
     a, jerk = 1e3, 2e4
     each = [np.array([q]) for q in (v0, v1, speed, way, a, jerk)]

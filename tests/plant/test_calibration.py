@@ -176,6 +176,12 @@ def test_the_literal_table_is_the_first_thousand_raw_samples():
         calibration.literal(frequency[valid][:500], height[valid][:500])
 
 
+def test_the_literal_table_rises_where_samples_fall():
+    frequency, height = made_up()
+    assert np.diff(frequency).min() < 0.0
+    assert np.diff(calibration.literal(frequency, height).frequency).min() > 0.0  # a look-up divides by each step
+
+
 # ------------------------------------------------------------------------------------------------------- monotone
 
 

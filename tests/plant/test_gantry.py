@@ -16,9 +16,18 @@ def table(x, y, feed=0.0, phase=gantry.CUT, most=3.0):
     length = np.maximum(np.hypot(tx, ty), 1e-12)
     none = np.zeros(len(x))
     rows = {
-        "x": x, "y": y, "s": s, "feed": none + feed, "tx": tx / length, "ty": ty / length, "beam": none,
-        "phase": none + phase, "lift": none, "most": none + most, "cut_s": s,
-    }  # fmt: skip
+        "x": x,
+        "y": y,
+        "s": s,
+        "feed": none + feed,
+        "tx": tx / length,
+        "ty": ty / length,
+        "beam": none,
+        "phase": none + phase,
+        "lift": none,
+        "most": none + most,
+        "cut_s": s,
+    }
     return np.stack([rows[name] for name in gantry.JOB], axis=1).ravel()
 
 

@@ -52,14 +52,26 @@ def level(**changes: Any) -> dict[str, Any]:
 
 
 BARE = load("flat").varied(
-    duration=PERIODS * 1e-3, set_height=0.8,
+    duration=PERIODS * 1e-3,
+    set_height=0.8,
     axis={
-        "bandwidth": 80, "zeta": 0.8, "dead_time": 0, "latency": 0, "acceleration": 1e5, "jerk": 1e8, "speed": 2000,
-        "compliance": 0, "friction": 0, "bristle": 0, "backlash": 0, "encoder": 0, "dac_bits": 0,
+        "bandwidth": 80,
+        "zeta": 0.8,
+        "dead_time": 0,
+        "latency": 0,
+        "acceleration": 1e5,
+        "jerk": 1e8,
+        "speed": 2000,
+        "compliance": 0,
+        "friction": 0,
+        "bristle": 0,
+        "backlash": 0,
+        "encoder": 0,
+        "dac_bits": 0,
     },
     head={"noise": 0, "jitter": 0, "impulses": 0, "nominal": True, "plate": 2},
     sheet={"waves": [{"amplitude": 0.3, "wavelength": 120}]},
-)  # fmt: skip
+)
 """A wave under a head that does nothing but count, on an axis that is nothing but its loop."""
 
 CASES = {
@@ -114,9 +126,12 @@ CASES = {
     "vibration": Case(level(vibrations=[{"frequency": 45, "amplitude": 0.02}])),
     "band": Case(level(vibrations=[{"frequency": 45, "amplitude": 0.02, "zeta": 0.1}])),
     "bands and tones": Case(
-        level(vibrations=[{"frequency": f, "amplitude": 0.02, "zeta": {"choice": [0, z]}} for f, z in (
-            (20, 0.05), (60, 0.3), (200, 0.7)
-        )]),
+        level(
+            vibrations=[
+                {"frequency": f, "amplitude": 0.02, "zeta": {"choice": [0, z]}}
+                for f, z in ((20, 0.05), (60, 0.3), (200, 0.7))
+            ]
+        )
     ),
     "random": Case(level(random={"rms": 0.2, "exponent": 2})),
     "random, steep": Case(level(random={"rms": 0.2, "exponent": 3, "rolloff": 400})),
@@ -148,13 +163,14 @@ CASES = {
     "hold over holes": Case(level(holes={"pitch": 60, "length": 15}) | {"guard": True}),
     "hold that times out": Case(stack={"guard.timeout": 40, "guard.fastest": 5}, beside="hold over holes"),
     "edge": Case(level(holes={"pitch": 100, "length": 40, "count": 1}) | {"guard": True}),
-}  # fmt: skip
+}
 
 BUILT_TO_BE_HIT = ("long-hole", "tip-up")
 SHIPPED = {
     f"the suite's {name}": load(name).varied(duration=PERIODS * 1e-3)
-    for name in suite("following") if name not in BUILT_TO_BE_HIT
-}  # fmt: skip
+    for name in suite("following")
+    if name not in BUILT_TO_BE_HIT
+}
 
 
 def settled(name: str) -> tuple[scenarios.Scenario, dict[str, Any], dict[str, float]]:
@@ -217,11 +233,17 @@ def runs(law: str) -> Runs:
 
 # The kernel's polynomials for sine and logarithm (good to 3e-11 and 1e-10) and its order of summing keep the two from
 # being the same bits, by far less than this. Counts, encoder and D/A then wipe the difference out.
+PLACES = ("gap", "height", "raw_height", "surface", "head", "position", "play", "encoder", "lowest")
+SWITCHES = ("holding", "override", "captured", "scored")
 TOLERANCE = {
-    "gap": 1e-9, "height": 1e-9, "raw_height": 1e-9, "surface": 1e-9, "head": 1e-9, "position": 1e-9, "play": 1e-9,
-    "encoder": 1e-9, "lowest": 1e-9, "frequency": 1e-6, "velocity": 1e-8, "encoder_velocity": 1e-6, "command": 1e-8,
-    "acceleration": 1e-6, "holding": 0.0, "override": 0.0, "captured": 0.0, "scored": 0.0,
-}  # fmt: skip
+    **dict.fromkeys(PLACES, 1e-9),
+    "velocity": 1e-8,
+    "command": 1e-8,
+    "encoder_velocity": 1e-6,
+    "acceleration": 1e-6,
+    "frequency": 1e-6,
+    **dict.fromkeys(SWITCHES, 0.0),
+}
 """Largest difference: mm, Hz, mm/s, mm/s², flags."""
 
 # Unless they lie on either side of a rounding edge: one sample in about 1e7 counts one tick of the clock more or less
@@ -291,9 +313,10 @@ def test_the_cases_reach_what_they_are_about(law):
 def test_turns_come_and_go_as_their_equations_say():
     turns = {"length": 2, "count": 3, "waves": [0], "random": [1], "vibrations": [1, 2], "impulses": [0, 2]}
     parts = sheet(
-        random={"rms": 0.1}, waves=[{"amplitude": 0.2, "wavelength": 120}],
+        random={"rms": 0.1},
+        waves=[{"amplitude": 0.2, "wavelength": 120}],
         vibrations=[{"frequency": 20, "amplitude": 0.02, "zeta": 0.1}, {"frequency": 31, "amplitude": 0.01}],
-    )  # fmt: skip
+    )
     scenario = BARE.varied(turns=turns, **head(plate=4), **parts)
     stack, keys, every = resolve(LAWS["xi2023"]), scenarios.noise_keys(SEEDS[:2]), [0, 1]
     fleet = Fleet(2, stack.law, heads.POOL)

@@ -64,9 +64,11 @@ def test_each_pitch_has_one_corner_in_its_middle_three_fifths(phase):
 def test_the_slow_places_that_are_driven_through_lie_one_in_each_pitch():
     pitch = 60.0
     here, feed = lived(
-        fleet_on(corner=pitch, corner_feed=10.0, corner_acceleration=20_000.0, corner_phase=0.4), 6000,
-        "journey.here", "signals.feed",
-    )  # fmt: skip
+        fleet_on(corner=pitch, corner_feed=10.0, corner_acceleration=20_000.0, corner_phase=0.4),
+        6000,
+        "journey.here",
+        "signals.feed",
+    )
     slow = here[1:-1][(feed[1:-1] <= feed[:-2]) & (feed[1:-1] < feed[2:]) & (feed[1:-1] < 100.0)]
     whole = slow[slow < pitch * np.floor(here[-1] / pitch)]
     assert np.array_equal(np.floor(whole / pitch), np.arange(len(whole)))
@@ -111,3 +113,15 @@ def test_without_corners_the_feed_is_constant():
     assert (feed == 137.0).all()
     assert here == pytest.approx(137.0 * 1e-3 * np.arange(501), abs=1e-9)
     assert ahead - here == pytest.approx(137.0 * 1e-3 * AHEAD, abs=1e-9)
+
+
+def test_between_two_cuts_the_way_is_straight_and_the_beam_is_off():
+    """Right along y = 0, up beside it, back along y = 10: 30, 10 and 20 mm."""
+    cuts = [np.array([[0.0, 0.0], [12.0, 0.0], [30.0, 0.0]]), np.array([[30.0, 10.0], [10.0, 10.0]])]
+    way = path.resample("two cuts", cuts)
+    along = path.SPACING * np.arange(len(way.x))
+    assert way.length == pytest.approx(60.0, abs=path.SPACING)
+    assert way.x == pytest.approx(np.interp(along, [0.0, 30.0, 40.0, 60.0], [0.0, 30.0, 30.0, 10.0]), abs=1e-9)
+    assert way.y == pytest.approx(np.clip(along - 30.0, 0.0, 10.0), abs=1e-9)
+    away = np.minimum(np.abs(along - 30.0), np.abs(along - 40.0)) > 1e-6  # rounding says on which side an end lies
+    assert np.array_equal(way.cutting[away] == 0.0, ((along > 30.0) & (along < 40.0))[away])

@@ -30,9 +30,20 @@ def job(x, y):
     length = np.maximum(np.hypot(tx, ty), 1e-12)
     none = np.zeros(len(x))
     return SimpleNamespace(
-        x=x, y=y, s=s, feed=np.append(way, way[-1]) * 1e3, tx=tx / length, ty=ty / length, beam=none, phase=none,
-        lift=none, most=none + 2.0, cut_s=s, cut_feed=float(way.mean() * 1e3), patience=0.0,
-    )  # fmt: skip
+        x=x,
+        y=y,
+        s=s,
+        feed=np.append(way, way[-1]) * 1e3,
+        tx=tx / length,
+        ty=ty / length,
+        beam=none,
+        phase=none,
+        lift=none,
+        most=none + 2.0,
+        cut_s=s,
+        cut_feed=float(way.mean() * 1e3),
+        patience=0.0,
+    )
 
 
 def ramp(speed, milliseconds, angle=0.0):
@@ -60,9 +71,15 @@ def travelled(jobs, axes, kp):
         g.put_law("xy", [i], wu.Params(kp=kp[i]))
     fleet.begin(every, every)
     names = {
-        "x": "x.position", "y": "y.position", "sum": "x.summed", "error": "axes_signals.error_x", "tau": "progress.tau",
-        "vx": "x.part_1", "vx2": "x.part_2", "error_y": "axes_signals.error_y",
-    }  # fmt: skip
+        "x": "x.position",
+        "y": "y.position",
+        "sum": "x.summed",
+        "error": "axes_signals.error_x",
+        "tau": "progress.tau",
+        "vx": "x.part_1",
+        "vx2": "x.part_2",
+        "error_y": "axes_signals.error_y",
+    }
     seen = {name: [] for name in names}
     for _ in range(len(jobs[0].x) - 20):
         fleet.advance()

@@ -63,8 +63,10 @@ CASES = {
     "hat": Case({"optics": {"shape": "hat"}}, process={"frequency": 3000.0, "x": 0.25, "y": 0.25}),
     "along the path": Case({"optics": {"along": True}}, process={"frequency": 900.0, "x": 0.2, "y": 0.05}),
     "slow dither": Case(process={"frequency": 60.0, "x": 0.1, "y": 0.1}),
-    "beyond the optics": Case(columns={"optics.highest": 700.0, "optics.galvo_range": 0.05, "optics.piezo_range": 0.3},
-                              process={"frequency": 1500.0, "x": 0.2, "y": 0.1, "z": 0.8, "focus": -0.6}),
+    "beyond the optics": Case(
+        columns={"optics.highest": 700.0, "optics.galvo_range": 0.05, "optics.piezo_range": 0.3},
+        process={"frequency": 1500.0, "x": 0.2, "y": 0.1, "z": 0.8, "focus": -0.6},
+    ),
     "standoff": Case(process={"standoff": 0.4}),
     "standoff of the machine": Case({"job": {"standoff": -0.2, "pressure": 0.8}}),
     "published": Case(
@@ -72,7 +74,7 @@ CASES = {
         process={"override": 1.5, "power": 1.1, "frequency": 2000.0, "x": 0.25, "y": 0.3, "z": 2.0, "focus": 0.4},
     ),
     "far off": Case(process={"focus": 4.0, "power": 0.3}),
-}  # fmt: skip
+}
 NAMES = list(CASES)
 
 PARTS = {

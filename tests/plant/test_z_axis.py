@@ -27,8 +27,12 @@ def _driven(p, commands, start, trace):
         for k in range(SUBSTEPS):
             s, head = z_axis.step(p, g, r, s, (k + 1.0) / SUBSTEPS, DT)
             trace[0, i], trace[1, i], trace[2, i], trace[3, i], trace[4, i] = (
-                s.position, s.velocity, s.acceleration, s.play, head,
-            )  # fmt: skip
+                s.position,
+                s.velocity,
+                s.acceleration,
+                s.play,
+                head,
+            )
             i += 1
 
 
@@ -340,9 +344,7 @@ def exactly_rubbed(p: Params, commands) -> np.ndarray:
     def rates(_, y, u):
         v, b, bent = y  # b: acceleration without friction
         a = b - stiffness * bent
-        return [
-            a, p.omega**2 * (u - v) - 2.0 * p.zeta * p.omega * a, v - stiffness * abs(v) * bent / sliding(p, v),
-        ]  # fmt: skip
+        return [a, p.omega**2 * (u - v) - 2.0 * p.zeta * p.omega * a, v - stiffness * abs(v) * bent / sliding(p, v)]
 
     y, out = np.zeros(3), []
     for u in commands:

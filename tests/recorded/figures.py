@@ -20,12 +20,21 @@ SEED = 1000
 
 SCENARIOS = {
     "z": (
-        "rough", "impulses", "step-flutter", "corners", "holes", "edge", "descent", "long-hole", "spatter-rough",
-        "spatter-field", "laps-rough",
+        "rough",
+        "impulses",
+        "step-flutter",
+        "corners",
+        "holes",
+        "edge",
+        "descent",
+        "long-hole",
+        "spatter-rough",
+        "spatter-field",
+        "laps-rough",
     ),
     "xy": ("contour-corners", "contour-one-way"),
     "process": ("cut-bulge", "cut-low-gas"),
-}  # fmt: skip
+}
 """By what the controller drives: each disturbance that a law or the supervisor has something against."""
 
 METRICS = {

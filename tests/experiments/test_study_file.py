@@ -180,8 +180,10 @@ def test_a_stage_asks_for_the_points_that_scipys_minimiser_asks_for(name):
 
 
 def test_joint_metrics_are_the_geometric_mean_of_all_or_the_worst_of_them():
-    figures = {"a": {"dross": np.array([2.0]), "energy": np.array([1.0])},
-               "b": {"dross": np.array([0.5]), "energy": np.array([4.0])}}  # fmt: skip
+    figures = {
+        "a": {"dross": np.array([2.0]), "energy": np.array([1.0])},
+        "b": {"dross": np.array([0.5]), "energy": np.array([4.0])},
+    }
     logs = np.log([2.0, 0.5, 1.0, 4.0])
     assert goals.score("mean of dross, energy", figures, ("a", "b")) == pytest.approx(math.sqrt(2.0))
     worst = goals.score("worst of dross, energy", figures, ("a", "b"))
@@ -262,8 +264,10 @@ def test_a_study_says_itself_what_an_option_would_say(here, capsys):
 def test_several_caps_make_several_searches_side_by_side(pretended):
     asked = study_file.read("caps", ("pid",), 12)
     assert {name: task.limits.ms for name, task in asked.searches.items()} == {
-        "pid-ms-2": 2.0, "pid-ms-3.3": 3.3, "pid-ms-inf": math.inf,
-    }  # fmt: skip
+        "pid-ms-2": 2.0,
+        "pid-ms-3.3": 3.3,
+        "pid-ms-inf": math.inf,
+    }
     found = searches.carry_out(asked, pretended / "caps", threads=1).set_index("search")
     gains = [json.loads(words)["law.kp"] for words in found["parameters"]]
     assert gains == sorted(gains)  # a looser cap allows more
@@ -272,9 +276,17 @@ def test_several_caps_make_several_searches_side_by_side(pretended):
 
 def test_what_the_searches_of_a_study_found_is_a_table_with_units(capsys):
     row = {
-        "controller": "pid", "rms_true_test": 13.6967, "collisions_test": 0, "jitter_test": 0.365432, "trials": 6,
-        "simulated_steps": 5_376_000, "cpu_seconds": 1.76, "parameters": "{}", "sampler": "tpe", "tune_seeds": "0-1",
-    }  # fmt: skip
+        "controller": "pid",
+        "rms_true_test": 13.6967,
+        "collisions_test": 0,
+        "jitter_test": 0.365432,
+        "trials": 6,
+        "simulated_steps": 5_376_000,
+        "cpu_seconds": 1.76,
+        "parameters": "{}",
+        "sampler": "tpe",
+        "tune_seeds": "0-1",
+    }
     found = [{**row, "search": "pid-ms-2", "cap": 2.0, "ms": 1.8}, {**row, "search": "pid", "cap": np.inf, "ms": None}]
     searches.show(pd.DataFrame(found))
     told = capsys.readouterr().out
