@@ -340,9 +340,9 @@ def render(
     _agree(allow_code)
     how = cut_as(lead_in, kerf, joints, joint_spacing, joint_width)
     if plan is not None:
-        from .render.plans import draw
+        from .render.plans import paint
 
-        for note in draw(out, plan, scenario, how, drawing.reading()):
+        for note in paint(out, plan, scenario, how, drawing.reading()):
             typed.say(f"{plan}: {note}")
         print(out)
         return

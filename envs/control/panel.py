@@ -173,7 +173,7 @@ class Panel:
 
         Args:
             command: one of :data:`COMMANDS`.
-            job: fields of ``supervisor.Job``.
+            job: fields of ``supervisor.Orders``.
         """
         if command not in COMMANDS:
             raise InvalidInput(f"unknown command '{command}'; {did_you_mean(command, COMMANDS)}")

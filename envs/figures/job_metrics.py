@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..paths.job import Job
+from ..paths.job import PlannedJob
 from ..plant.fleet import Fleet
 from ..plant.gantry import Sums
 from ..plant.published import Excess
@@ -25,7 +25,7 @@ class Jobs:
     worst: dict[str, np.ndarray]  # largest excess over the published settings while cutting
 
     @classmethod
-    def of(cls, fleet: Fleet, job: Job) -> "Jobs":
+    def of(cls, fleet: Fleet, job: PlannedJob) -> "Jobs":
         """What the machines of a fleet have added up, all of them with the same job."""
         assert fleet.gantries
         sums = {name: fleet.gantries.column(f"sums.{name}") for name in Sums._fields}

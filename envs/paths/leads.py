@@ -30,8 +30,8 @@ from .starts import (
     STRAIGHT,
     Starts,
     arcs,
+    as_given,
     begun,
-    drawn,
     onto,
     others,
     straight,
@@ -155,14 +155,14 @@ class _Search:
 
     def first(self, left: Indices) -> dict[int, Lead]:
         """The first way of all contours alone, which mostly does: at a right angle, as long as asked for."""
-        starts = drawn(left, self.pieces, self.side[left])
+        starts = as_given(left, self.pieces, self.side[left])
         ways = straight(starts, starts.normal, self.most[left])
         good = np.flatnonzero(self.room.clear(left, ways, self.keep[left]))
         return {int(left[k]): self._lead(starts, int(k), ways[k, [0, -1]], "drawn") for k in good}
 
     def as_drawn(self, left: Indices, keep: Floats) -> dict[int, Lead]:
         """Where the drawing begins the contours; ``keep``: mm from the pierce points to every edge."""
-        return self._best(drawn(left, self.pieces, self.side[left]), STRAIGHT, keep)
+        return self._best(as_given(left, self.pieces, self.side[left]), STRAIGHT, keep)
 
     def from_the_middle(self, left: Indices) -> dict[int, Lead]:
         """From the middle of the largest circle within a hole to where it touches."""

@@ -82,7 +82,7 @@ def together(parts: list[Starts]) -> Starts:
     return Starts(*(np.concatenate([getattr(p, name) for p in parts]) for name in Starts.__dataclass_fields__))
 
 
-def drawn(own: Indices, pieces: list[Points], side: Floats) -> Starts:
+def as_given(own: Indices, pieces: list[Points], side: Floats) -> Starts:
     """Where the drawing begins the contours ``own``."""
     first = np.array([pieces[i][0] for i in own]).reshape(-1, 2)
     legs = np.array([[pieces[i][1] - pieces[i][0], pieces[i][-2] - pieces[i][-1]] for i in own]).reshape(-1, 2, 2)

@@ -53,7 +53,7 @@ RAPID, APPROACH, PIERCE, LEAD_IN, CUT, LIFT = range(6)
 """Phases of a job."""
 
 JOB = ("x", "y", "s", "feed", "tx", "ty", "beam", "phase", "lift", "most", "cut_s")
-"""What a job's table holds for each millisecond of nominal time, see :class:`paths.job.Job`."""
+"""What a job's table holds for each millisecond of nominal time, see :class:`paths.job.PlannedJob`."""
 
 
 class Journey(NamedTuple):
@@ -227,7 +227,7 @@ _EXCESS_ROWS = U(rows(published.Excess))
 _REALISED_ROWS, _FIGURES_ROWS = U(rows(spot.Realised)), U(rows(cut.Figures))
 
 _ANY = U(2**40)
-_SET_HEIGHT = machine.JOB + row(supervisor.Job, "set_height")
+_SET_HEIGHT = machine.JOB + row(supervisor.Orders, "set_height")
 _SERVO_IN, _PROCESS_IN = PROGRESS + row(Progress, "servo_in"), TURN + row(Turn, "process_in")
 _STANDOFF = P_RECIPE + row(Recipe, "standoff")
 _X, _Y, _S, _FEED, _TX, _TY, _BEAM, _PHASE, _LIFT, _MOST = (U(JOB.index(name)) for name in JOB[:10])

@@ -116,7 +116,7 @@ FEATURES = _layout.place(sheet.FEATURES * rows(sheet.Feature))
 P_SENSOR, P_GATE = _layout.part("sensor", sensor.Params), _layout.part("gate", sensor.Gate)
 P_FILTER, P_TABLE = _layout.part("filter", filters.Params), _layout.part("table", calibration.Params)
 P_Z, P_GUARD = _layout.part("z", z_axis.Params), _layout.part("guard", supervisor.Params)
-JOB, START = _layout.part("job", supervisor.Job), _layout.part("start", Start)
+JOB, START = _layout.part("job", supervisor.Orders), _layout.part("start", Start)
 HAND = _layout.part("hand", Hand)
 P_LAW, S_LAW = _layout.place(SLOTS["z"].params), _layout.place(SLOTS["z"].state)
 S_PATH, S_SHEET = _layout.part("journey", path.State), _layout.place(rows(sheet.State))
@@ -264,7 +264,7 @@ def _view(block, a, surface, refuge):
 def _guard(block, a):
     """Parameters, state and job of the supervisor."""
     p, s = load(supervisor.Params, block, a + P_GUARD), load(supervisor.State, block, a + S_GUARD)
-    return p, s, load(supervisor.Job, block, a + JOB)
+    return p, s, load(supervisor.Orders, block, a + JOB)
 
 
 @stage
@@ -687,7 +687,7 @@ def report_all(block, at, n, tick):
         encoder = z_axis.encoded(load(z_axis.Params, block, a + P_Z), m.gate_motor)
         position = encoder + s.offset
         speed = (encoder - t.encoder) / PERIOD
-        job = load(supervisor.Job, block, a + JOB)
+        job = load(supervisor.Orders, block, a + JOB)
         set_height = job.protect if s.mode == supervisor.PROTECT else job.set_height
         way, way_there = load(path.State, block, a + S_PATH), load(path.Params, block, a + P_PATH)
         lap, feed = way_there.lap, path.feed_at(way_there, way.here) if way_there.corner > 0.0 else way.feed
@@ -838,7 +838,7 @@ def _begin(deck_address, machine, key):
     first = load(sheet.Feature, block, at + FEATURES)
     store(block, at + S_SHEET, sheet.State(growth / (growth - 1.0), 0.0, 1.0, first))
     store(block, at + S_SENSOR, _UNSENSED)
-    follows = load(supervisor.Job, block, at + JOB).request == supervisor.FOLLOW
+    follows = load(supervisor.Orders, block, at + JOB).request == supervisor.FOLLOW
     mode = supervisor.FOLLOW if follows else supervisor.STOP
     store(block, at + S_GUARD, _UNGUARDED._replace(mode=mode, offset=start.coast))
     store(block, at + DRIVE, _STILL)

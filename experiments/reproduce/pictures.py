@@ -19,7 +19,7 @@ class Drawing:
     source: str
 
 
-def drawn(
+def illustrated(
     source: str, columns: int = 1, rows: int = 1, height: float = 3.6, grid: dict[str, Any] | None = None,
     spines: bool = True, layout: Any = "constrained", words: dict[str, Any] | None = None, **shared: Any,
 ) -> Callable[[Callable[..., None]], Callable[..., Drawing]]:  # fmt: skip

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from ...envs.engine.quantity import InvalidInput
-from ..report.terminal import Sheet
+from ..report.terminal import TextTable
 from ..store import runs
 from ..store.runs import atomic
 from ..store.stamp import ROOT
@@ -61,8 +61,8 @@ class Campaign:
         self._begun = time.time()
 
     def publish(
-        self, sheets: list[Sheet], found: dict[str, Any], page: str, mark: str | None, documented: int | None = None,
-        told: Iterable[str] = (),
+        self, sheets: list[TextTable], found: dict[str, Any], page: str, mark: str | None,
+        documented: int | None = None, told: Iterable[str] = (),
     ) -> None:  # fmt: skip
         """Keeps the record, shows the tables, and writes the first of them into the manual.
 

@@ -5,6 +5,7 @@ import math
 from ...agents.settings import ALGORITHMS
 from ...envs import scenarios
 from ...envs.engine.quantity import InvalidInput
+from ..measure.stability import LIMIT_MS
 from ..statistics import budgets
 from .evaluate import with_jobs
 from .goals import Limit, Limits
@@ -13,9 +14,6 @@ from .study import controller as stated
 
 TRIALS, MOST = 300, 1_000_000
 """Of a study unless told otherwise; of one with a budget of steps."""
-
-CAP = 2.0
-"""Largest Ms of followers unless told otherwise: that of the following suite's ranking."""
 
 
 def trains(what: tuple[str, ...], env: str | None, steps: int | None, assignments: list[str]) -> bool:
@@ -48,7 +46,7 @@ def task(
     named = controller or ("wu-tuned" if suite == "contour" else "huang2024-adjusting" if jobs else "xi2023-improved")
     asked = Task(
         named, what or ("law",), suite, chosen,
-        Limits(ms if ms is not None else (math.inf if jobs else CAP), tuple(given)),
+        Limits(ms if ms is not None else (math.inf if jobs else LIMIT_MS), tuple(given)),
         seeds if seeds is not None else (8 if jobs else 32), bool(extrapolate),
         sampler=sampler or ("tpe+cmaes" if len(chosen) == 1 else "tpe"),
         trials=(MOST if budget else TRIALS) if trials is None else trials, seed=seed, name=name or "", url=url or "",
