@@ -72,9 +72,11 @@ def failed(jobs: Jobs) -> np.ndarray:
 
 
 @metric(
-    "µm", pooled="rms", shown=Shown("contour RMS", "{:.1f}", "", CONTOUR, "RMS", brief=True, manual=True),
+    "µm",
+    pooled="rms",
+    shown=Shown("contour RMS", "{:.1f}", "", CONTOUR, "RMS", brief=True, manual=True),
     called=Called("contour error", "closer", "contour error, RMS"),
-)  # fmt: skip
+)
 def contour_rms(jobs: Jobs) -> np.ndarray:
     """RMS distance of the actual from the commanded path while cutting"""
     return 1e3 * np.sqrt(jobs.mean("contour2"))
@@ -135,9 +137,10 @@ def taper(jobs: Jobs) -> np.ndarray:
 
 
 @metric(
-    "s", shown=Shown("time", "{:.2f}", "", TIME, "job", brief=True, manual=True),
+    "s",
+    shown=Shown("time", "{:.2f}", "", TIME, "job", brief=True, manual=True),
     called=Called("time of the job", "faster"),
-)  # fmt: skip
+)
 def time(jobs: Jobs) -> np.ndarray:
     """Time of the whole job: rapids, piercing, cutting"""
     return jobs.sums["time"]

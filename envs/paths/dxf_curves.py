@@ -169,8 +169,10 @@ def _ellipse(entity: Any, frame: Frame) -> Curve:
     begin = entity.dxf.start_param
     span = arc_angle_span_rad(begin, entity.dxf.end_param)
     centre, major, minor = (
-        frame.at(entity.dxf.center), frame.along(entity.dxf.major_axis), frame.along(entity.minor_axis),
-    )  # fmt: skip
+        frame.at(entity.dxf.center),
+        frame.along(entity.dxf.major_axis),
+        frame.along(entity.minor_axis),
+    )
     return smooth(lambda t: centre + major * np.cos(t) + minor * np.sin(t), begin + span * np.linspace(0.0, 1.0, 5))
 
 

@@ -36,7 +36,7 @@ from .starts import (
     others,
     straight,
     together,
-)  # fmt: skip
+)
 
 HOW = ("none", "drawn", "shorter", "arc", "elsewhere", "on the contour")
 """Ways in which a contour is begun: without lead-in because none is wanted; where the drawing begins, at full length,
@@ -193,7 +193,7 @@ class _Search:
         share = STARTS / (len(left) * (many[0] + 2 * many[1])) if len(left) else 1.0
         spread, corners = (
             max(min(n, least), int(n * min(share, 1.0))) for n, least in zip(many, LEAST_STARTS, strict=True)
-        )  # fmt: skip
+        )
         for at in range(0, len(left), BLOCK):
             if not self.room.worth_asking:
                 break

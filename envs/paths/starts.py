@@ -126,9 +126,7 @@ def onto(own: int, piece: Points, side: float, at: Points) -> Starts:
     along = np.clip(((at - piece[:-1]) * legs).sum(axis=1) / (legs**2).sum(axis=1), 0.0, 1.0)
     leg = int(np.hypot(*(piece[:-1] + legs * along[:, None] - at).T).argmin())
     ahead = legs[leg] / np.hypot(*legs[leg])
-    return Starts(
-        np.array([own]), np.array([leg]), at[None], ahead[None], np.array([side]), np.array([np.pi])
-    )  # fmt: skip
+    return Starts(np.array([own]), np.array([leg]), at[None], ahead[None], np.array([side]), np.array([np.pi]))
 
 
 def _wedge(ahead: Points, behind: Points, side: Floats) -> Floats:

@@ -169,7 +169,6 @@ PROCESS_SIGNALS = _layout.part("process_signals", ProcessPrivileged)
 PROCESS_WISH = _layout.part("wish", Process)
 PROCESS_DUE, TURN = _layout.place(1), _layout.place(rows(Turn))
 APPLIED, REALISED = _layout.part("applied", Process), _layout.part("realised", spot.Realised)
-_layout.place(rows(cut.Beam))  # free
 S_CUT = _layout.place(rows(cut.State))
 FIGURES, SUMS = _layout.part("figures", cut.Figures), _layout.part("sums", Sums)
 P_PUBLISHED = _layout.part("published", published.Range)

@@ -143,6 +143,12 @@ STRIDE = U(ROWS * W)
 
 LAW_PLACES = {"params": P_LAW, "state": S_LAW, "signals": SIGNALS, "wish": WISH, "stride": STRIDE}
 
+
+def signal(name: str) -> np.uint64:
+    """Offset of a signal of the Z axis's law in a block, by its name in :class:`Privileged`."""
+    return SIGNALS + row(Privileged, name)
+
+
 PLACES = _layout.parts
 """Offset and class of each part that Python reads or writes."""
 
@@ -153,6 +159,10 @@ CHANNELS = (
 """What a recorder keeps of each control period, float32: true gap, mm; reported and raw height, mm; surface and head,
 mm; motor velocity, mm/s; motor acceleration, mm/s²; command after and before the supervisor, mm/s; its mode; whether
 the period counts as cutting; distance along the path, mm; whether the supervisor overrode the law."""
+
+_GAP, _HEIGHT, _RAW, _SURFACE, _HEAD, _SPEED, _ACCELERATION, _COMMAND, _WISH, _MODE, _SCORED, _DISTANCE, _OVERRODE = (
+    map(U, range(len(CHANNELS)))
+)
 
 
 class Entries(NamedTuple):
@@ -723,19 +733,19 @@ def record_all(block, at, n, tick, record, where, machines):
         a = at + lane
         x, s = load(Privileged, block, a + SIGNALS), load(path.State, block, a + S_PATH)
         o = where + lane
-        record[o] = x.gap
-        record[o + machines] = x.height
-        record[o + U(2) * machines] = x.raw_height
-        record[o + U(3) * machines] = x.surface_0
-        record[o + U(4) * machines] = x.head
-        record[o + U(5) * machines] = x.velocity
-        record[o + U(6) * machines] = x.acceleration
-        record[o + U(7) * machines] = x.command
-        record[o + U(8) * machines] = block[a + WISH]
-        record[o + U(9) * machines] = x.mode
-        record[o + U(10) * machines] = 1.0 if load(Course, block, a + COURSE).scored else 0.0
-        record[o + U(11) * machines] = s.here
-        record[o + U(12) * machines] = 1.0 if x.override else 0.0
+        record[o + _GAP * machines] = x.gap
+        record[o + _HEIGHT * machines] = x.height
+        record[o + _RAW * machines] = x.raw_height
+        record[o + _SURFACE * machines] = x.surface_0
+        record[o + _HEAD * machines] = x.head
+        record[o + _SPEED * machines] = x.velocity
+        record[o + _ACCELERATION * machines] = x.acceleration
+        record[o + _COMMAND * machines] = x.command
+        record[o + _WISH * machines] = block[a + WISH]
+        record[o + _MODE * machines] = x.mode
+        record[o + _SCORED * machines] = 1.0 if load(Course, block, a + COURSE).scored else 0.0
+        record[o + _DISTANCE * machines] = s.here
+        record[o + _OVERRODE * machines] = 1.0 if x.override else 0.0
 
 
 # ------------------------------------------------------------------------------------------------------ kernels

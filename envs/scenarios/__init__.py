@@ -63,4 +63,4 @@ __all__ = [
     "signal",
     "suite",
     "suites",
-]  # fmt: skip
+]

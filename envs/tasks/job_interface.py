@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..engine.lanes import U0, U1, UW, U, clip, doubles, load, logarithm, part, singles, store, words
+from ..engine.lanes import U0, U1, UW, U, clip, doubles, load, logarithm, part, row, singles, store, words
 from ..plant import cut, gantry, machine, published, xy_axes
 from ..plant.controller import PERIOD, Privileged, Process
 from ..plant.gantry import CUT, LEAD_IN, Hand, Journey, Progress, Recipe, Sums, Trail, between
@@ -114,7 +114,7 @@ class Heading(NamedTuple):
 
 
 _TRAIL = U(len(Trail._fields)) * UW
-_COLLIDED = machine.TALLY + U(machine.Tally._fields.index("collided")) * UW
+_COLLIDED = machine.TALLY + row(machine.Tally, "collided")
 _STEP = PERIOD_MS * PERIOD
 _BACK = 2
 """ms that the trail reaches back."""
@@ -211,12 +211,14 @@ def act(block_address, at, n, io_address, first):
                     hertz = between_ends(q.frequency_low, min(q.frequency_high, p.highest), u2)
                     h = Process(
                         between_ends(q.feed_low / j.feed, min(q.feed_high / j.feed, r.most_override), u0),
-                        between_ends(q.power_low, q.power_high, u1), hertz,
+                        between_ends(q.power_low, q.power_high, u1),
+                        hertz,
                         between_ends(0.0, min(q.amplitude, p.galvo_range), u3),
                         between_ends(0.0, min(q.amplitude, p.galvo_range), u4),
                         between_ends(0.0, min(published.deepest(q, hertz), p.piezo_range), u5),
-                        u6 * q.focus, u7 * q.standoff,
-                    )  # fmt: skip
+                        u6 * q.focus,
+                        u7 * q.standoff,
+                    )
             else:
                 h = Process(
                     RESIDUAL.override * u0, RESIDUAL.power * u1, RESIDUAL.frequency * u2, RESIDUAL.x * u3,

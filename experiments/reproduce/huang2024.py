@@ -60,7 +60,7 @@ def equations(trial: Trial, rows: Rows) -> None:
     rows("kerf-width", (kerf, 2 * w0, 2 * w0 * np.hypot(1, steel.params.focus / steel.params.zr)), holds)
     amplitude, frequency = DYNAMIC.x, DYNAMIC.frequency
     t = np.linspace(0.0, 4.0 / frequency, 40_001)
-    x, _, _ = spot.shaped(spot.Params(), spot.Realised(frequency, amplitude, amplitude, 1.0), t * frequency)
+    x, _, _ = spot.offsets(spot.Params(), spot.Realised(frequency, amplitude, amplitude, 1.0), t * frequency)
     peak = float(np.abs(np.gradient(x, t)).max())
     holds = abs(peak / (amplitude * frequency) - 1) < 0.05
     rows("spot-speed", (peak, amplitude * frequency, 4 * amplitude * frequency), holds)
@@ -207,7 +207,7 @@ def dither(trial: Trial, rows: Rows) -> list[Drawing]:
     ):  # fmt: skip
         u = np.linspace(0.0, turns, 2001)
         real = still._replace(y=0.15) if shape == "elliptical" else still
-        made = np.array(spot.shaped(spot.Params(shape=spot.SHAPES.index(shape)), real, u))
+        made = np.array(spot.offsets(spot.Params(shape=spot.SHAPES.index(shape)), real, u))
         wanted = printed_dither(shape, 2 * np.pi * u, sizes)
         apart = float(np.abs(made[:2] - wanted[:2]).max())
         said = "apart by less than 1 pm" if apart < 1e-9 else f"apart by {1e3 * apart:.2g} µm"
@@ -215,7 +215,7 @@ def dither(trial: Trial, rows: Rows) -> list[Drawing]:
         guess = printed_dither(wrong, 2 * np.pi * u, (0.3, 0.15, 0.0, 0.0))
         rows("helix", (said, shape), error=apart, guess=float(np.abs(made[:2] - guess[:2]).max()), case=shape)
     grown = 2 * 2 * np.pi * 2000.0
-    far = float(np.abs(spot.shaped(spot.Params(), still, np.linspace(0.0, 4.0, 4001))[2]).max())
+    far = float(np.abs(spot.offsets(spot.Params(), still, np.linspace(0.0, 4.0, 4001))[2]).max())
     rows("unbounded-ramp", (far, grown * 1e-3), holds=abs(far / grown - 1) < 0.1)
     _eq_13(rows)
     return [_dither_shapes(), _compound()]
@@ -287,7 +287,7 @@ def _compound(*axes: Axes) -> None:
         size = DYNAMIC._replace(y=0.15 if shape == "elliptical" else 0.3) if on else spot.Command()
         real = spot.realised(optics, size, 0.0)
         own = optics._replace(shape=spot.SHAPES.index(shape)) if on else optics
-        x, y, z = spot.shaped(own, real, t * real.frequency) if on else np.zeros((3, len(t)))
+        x, y, z = spot.offsets(own, real, t * real.frequency) if on else np.zeros((3, len(t)))
         for ax, value in zip(grid[:, i], (y, z), strict=True):
             ax.plot(feed * t + x, value, color=COLOURS[i], lw=0.7)
         grid[0, i].set_title("direct cut" if not on else shape, fontsize=9)
