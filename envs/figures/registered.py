@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..engine.quantity import InvalidInput, did_you_mean
+from ..engine.quantity import InvalidInput, check_choice, did_you_mean
 
 BETTER = ("lower", "higher")
 POOLED = ("mean", "rms", "largest", "smallest")
@@ -173,6 +173,5 @@ class Registry(dict[str, Metric]):
 
     def named(self, name: str) -> Metric:
         """A metric by name; raises :class:`InvalidInput` with the nearest name."""
-        if name not in self:
-            raise InvalidInput(f"unknown metric '{name}'; {did_you_mean(name, self)}")
+        check_choice(name, self, "metric")
         return self[name]
