@@ -31,9 +31,8 @@ class Jobs:
         sums = {name: fleet.gantries.column(f"sums.{name}") for name in Sums._fields}
         near = np.nan_to_num(fleet.gantries.column("progress.near")).astype(int)
         covered = job.cut_s[np.clip(near, 0, len(job.x) - 1)] / job.cut_length
-        return cls(sums, fleet.column("tally.collided") > 0.5, fleet.column("tally.lowest"), covered, {
-            name: fleet.gantries.column(f"worst.{name}") for name in Excess._fields
-        })  # fmt: skip
+        worst = {name: fleet.gantries.column(f"worst.{name}") for name in Excess._fields}
+        return cls(sums, fleet.column("tally.collided") > 0.5, fleet.column("tally.lowest"), covered, worst)
 
     def mean(self, name: str) -> np.ndarray:
         """Mean over the length that was cut."""
@@ -83,9 +82,11 @@ def contour_rms(jobs: Jobs) -> np.ndarray:
 
 
 @metric(
-    "µm", pooled="largest", shown=Shown("contour max", "{:.0f}", "", CONTOUR, "max", brief=True, manual=True),
+    "µm",
+    pooled="largest",
+    shown=Shown("contour max", "{:.0f}", "", CONTOUR, "max", brief=True, manual=True),
     called=Called(exact="contour error, largest"),
-)  # fmt: skip
+)
 def contour_max(jobs: Jobs) -> np.ndarray:
     """Largest distance of the actual from the commanded path while cutting"""
     return 1e3 * jobs.sums["contour_worst"]

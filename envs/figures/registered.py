@@ -6,17 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from ..engine.quantity import InvalidInput, check_choice, did_you_mean
+from ..engine.quantity import InvalidInput, check_choice, did_you_mean, in_order
 
 BETTER = ("lower", "higher")
 POOLED = ("mean", "rms", "largest", "smallest")
 
-TAKEN = (
-    "controller", "information", "scenario", "seed", "failed", "runs", "score", "ratio", "typical", "wins", "rank",
-    "tied", "scale", "budget", "trials", "tuning_steps", "tuning_cpu", "reasons", "note", "lost", "tried", "collisions",
-    "exempt_collisions", "ms", "ms_noise", "gain_margin", "delay_margin", "extrapolated", "beyond", "iso_roughness",
-    "iso_taper",
-)  # fmt: skip
+TAKEN = in_order(
+    "controller information scenario seed failed runs score ratio typical wins rank tied scale budget trials "
+    "tuning_steps tuning_cpu reasons note lost tried collisions exempt_collisions ms ms_noise gain_margin "
+    "delay_margin extrapolated beyond iso_roughness iso_taper"
+)
 """Names that mean something else in the tables of runs and in summaries."""
 
 

@@ -41,6 +41,7 @@ from ..engine.lanes import (
     uniform,
     words,
 )
+from ..engine.quantity import in_order
 from . import calibration, filters, path, sensor, sheet, supervisor, z_axis
 from .controller import AHEAD, PERIOD, SLOTS, Privileged
 
@@ -152,17 +153,15 @@ def signal(name: str) -> np.uint64:
 PLACES = _layout.parts
 """Offset and class of each part that Python reads or writes."""
 
-CHANNELS = (
-    "gap", "height", "raw_height", "surface", "head", "velocity", "acceleration", "command", "wish", "mode", "scored",
-    "distance", "override",
-)  # fmt: skip
+CHANNELS = in_order(
+    "gap height raw_height surface head velocity acceleration command wish mode scored distance override"
+)
 """What a recorder keeps of each control period, float32: true gap, mm; reported and raw height, mm; surface and head,
 mm; motor velocity, mm/s; motor acceleration, mm/s²; command after and before the supervisor, mm/s; its mode; whether
 the period counts as cutting; distance along the path, mm; whether the supervisor overrode the law."""
 
-_GAP, _HEIGHT, _RAW, _SURFACE, _HEAD, _SPEED, _ACCELERATION, _COMMAND, _WISH, _MODE, _SCORED, _DISTANCE, _OVERRODE = (
-    map(U, range(len(CHANNELS)))
-)
+_TO_GAP, _TO_HEIGHT, _TO_RAW, _TO_SURFACE, _TO_HEAD, _TO_VELOCITY, _TO_ACCELERATION = map(U, range(7))
+_TO_COMMAND, _TO_WISH, _TO_MODE, _TO_SCORED, _TO_DISTANCE, _TO_OVERRIDE = map(U, range(7, len(CHANNELS)))
 
 
 class Entries(NamedTuple):
@@ -733,19 +732,19 @@ def record_all(block, at, n, tick, record, where, machines):
         a = at + lane
         x, s = load(Privileged, block, a + SIGNALS), load(path.State, block, a + S_PATH)
         o = where + lane
-        record[o + _GAP * machines] = x.gap
-        record[o + _HEIGHT * machines] = x.height
-        record[o + _RAW * machines] = x.raw_height
-        record[o + _SURFACE * machines] = x.surface_0
-        record[o + _HEAD * machines] = x.head
-        record[o + _SPEED * machines] = x.velocity
-        record[o + _ACCELERATION * machines] = x.acceleration
-        record[o + _COMMAND * machines] = x.command
-        record[o + _WISH * machines] = block[a + WISH]
-        record[o + _MODE * machines] = x.mode
-        record[o + _SCORED * machines] = 1.0 if load(Course, block, a + COURSE).scored else 0.0
-        record[o + _DISTANCE * machines] = s.here
-        record[o + _OVERRODE * machines] = 1.0 if x.override else 0.0
+        record[o + _TO_GAP * machines] = x.gap
+        record[o + _TO_HEIGHT * machines] = x.height
+        record[o + _TO_RAW * machines] = x.raw_height
+        record[o + _TO_SURFACE * machines] = x.surface_0
+        record[o + _TO_HEAD * machines] = x.head
+        record[o + _TO_VELOCITY * machines] = x.velocity
+        record[o + _TO_ACCELERATION * machines] = x.acceleration
+        record[o + _TO_COMMAND * machines] = x.command
+        record[o + _TO_WISH * machines] = block[a + WISH]
+        record[o + _TO_MODE * machines] = x.mode
+        record[o + _TO_SCORED * machines] = 1.0 if load(Course, block, a + COURSE).scored else 0.0
+        record[o + _TO_DISTANCE * machines] = s.here
+        record[o + _TO_OVERRIDE * machines] = 1.0 if x.override else 0.0
 
 
 # ------------------------------------------------------------------------------------------------------ kernels

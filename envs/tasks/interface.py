@@ -24,6 +24,7 @@ from ..engine.lanes import (
     stage,
     words,
 )
+from ..engine.quantity import in_order
 from ..plant import filters, machine, supervisor
 from ..plant.controller import PERIOD
 from .task import ANY, IO, IO_SIZE, Actions, Signals, Task, end
@@ -56,10 +57,9 @@ FEATURES = (
     *(f"surface_step_{a}_{b}" for a, b in zip(SURFACE_LAGS[:-1], SURFACE_LAGS[1:], strict=True)),
     *(f"speed_{k}" for k in SPEED_LAGS),
     *(f"command_{k}" for k in COMMAND_LAGS),
-    "base_command", "set_height", "override", "captured", "holding",
-    "mean_motion_64", "restless_64", "restless_256",
-    "error_size_64", "error_size_256", "mean_error_64", "mean_error_256",
-)  # fmt: skip
+    *in_order("base_command set_height override captured holding mean_motion_64 restless_64 restless_256"),
+    *in_order("error_size_64 error_size_256 mean_error_64 mean_error_256"),
+)
 """Names of the normalised features, in order."""
 
 RAW = (
@@ -67,14 +67,14 @@ RAW = (
     *(f"raw_height_{k}" for k in range(RAW_HISTORY)),
     *(f"head_position_{k}" for k in range(RAW_HISTORY)),
     *(f"command_{k}" for k in range(RAW_HISTORY)),
-    "base_command", "set_height", "feed", "override", "captured", "mode",
-)  # fmt: skip
+    *in_order("base_command set_height feed override captured mode"),
+)
 """Names of the physical signals, in order: newest first; mm and mm/s."""
 
-INFO = (
-    "true_gap", "measured_height", "true_error", "reported_error", "cost", "scored", "mode", "override", "distance",
-    "reward_error", "reward_rate", "reward_collision", "weighted_error", "weighted_rate", "weighted_collision",
-)  # fmt: skip
+INFO = in_order(
+    "true_gap measured_height true_error reported_error cost scored mode override distance reward_error "
+    "reward_rate reward_collision weighted_error weighted_rate weighted_collision"
+)
 """What ``info`` holds, in order; mm, terms of the reward raw and weighted."""
 
 

@@ -120,10 +120,8 @@ def equip(fleet: Fleet, scenario: Scenario, team: Team, machines: Any) -> Planne
     g, steel, job = fleet.gantries, material_of(scenario), programme(scenario, team)
     wanted = _job(scenario)
     g.put_job(job, machines)
-    g.put("recipe", machines, Recipe(
-        power=steel.power, standoff=steel.standoff, thickness=steel.thickness, most_override=wanted.override,
-        most_power=wanted.power,
-    ))  # fmt: skip
+    nominal = {"power": steel.power, "standoff": steel.standoff, "thickness": steel.thickness}
+    g.put("recipe", machines, Recipe(most_override=wanted.override, most_power=wanted.power, **nominal))
     g.put("cut", machines, steel.params)
     g.put("published", machines, evidence.published(steel.name, wanted.extrapolate))
     g.put("calibrated", machines, evidence.calibrated(steel.name))
