@@ -175,12 +175,8 @@ def finished(file: Path, found: Collected, units: str, join: float, cuts: str) -
     except TooMany:
         found.warn("too many lines lie on one another to be cleaned: what is there twice is cut twice")
         contours, joints = joined(curves, join)
-    told = {
-        "layers": [layer for layer in found.layers if layer],
-        "skipped": found.skipped,
-        "warnings": found.warnings(),
-    }
-    made = drawing(file, file.stem, ordered(contours), units, cuts=cuts, **told)
+    layers, warnings = [layer for layer in found.layers if layer], found.warnings()
+    made = drawing(file, file.stem, ordered(contours), units, layers, found.skipped, None, warnings, cuts)
     engraved = [curve.points for curve in joined(list(found.engraved.values()), join)[0]]
     twice = Cleaned(length=found.doubled)
     return replace(
