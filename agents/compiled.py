@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..envs.engine.deck import Deck, places
-from ..envs.engine.lanes import U0, U1, UW, U, as_bits, as_number, call, clip, doubles, part, singles, stage, words
+from ..envs.engine.lanes import U0, U1, U, as_bits, as_number, call, clip, doubles, part, singles, stage, words
 from ..envs.plant import machine
-from ..envs.plant.controller import Privileged, stage_address
+from ..envs.plant.controller import stage_address
 from ..envs.plant.fleet import Fleet
 from ..envs.tasks.interface import LARGEST_TRIM, LONGEST_WINDOW
 from .network import ACTIVATIONS, LN2_HIGH, LN2_LOW, LOG2E, OUTPUTS, SERIES, Network
@@ -47,7 +47,7 @@ class Io(NamedTuple):
 
 IO = places(Io)
 _IO, _ANY = U(len(Io._fields)), U(2**40)
-_FRESH = machine.SIGNALS + U(Privileged._fields.index("fresh")) * UW
+_FRESH = machine.signal("fresh")
 _U2, _U3, _U4 = U(2), U(3), U(4)
 _S52, _S1023, _SHIFT = U(52), U(1023), 6755399441055744.0
 _ZERO, _ONE = np.float32(0.0), np.float32(1.0)

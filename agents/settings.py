@@ -12,7 +12,7 @@ from typing import Any
 
 from typing_extensions import TypedDict  # as pydantic wants it below Python 3.12
 
-from ..envs.engine.quantity import InvalidInput, did_you_mean
+from ..envs.engine.quantity import InvalidInput, check_choice, did_you_mean
 from ..envs.safety import consent, files
 from ..envs.tasks.all_tasks import TASKS
 
@@ -268,10 +268,8 @@ def preset_file(name: str, env: str) -> Path:
     Raises:
         InvalidInput: there is no such algorithm or environment; the nearest is offered.
     """
-    if name not in ALGORITHMS:
-        raise InvalidInput(f"unknown algorithm '{name}'; {did_you_mean(name, ALGORITHMS)}")
-    if env not in TASKS:
-        raise InvalidInput(f"unknown environment '{env}'; {did_you_mean(env, TASKS)}")
+    check_choice(name, ALGORITHMS, "algorithm")
+    check_choice(env, TASKS, "environment")
     return PRESETS / f"{TASKS[env].name}-{name}.toml"
 
 

@@ -31,7 +31,7 @@ class Drive(NamedTuple):
     dead_time: float = 1.6  # ms, 0 to 3
 
 
-class Sheet(NamedTuple):
+class SheetModel(NamedTuple):
     """One period of the sheet: ``level += T·speed + level_bend·a``, ``speed += speed_bend·a``, ``a *= keep``."""
 
     level_bend: float = 0.0  # s²
@@ -79,10 +79,10 @@ def period(drive, position, speed, acceleration, sent_1, sent_2, sent_3, command
 
 @part
 def sheet(tau):
-    """The :class:`Sheet` whose acceleration dies with the time constant ``tau``, s."""
+    """The :class:`SheetModel` whose acceleration dies with the time constant ``tau``, s."""
     keep = exponential(-PERIOD / tau)
     speed_bend = tau * (1.0 - keep)
-    return Sheet(tau * (PERIOD - speed_bend), speed_bend, keep)
+    return SheetModel(tau * (PERIOD - speed_bend), speed_bend, keep)
 
 
 @part

@@ -14,7 +14,7 @@ import tyro
 from tyro.conf import OmitArgPrefixes, Positional, UseAppendAction, arg
 
 from .. import __version__
-from ..envs.engine.quantity import InvalidInput, did_you_mean
+from ..envs.engine.quantity import InvalidInput, check_choice
 from ..envs.safety import consent
 from .render.choices import Options, tell
 from .store import typed
@@ -67,8 +67,7 @@ def list_(kind: Annotated[Positional[str], arg(metavar="KIND")] = "all") -> None
     Args:
         kind: one of environments, scenarios, controllers, metrics, or all.
     """
-    if kind not in (*KINDS, "all"):
-        raise InvalidInput(f"unknown kind '{kind}'; {did_you_mean(kind, (*KINDS, 'all'))}")
+    check_choice(kind, (*KINDS, "all"), "kind")
     for each in KINDS if kind == "all" else (kind,):
         print(f"{each}:{KINDS[each]}")
         for name, line in _entries(each):
@@ -357,9 +356,9 @@ def render(
     _agree(allow_code)
     how = cut_as(lead_in, kerf, joints, joint_spacing, joint_width)
     if plan is not None:
-        from .render.plans import draw
+        from .render.plans import paint
 
-        for note in draw(out, plan, scenario, how, drawing.reading()):
+        for note in paint(out, plan, scenario, how, drawing.reading()):
             typed.say(f"{plan}: {note}")
         print(out)
         return

@@ -118,7 +118,7 @@ def test_behind_a_block_of_code_in_an_item_of_a_list_the_item_s_text_goes_on():
 
 def test_every_number_of_the_machine_is_in_its_page():
     text = (docs.FOLDER / "machine.md").read_text(encoding="utf-8")
-    for part in docs.PARTS:
+    for part in docs.SIGNAL_CHAIN:
         assert f"`envs/plant/{part}.py`" in text
     for words in ("rad/s, velocity loop, 2π·80 Hz [A] 50–200 Hz", "ms, gate length", "0.05 to 1 ms"):
         assert words in text

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from kerfgym.tests.mutations import reach
+from kerfgym.tests.mutations import tests_of
 from kerfgym.tests.mutations.mutants import mutants, sample
 
 ROOT = Path(__file__).parents[1]
@@ -76,7 +76,7 @@ def test_a_sample_is_random_and_the_same_for_the_same_seed(found):
 
 
 def test_every_module_has_tests_that_see_it():
-    for file in reach.modules(ROOT):
-        tests = reach.tests_of(file)
+    for file in tests_of.modules(ROOT):
+        tests = tests_of.of(file)
         assert tests
         assert all((ROOT / each).exists() for each in tests), file

@@ -13,7 +13,7 @@ import numpy as np
 
 from .. import scenarios
 from ..engine.deck import refuse_copy
-from ..engine.quantity import InvalidInput, did_you_mean
+from ..engine.quantity import InvalidInput, check_choice, did_you_mean
 from ..plant import calibration, heads, supervisor
 from ..plant.controller import PERIOD
 from ..plant.fleet import Fleet
@@ -173,10 +173,9 @@ class Panel:
 
         Args:
             command: one of :data:`COMMANDS`.
-            job: fields of ``supervisor.Job``.
+            job: fields of ``supervisor.Orders``.
         """
-        if command not in COMMANDS:
-            raise InvalidInput(f"unknown command '{command}'; {did_you_mean(command, COMMANDS)}")
+        check_choice(command, COMMANDS, "command")
         for name, value in job.items():
             self._fleet.set(f"job.{name}", 0, value)
         mode = "move" if command == "centre" else command

@@ -588,9 +588,10 @@ def as_stack(thing: Any, name: str) -> Stack:
         doc = (inspect.getdoc(thing) or "").split("\n")[0]
         make = thing if isinstance(thing, type) else lambda: copy.deepcopy(thing)
         return replace(
-            python_stack(make, name, doc), provenance=provenance,
+            python_stack(make, name, doc),
+            provenance=provenance,
             source=source_of(thing if isinstance(thing, type) else type(thing)),
-        )  # fmt: skip
+        )
     if hasattr(thing, "control") or hasattr(thing, "Params"):
         law = make_law(thing, name, getattr(thing, "INFORMATION", "sensor"), getattr(thing, "SLOT", "z"))
         return Stack(name, law.summary, law, dict(getattr(thing, "DEFAULTS", {})), provenance=provenance)

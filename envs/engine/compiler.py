@@ -266,7 +266,7 @@ def _translated(value: Any) -> Any:
         value = lanes.part(value.py_func)
     if isinstance(value, python_types.FunctionType):
         value = cast(Any, _INSTRUCTIONS).get(value, value)
-        if value not in lanes.PARTS:
+        if value not in lanes.COMPILED:
             return value
         return (
             _dispatchers[value] if value in _dispatchers else _dispatcher(value, forceinline=value not in lanes.STAGES)
@@ -282,7 +282,7 @@ def _holds_parts(module: python_types.ModuleType) -> bool:
     if module.__name__.split(".")[0] == PACKAGE:
         return True
     functions = (v for v in vars(module).values() if isinstance(v, Dispatcher | python_types.FunctionType))
-    return any(isinstance(f, Dispatcher) or f in lanes.PARTS for f in functions)
+    return any(isinstance(f, Dispatcher) or f in lanes.COMPILED for f in functions)
 
 
 def _dispatcher(function: Callable[..., Any], forceinline: bool) -> Any:

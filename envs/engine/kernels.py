@@ -156,9 +156,12 @@ def _machine() -> str:
     from llvmlite import binding as llvm
 
     about = (
-        llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten(), platform.python_version(),
-        version("llvmlite"), version("numba"),
-    )  # fmt: skip
+        llvm.get_host_cpu_name(),
+        llvm.get_host_cpu_features().flatten(),
+        platform.python_version(),
+        version("llvmlite"),
+        version("numba"),
+    )
     return hashlib.sha256("\0".join(about).encode()).hexdigest()[:8]
 
 

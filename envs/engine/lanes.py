@@ -26,7 +26,7 @@ U = np.uint64
 UW = U(W)
 U0, U1, U2, U3, U4 = U(0), U(1), U(2), U(3), U(4)
 
-PARTS: set[Callable[..., Any]] = set()
+COMPILED: set[Callable[..., Any]] = set()
 """Functions that compiled code may call."""
 
 _F = TypeVar("_F", bound=Callable[..., Any])
@@ -37,7 +37,7 @@ def part(function: _F) -> _F:
 
     In Python it stays what it is.
     """
-    PARTS.add(function)
+    COMPILED.add(function)
     return function
 
 

@@ -75,6 +75,11 @@ def did_you_mean(name: str, allowed: Iterable[str]) -> str:
     return f"{hint}(known: {', '.join(known)})"
 
 
+def in_order(text: str) -> tuple[str, ...]:
+    """The words of a text: a long list of names without a quotation mark around each."""
+    return tuple(text.split())
+
+
 def check_choice(value: str, allowed: Iterable[str], what: str) -> None:
     """Raises :class:`InvalidInput` for a word that is not one of those allowed; the nearest is offered."""
     if value not in allowed:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..paths.job import Job
+from ..paths.job import PlannedJob
 from ..plant.fleet import Fleet
 from ..plant.gantry import Sums
 from ..plant.published import Excess
@@ -25,15 +25,14 @@ class Jobs:
     worst: dict[str, np.ndarray]  # largest excess over the published settings while cutting
 
     @classmethod
-    def of(cls, fleet: Fleet, job: Job) -> "Jobs":
+    def of(cls, fleet: Fleet, job: PlannedJob) -> "Jobs":
         """What the machines of a fleet have added up, all of them with the same job."""
         assert fleet.gantries
         sums = {name: fleet.gantries.column(f"sums.{name}") for name in Sums._fields}
         near = np.nan_to_num(fleet.gantries.column("progress.near")).astype(int)
         covered = job.cut_s[np.clip(near, 0, len(job.x) - 1)] / job.cut_length
-        return cls(sums, fleet.column("tally.collided") > 0.5, fleet.column("tally.lowest"), covered, {
-            name: fleet.gantries.column(f"worst.{name}") for name in Excess._fields
-        })  # fmt: skip
+        worst = {name: fleet.gantries.column(f"worst.{name}") for name in Excess._fields}
+        return cls(sums, fleet.column("tally.collided") > 0.5, fleet.column("tally.lowest"), covered, worst)
 
     def mean(self, name: str) -> np.ndarray:
         """Mean over the length that was cut."""
@@ -72,18 +71,22 @@ def failed(jobs: Jobs) -> np.ndarray:
 
 
 @metric(
-    "µm", pooled="rms", shown=Shown("contour RMS", "{:.1f}", "", CONTOUR, "RMS", brief=True, manual=True),
+    "µm",
+    pooled="rms",
+    shown=Shown("contour RMS", "{:.1f}", "", CONTOUR, "RMS", brief=True, manual=True),
     called=Called("contour error", "closer", "contour error, RMS"),
-)  # fmt: skip
+)
 def contour_rms(jobs: Jobs) -> np.ndarray:
     """RMS distance of the actual from the commanded path while cutting"""
     return 1e3 * np.sqrt(jobs.mean("contour2"))
 
 
 @metric(
-    "µm", pooled="largest", shown=Shown("contour max", "{:.0f}", "", CONTOUR, "max", brief=True, manual=True),
+    "µm",
+    pooled="largest",
+    shown=Shown("contour max", "{:.0f}", "", CONTOUR, "max", brief=True, manual=True),
     called=Called(exact="contour error, largest"),
-)  # fmt: skip
+)
 def contour_max(jobs: Jobs) -> np.ndarray:
     """Largest distance of the actual from the commanded path while cutting"""
     return 1e3 * jobs.sums["contour_worst"]
@@ -135,9 +138,10 @@ def taper(jobs: Jobs) -> np.ndarray:
 
 
 @metric(
-    "s", shown=Shown("time", "{:.2f}", "", TIME, "job", brief=True, manual=True),
+    "s",
+    shown=Shown("time", "{:.2f}", "", TIME, "job", brief=True, manual=True),
     called=Called("time of the job", "faster"),
-)  # fmt: skip
+)
 def time(jobs: Jobs) -> np.ndarray:
     """Time of the whole job: rapids, piercing, cutting"""
     return jobs.sums["time"]

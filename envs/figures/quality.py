@@ -86,7 +86,7 @@ def travelled(channels: npt.NDArray[np.float32], optics: spot.Params, power: flo
 
     real: Any = spot.Realised._make(at(f"dither_{name}") for name in spot.Realised._fields)
     turn = np.cumsum(np.append(0.0, real.frequency[1:])) * 1e-3 / per  # of the dither so far
-    x, y, z = spot.shaped(optics, real, turn)
+    x, y, z = spot.offsets(optics, real, turn)
     tx, ty = at("tx"), at("ty")
     bent = np.maximum(np.hypot(tx, ty), 1e-9)  # around a corner the mean of two directions is shorter than either
     tx, ty = tx / bent, ty / bent
@@ -292,9 +292,12 @@ def iso_range(roughness: float, thickness: float) -> str:
 def iso_taper(u: float, thickness: float) -> str:
     """Range of ISO 9013 of a perpendicularity tolerance u, both in mm: ``"1"`` … ``"5"`` or ``"outside"``."""
     limits = [
-        0.05 + 0.003 * thickness, 0.15 + 0.007 * thickness, 0.4 + 0.01 * thickness, 0.8 + 0.02 * thickness,
+        0.05 + 0.003 * thickness,
+        0.15 + 0.007 * thickness,
+        0.4 + 0.01 * thickness,
+        0.8 + 0.02 * thickness,
         1.2 + 0.035 * thickness,
-    ]  # fmt: skip
+    ]
     return _range(u, limits)
 
 

@@ -6,17 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from ..engine.quantity import InvalidInput, did_you_mean
+from ..engine.quantity import InvalidInput, check_choice, did_you_mean, in_order
 
 BETTER = ("lower", "higher")
 POOLED = ("mean", "rms", "largest", "smallest")
 
-TAKEN = (
-    "controller", "information", "scenario", "seed", "failed", "runs", "score", "ratio", "typical", "wins", "rank",
-    "tied", "scale", "budget", "trials", "tuning_steps", "tuning_cpu", "reasons", "note", "lost", "tried", "collisions",
-    "exempt_collisions", "ms", "ms_noise", "gain_margin", "delay_margin", "extrapolated", "beyond", "iso_roughness",
-    "iso_taper",
-)  # fmt: skip
+TAKEN = in_order(
+    "controller information scenario seed failed runs score ratio typical wins rank tied scale budget trials "
+    "tuning_steps tuning_cpu reasons note lost tried collisions exempt_collisions ms ms_noise gain_margin "
+    "delay_margin extrapolated beyond iso_roughness iso_taper"
+)
 """Names that mean something else in the tables of runs and in summaries."""
 
 
@@ -173,6 +172,5 @@ class Registry(dict[str, Metric]):
 
     def named(self, name: str) -> Metric:
         """A metric by name; raises :class:`InvalidInput` with the nearest name."""
-        if name not in self:
-            raise InvalidInput(f"unknown metric '{name}'; {did_you_mean(name, self)}")
+        check_choice(name, self, "metric")
         return self[name]

@@ -35,7 +35,7 @@ def of_css(text: str) -> str | None:
     return of_rgb(*(round(255 * min(max(c, 0.0), 1.0)) for c in found[:3])) if found.alpha > 0.0 else NONE
 
 
-def drawn(name: str) -> str:
+def in_dxf(name: str) -> str:
     """A colour that a user names for a DXF: 1 to 255, CAD's name of one of the first seven, or CSS.
 
     Raises:
@@ -47,10 +47,10 @@ def drawn(name: str) -> str:
         return of_index(int(name))
     if name.lower() in ("black", *INDEXED):
         return of_index(7 if name.lower() == "black" else INDEXED.index(name.lower()) + 1)
-    return painted(name)
+    return in_svg(name)
 
 
-def painted(name: str) -> str:
+def in_svg(name: str) -> str:
     """A colour that a user names for an SVG: CSS.
 
     Raises:

@@ -106,9 +106,10 @@ def _stretches(runs: npt.NDArray[np.object_], owners: Indices, pairs: npt.NDArra
         return []
     one, other = runs[pairs[:, 0]], runs[pairs[:, 1]]
     near = shapely.intersection(one, shapely.buffer(other, NEAR, quad_segs=4))
-    short, long = shapely.length(near), shapely.length(
-        shapely.intersection(one, shapely.buffer(other, LONG * NEAR, quad_segs=4))
-    )  # fmt: skip
+    short, long = (
+        shapely.length(near),
+        shapely.length(shapely.intersection(one, shapely.buffer(other, LONG * NEAR, quad_segs=4))),
+    )
     contours, which = np.unique(owners[pairs], axis=0, return_inverse=True)
     which = which.ravel()
     length = np.bincount(which, short)

@@ -207,7 +207,7 @@ def rational(
     return smooth(lambda t: above(t) / below(t), breaks, chord)
 
 
-def drawn(start: complex, steps: Iterable[tuple[complex, ...]], chord: float = CHORD) -> list[Curve]:
+def strokes(start: complex, steps: Iterable[tuple[complex, ...]], chord: float = CHORD) -> list[Curve]:
     """What a pen draws from ``start``: each step has its control points, if any, and its end."""
     parts = []
     for step in steps:

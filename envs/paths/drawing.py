@@ -136,10 +136,9 @@ def drawing(
         also = "".join(f"; {warning}" for warning in warnings or ())
         left_out = listed(dict(skipped or {}))
         raise InvalidInput(f"{where}: nothing to cut in it; what is cut: {cuts}; skipped: {left_out}{also}")
-    found = Drawing(
-        name, [c.points for c in contours], [c.closed for c in contours], units, list(layers or []),
-        dict(skipped or {}), [c.corners for c in contours], feeds, list(warnings or []),
-    )  # fmt: skip
+    points, closed, corners = [c.points for c in contours], [c.closed for c in contours], [c.corners for c in contours]
+    others = list(layers or []), dict(skipped or {}), corners, feeds, list(warnings or [])
+    found = Drawing(name, points, closed, units, *others)
     low, high = LENGTH_RANGE
     length = found.cut_length + found.move_length
     if not low <= length <= high:
@@ -176,10 +175,8 @@ def finished(file: Path, found: Collected, units: str, join: float, cuts: str) -
     except TooMany:
         found.warn("too many lines lie on one another to be cleaned: what is there twice is cut twice")
         contours, joints = joined(curves, join)
-    made = drawing(
-        file, file.stem, ordered(contours), units, [layer for layer in found.layers if layer], found.skipped,
-        warnings=found.warnings(), cuts=cuts,
-    )  # fmt: skip
+    layers, warnings = [layer for layer in found.layers if layer], found.warnings()
+    made = drawing(file, file.stem, ordered(contours), units, layers, found.skipped, None, warnings, cuts)
     engraved = [curve.points for curve in joined(list(found.engraved.values()), join)[0]]
     twice = Cleaned(length=found.doubled)
     return replace(

@@ -9,7 +9,7 @@ from typing import Any
 from ..engine.quantity import InvalidInput
 from .choice import Choice, Reading
 from .collected import Collected
-from .colours import drawn
+from .colours import in_dxf
 from .drawing import UNITS, Drawing, finished, unit
 from .dxf_curves import CUT, world
 from .dxf_file import document_of
@@ -44,7 +44,7 @@ def read_dxf(path: str | Path, asked: Reading = Reading()) -> Drawing:  # noqa: 
     for line in repaired:
         found.warn(line)
     name = unit(asked.units)[0] if asked.units is not None else _units(file, document, found)
-    layer_choice, colour_choice = Choice("layer", asked.layers), Choice("colour", asked.colours, drawn)
+    layer_choice, colour_choice = Choice("layer", asked.layers), Choice("colour", asked.colours, in_dxf)
     walk = Walk(document, found, layer_choice, colour_choice, asked)
     layer_choice.check(file, walk.layers.names(document.chain_layouts_and_blocks()))
     walk.measure(document.modelspace())

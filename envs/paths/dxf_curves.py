@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from .curve import CHORD, Complex, Curve, arc, drawn, line, linked, polyline, rational, smooth
+from .curve import CHORD, Complex, Curve, arc, line, linked, polyline, rational, smooth, strokes
 
 CUT = ("LINE", "ARC", "CIRCLE", "LWPOLYLINE", "POLYLINE", "ELLIPSE", "SPLINE", "MLINE")
 """Entities that are cut; the contents of INSERT are looked into, everything else is skipped."""
@@ -169,8 +169,10 @@ def _ellipse(entity: Any, frame: Frame) -> Curve:
     begin = entity.dxf.start_param
     span = arc_angle_span_rad(begin, entity.dxf.end_param)
     centre, major, minor = (
-        frame.at(entity.dxf.center), frame.along(entity.dxf.major_axis), frame.along(entity.minor_axis),
-    )  # fmt: skip
+        frame.at(entity.dxf.center),
+        frame.along(entity.dxf.major_axis),
+        frame.along(entity.minor_axis),
+    )
     return smooth(lambda t: centre + major * np.cos(t) + minor * np.sin(t), begin + span * np.linspace(0.0, 1.0, 5))
 
 
@@ -189,5 +191,5 @@ def outline(path: Any, frame: Frame, chord: float = CHORD) -> list[Curve]:
     for single in path.sub_paths():
         steps = [tuple(map(frame.at, (*step[1:], step[0]))) for step in single.commands()]  # their ends come first
         if steps:
-            found.append(linked(drawn(frame.at(single.start), steps, chord)))
+            found.append(linked(strokes(frame.at(single.start), steps, chord)))
     return found

@@ -8,7 +8,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from ..engine.quantity import InvalidInput
+from ..engine.quantity import InvalidInput, in_order
 from .collected import MOST_ENTITIES, some
 
 SUBCLASS = {
@@ -36,10 +36,9 @@ CODE = re.compile(r"-?\d{1,4}")
 COMMA = re.compile(r"[+-]?\d+,\d+(?:[eE][+-]?\d+)?")
 """A number as some languages write it."""
 
-STRUCTURE = (
-    "SECTION", "ENDSEC", "EOF", "TABLE", "ENDTAB", "BLOCK", "ENDBLK", "BLOCK_RECORD", "LAYER", "LTYPE", "STYLE",
-    "VPORT", "VIEW", "UCS", "APPID", "DIMSTYLE", "CLASS",
-)  # fmt: skip
+STRUCTURE = in_order(
+    "SECTION ENDSEC EOF TABLE ENDTAB BLOCK ENDBLK BLOCK_RECORD LAYER LTYPE STYLE VPORT VIEW UCS APPID DIMSTYLE CLASS"
+)
 """What begins with code 0 and is no entity; a number that is none is 0 there."""
 
 WHOLE = ((60, 79), (90, 99), (160, 179), (270, 289), (370, 389), (400, 409), (420, 429), (440, 459), (1060, 1071))

@@ -53,7 +53,7 @@ class Layers:
         self._frozen = {name for name, layer in self.table.items() if layer.is_frozen()}
         self._hidden = self._frozen | {name for name, layer in self.table.items() if layer.is_off()}
         self._unplotted = {name for name, layer in self.table.items() if not attribute(layer, "plot", 1)} | {UNPLOTTED}
-        self._of = cache(self._drawn)  # thousands of entities ask for few layers
+        self._of = cache(self._of_table)  # thousands of entities ask for few layers
         self.broken = {ltype.dxf.name.upper(): _is_broken(ltype) for ltype in document.linetypes}
 
     def names(self, entities: Iterable[Any]) -> list[str]:
@@ -74,7 +74,7 @@ class Layers:
             linetype = own[0]
         return Look(layer, self._colour(entity, own, around), linetype)
 
-    def _drawn(self, layer: str) -> tuple[str, int, int | None]:
+    def _of_table(self, layer: str) -> tuple[str, int, int | None]:
         """Line type, colour's index and exact colour of a layer."""
         own = self.table.get(layer.casefold())
         if own is None:

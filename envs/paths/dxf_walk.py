@@ -78,8 +78,8 @@ class Walk:
         """Leaves out what is dashed; cuts it where there is nothing else."""
         if self.dashed and not self.found.curves:
             self.found.warn("all lines are dashed, so they are cut; a drawing with solid ones leaves dashed ones out")
-            for draw, _ in self.dashed:
-                draw()
+            for take, _ in self.dashed:
+                take()
             return
         for _, what in self.dashed:
             self.found.skipped[what] += 1
@@ -106,9 +106,9 @@ class Walk:
             skipped["POLYLINE (mesh)"] += 1
         elif self.layers.dashed(look.linetype) and kind in CUT and not named:
             what = f"{kind} with line type {look.linetype}"
-            self.dashed.append((lambda: self._draw(entity, place, look, role), what))
+            self.dashed.append((lambda: self._take(entity, place, look, role), what))
         else:
-            self._draw(entity, place, look, role)
+            self._take(entity, place, look, role)
 
     def _why(self, look: Look) -> str:
         by_layer = self.layer_choice.role(look.layer) == "ignore"
@@ -116,7 +116,7 @@ class Walk:
 
     # What is there
 
-    def _draw(self, entity: Any, place: Place, look: Look, role: str) -> None:
+    def _take(self, entity: Any, place: Place, look: Look, role: str) -> None:
         with self._readable(entity):
             for curve in self._curves(entity, entity.dxftype(), place.frame):
                 self._clipped(entity, curve, place.clips, look.layer, role)

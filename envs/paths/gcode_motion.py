@@ -278,10 +278,11 @@ class Motion:
         if outer - inner > allowed:
             text = " ".join(values[c].text for c in "XYZIJK" if c in values)
             raise m.wrong(
-                line, text,
+                line,
+                text,
                 f"the ends of the arc are {abs(a - centre):.4f} and {abs(b - centre):.4f} mm from its centre; "
                 f"they may differ by {allowed:.4f} mm",
-            )  # fmt: skip
+            )
         if outer < LEAST:
             raise m.wrong(line, values[named[0]], "an arc without radius")
         return centre

@@ -30,9 +30,11 @@ class State:
         """What the machine tells of itself when a parameter is read."""
         run = self.programme
         own = {
-            "<_value>": run.value, "<_value_returned>": float(run.returned), "<_call_level>": float(len(run.calls)),
+            "<_value>": run.value,
+            "<_value_returned>": float(run.returned),
+            "<_call_level>": float(len(run.calls)),
             "<_line>": float(run.at + 1),
-        }  # fmt: skip
+        }
         return own[key] if isinstance(key, str) and key in own else self.modes.told(key, self.frames)
 
     def wrong(self, line: Line, word: Word | str, problem: str) -> InvalidInput:

@@ -11,7 +11,7 @@ import re
 from collections.abc import Callable
 from typing import NamedTuple
 
-from ..engine.quantity import InvalidInput
+from ..engine.quantity import InvalidInput, in_order
 from .gcode_arithmetic import FUNCTIONS, LEVELS, Evaluator, angle, chained, computed
 from .gcode_labels import label_of
 from .gcode_parameters import Key, Parameters, check
@@ -23,10 +23,7 @@ ORDER = re.compile(r"(?:n[\d.]+)?o(?=[\d<\[#])")
 COMMENT = re.compile(r"[(;)]")
 LABEL = re.compile(r"<[^<>]*>|\d+")
 LETTERS = frozenset("abcdefghijklmnpqrstuvwxyz$@^")
-KEYWORDS = (
-    "endsub", "endif", "endwhile", "endrepeat", "elseif", "else", "sub", "call", "return", "if", "while", "do",
-    "break", "continue", "repeat",
-)  # fmt: skip
+KEYWORDS = in_order("endsub endif endwhile endrepeat elseif else sub call return if while do break continue repeat")
 """What may follow an O and its name; longer words before those that they begin with."""
 
 DEEPEST = 60

@@ -72,7 +72,7 @@ class Settings:
 
 
 @dataclass(frozen=True, eq=False)
-class Job:
+class PlannedJob:
     """A job; arrays have one entry for each millisecond of nominal time.
 
     ``x``, ``y``: commanded position of the carrier, mm; ``s``: way along the whole programme, mm; ``cut_s``: mm cut so
@@ -161,7 +161,7 @@ class _Tape:
             self.count += count
 
 
-def plan(drawing: Drawing, settings: Settings) -> Job:
+def plan(drawing: Drawing, settings: Settings) -> PlannedJob:
     """The job that cuts ``drawing``, which begins above its first pierce point.
 
     Raises:
@@ -170,7 +170,7 @@ def plan(drawing: Drawing, settings: Settings) -> Job:
     return driven(routed(drawing, Cutting(settings.lead_in)), settings)
 
 
-def driven(route: Route, settings: Settings) -> Job:
+def driven(route: Route, settings: Settings) -> PlannedJob:
     """The job that follows a route; see :func:`plan`."""
     s = settings
     cutting = Limits(s.speed, s.acceleration, s.jerk, s.jump)
@@ -251,7 +251,9 @@ def _check_duration(route: Route, feeds: list[float], s: Settings) -> None:
         )
 
 
-def _job(route: Route, settings: Settings, tape: _Tape, contours: Indices, feed: float, warnings: list[str]) -> Job:
+def _job(
+    route: Route, settings: Settings, tape: _Tape, contours: Indices, feed: float, warnings: list[str]
+) -> PlannedJob:
     drawing = route.drawing
     at, t, phase, beam, lift = map(np.concatenate, zip(*tape.rows, strict=True))
     steps = np.append(0.0, lengths(at))
@@ -262,7 +264,7 @@ def _job(route: Route, settings: Settings, tape: _Tape, contours: Indices, feed:
     speed_room = settings.most_speed / np.maximum(speed, 1e-3)
     acceleration_room = np.sqrt(settings.most_acceleration / np.maximum(acceleration, 1e-3))
     most = np.clip(np.minimum(speed_room, acceleration_room), 1.0, 3.0)
-    return Job(
+    return PlannedJob(
         drawing.name, at[:, 0].copy(), at[:, 1].copy(), np.cumsum(steps), np.cumsum(np.where(cutting, steps, 0.0)),
         speed,
         t[:, 0].copy(), t[:, 1].copy(), beam, phase, lift, most, contours, settings, list(drawing.pieces),

@@ -124,9 +124,11 @@ def _apart(loose: list[Curve], tolerance: float) -> tuple[Gap, ...]:
     told = [
         (float(ends[i, 0]), float(ends[i, 1]), float(near[i, 1]))
         for i in np.argsort(near[:, 1], kind="stable")
-        if np.isfinite(near[i, 1]) and near[i, 1] > EXACT and not (own[i] and mine[i])
+        if np.isfinite(near[i, 1])
+        and near[i, 1] > EXACT
+        and not (own[i] and mine[i])
         and (which[which[i, 1], 1] != i or i < which[i, 1])
-    ]  # fmt: skip
+    ]
     return tuple(told)
 
 

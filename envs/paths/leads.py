@@ -30,13 +30,13 @@ from .starts import (
     STRAIGHT,
     Starts,
     arcs,
+    as_given,
     begun,
-    drawn,
     onto,
     others,
     straight,
     together,
-)  # fmt: skip
+)
 
 HOW = ("none", "drawn", "shorter", "arc", "elsewhere", "on the contour")
 """Ways in which a contour is begun: without lead-in because none is wanted; where the drawing begins, at full length,
@@ -155,14 +155,14 @@ class _Search:
 
     def first(self, left: Indices) -> dict[int, Lead]:
         """The first way of all contours alone, which mostly does: at a right angle, as long as asked for."""
-        starts = drawn(left, self.pieces, self.side[left])
+        starts = as_given(left, self.pieces, self.side[left])
         ways = straight(starts, starts.normal, self.most[left])
         good = np.flatnonzero(self.room.clear(left, ways, self.keep[left]))
         return {int(left[k]): self._lead(starts, int(k), ways[k, [0, -1]], "drawn") for k in good}
 
     def as_drawn(self, left: Indices, keep: Floats) -> dict[int, Lead]:
         """Where the drawing begins the contours; ``keep``: mm from the pierce points to every edge."""
-        return self._best(drawn(left, self.pieces, self.side[left]), STRAIGHT, keep)
+        return self._best(as_given(left, self.pieces, self.side[left]), STRAIGHT, keep)
 
     def from_the_middle(self, left: Indices) -> dict[int, Lead]:
         """From the middle of the largest circle within a hole to where it touches."""
@@ -193,7 +193,7 @@ class _Search:
         share = STARTS / (len(left) * (many[0] + 2 * many[1])) if len(left) else 1.0
         spread, corners = (
             max(min(n, least), int(n * min(share, 1.0))) for n, least in zip(many, LEAST_STARTS, strict=True)
-        )  # fmt: skip
+        )
         for at in range(0, len(left), BLOCK):
             if not self.room.worth_asking:
                 break

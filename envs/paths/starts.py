@@ -82,7 +82,7 @@ def together(parts: list[Starts]) -> Starts:
     return Starts(*(np.concatenate([getattr(p, name) for p in parts]) for name in Starts.__dataclass_fields__))
 
 
-def drawn(own: Indices, pieces: list[Points], side: Floats) -> Starts:
+def as_given(own: Indices, pieces: list[Points], side: Floats) -> Starts:
     """Where the drawing begins the contours ``own``."""
     first = np.array([pieces[i][0] for i in own]).reshape(-1, 2)
     legs = np.array([[pieces[i][1] - pieces[i][0], pieces[i][-2] - pieces[i][-1]] for i in own]).reshape(-1, 2, 2)
@@ -126,9 +126,7 @@ def onto(own: int, piece: Points, side: float, at: Points) -> Starts:
     along = np.clip(((at - piece[:-1]) * legs).sum(axis=1) / (legs**2).sum(axis=1), 0.0, 1.0)
     leg = int(np.hypot(*(piece[:-1] + legs * along[:, None] - at).T).argmin())
     ahead = legs[leg] / np.hypot(*legs[leg])
-    return Starts(
-        np.array([own]), np.array([leg]), at[None], ahead[None], np.array([side]), np.array([np.pi])
-    )  # fmt: skip
+    return Starts(np.array([own]), np.array([leg]), at[None], ahead[None], np.array([side]), np.array([np.pi]))
 
 
 def _wedge(ahead: Points, behind: Points, side: Floats) -> Floats:

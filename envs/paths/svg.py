@@ -14,7 +14,7 @@ from ..engine.quantity import InvalidInput
 from . import svg_style
 from .choice import Choice, Reading, merged
 from .collected import Collected
-from .colours import NONE, of_css, painted
+from .colours import NONE, in_svg, of_css
 from .drawing import Drawing, finished, unit
 from .svg_shapes import CUT, Matrix, curves
 from .svg_text import letters
@@ -85,7 +85,7 @@ class _Picture:
     def __init__(self, file: Path, asked: Reading) -> None:
         self.file, self.asked, self.data, self.steps = file, asked, 0, 0
         self.layer_choice = Choice("layer", asked.layers)
-        self.colour_choice = Choice("colour", asked.colours, painted)
+        self.colour_choice = Choice("colour", asked.colours, in_svg)
         self.root = tree(file)
         self.found = Collected(file)
         for node, selector in svg_style.apply(self.root):

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from .collected import Collected
-from .curve import Curve, drawn, linked
+from .curve import Curve, linked, strokes
 from .svg_shapes import Matrix
 from .svg_tree import Node
 
@@ -44,7 +44,7 @@ def _stretches(node: Node, pen: Pen, matrix: Matrix, found: Collected) -> Iterat
     for number in range(len(node.children) + 1):
         words = " ".join("".join(text for at, text in said if at == number).split())
         if words:
-            yield from _drawn(node, words, pen, matrix, found)
+            yield from _letters(node, words, pen, matrix, found)
         if number < len(node.children) and node.children[number].tag in ("tspan", "textPath", "a"):
             yield from _stretches(node.children[number], pen, matrix, found)
 
@@ -54,7 +54,7 @@ def _number(node: Node, name: str, text: str) -> float:
     return held.length(name, 0.0)
 
 
-def _drawn(node: Node, words: str, pen: Pen, matrix: Matrix, found: Collected) -> Iterator[Curve]:
+def _letters(node: Node, words: str, pen: Pen, matrix: Matrix, found: Collected) -> Iterator[Curve]:
     from matplotlib.font_manager import FontProperties, findfont  # slow
     from matplotlib.textpath import TextPath, text_to_path
 
@@ -97,5 +97,5 @@ def _outlines(z: Any, codes: Any) -> Iterator[Curve]:
 
 
 def _stroke(first: complex, steps: list[tuple[complex, ...]]) -> Iterator[Curve]:
-    if parts := [p for p in drawn(first, steps) if len(p.points) > 1]:
+    if parts := [p for p in strokes(first, steps) if len(p.points) > 1]:
         yield linked(parts)

@@ -41,9 +41,11 @@ LONGEST_ENTITY = 10_000
 """Characters that an entity of the file's own may stand for; Illustrator's are addresses."""
 
 SPACES = {
-    "": "", "http://www.w3.org/2000/svg": "", "http://www.w3.org/1999/xlink": "xlink:",
+    "": "",
+    "http://www.w3.org/2000/svg": "",
+    "http://www.w3.org/1999/xlink": "xlink:",
     "http://www.inkscape.org/namespaces/inkscape": "inkscape:",
-}  # fmt: skip
+}
 """Prefixes in the names of elements and attributes; all other names begin with "other:"."""
 
 USUAL = {"svg": "", "xlink": "xlink:", "inkscape": "inkscape:"}

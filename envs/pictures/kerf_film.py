@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..paths.job import Job
+from ..paths.job import PlannedJob
 from ..plant import gantry
 from ..plant.fleet import Fleet
 from .kerf_picture import Kerf, picture
@@ -11,7 +11,7 @@ from .kerf_picture import Kerf, picture
 class KerfFilm:
     """Keeps what a frame shows: where the spot has been, and what the cut was like there."""
 
-    def __init__(self, job: Job, title: str, colour: str) -> None:
+    def __init__(self, job: PlannedJob, title: str, colour: str) -> None:
         self._job, self._title, self._colour = job, title, colour
         self._rows: list[tuple[float, ...]] = []
 

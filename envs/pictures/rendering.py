@@ -130,9 +130,9 @@ class Renderer:
         title = self._title.fit(scene.title, page.shape[1] - 2 * self._x(14))
         self._title.write(page, title, self._x(14), 18 * self._k, INK)
         trace = _trace(scene)
-        self._draw_machine(page, scene, trace)
-        rms = self._draw_errors(page, scene.time, trace)
-        self._draw_status(page, scene, rms)
+        self._paint_machine(page, scene, trace)
+        rms = self._paint_errors(page, scene.time, trace)
+        self._paint_status(page, scene, rms)
         self._time = scene.time
         picture = np.empty((*page.shape, 3), np.uint8)
         for i in range(3):
@@ -167,7 +167,7 @@ class Renderer:
     def _x(self, at: float) -> int:
         return round(at * self._k)
 
-    def _draw_machine(self, page: Pixels, scene: Scene, trace: Floats) -> None:
+    def _paint_machine(self, page: Pixels, scene: Scene, trace: Floats) -> None:
         """The upper panel."""
         k, x_scale = self._k, self._x_scale
         panel = page[self._top : self._bottom, self._left : self._right]
@@ -188,22 +188,22 @@ class Renderer:
         def y(z: Any) -> Any:  # px from the panel's top
             return GROUND * rows - (z - self._ground) * z_scale
 
-        self._draw_sheet(panel, y(surface), solid, known)
-        self._draw_heights(page, y, z_scale)
-        self._draw_distances(page, scene.distance)
+        self._paint_sheet(panel, y(surface), solid, known)
+        self._paint_heights(page, y, z_scale)
+        self._paint_distances(page, scene.distance)
         dashed = np.where(solid & known & (edges[:-1] % 0.7 < 0.42), 0.0, np.nan)
         wanted = y(surface + set_height)
         _stroke(panel, wanted[:-1] + dashed, wanted[1:] + dashed, max(1.0, 2 * k), SET)
 
         tip = float(np.clip(y(head), 12 * k, rows))
-        self._draw_nozzle(panel, tip, cutting=scene.mode in ("follow", "hold"))
+        self._paint_nozzle(panel, tip, cutting=scene.mode in ("follow", "hold"))
         face, axis = round(FACE * x_scale), columns // 2
         if math.isfinite(scene.reported):
             told = np.full(2 * face, y(head - scene.reported))
             _stroke(panel[:, axis - face : axis + face], told, told, max(1.0, 2 * k), REPORTED)
         if math.isfinite(scene.gap):
             bottom = float(np.clip(y(head - gap), 0, rows))
-            self._draw_gap(page, tip, bottom, axis - face, f"gap {_number(gap, 3, 'mm')}")
+            self._paint_gap(page, tip, bottom, axis - face, f"gap {_number(gap, 3, 'mm')}")
         x = self._right + self._x(44)
         for at, value in ((34, scene.set_height), (82, scene.reported), (130, scene.head)):
             self._text.write(page, _number(value, 3, "mm"), x, self._top + at * k, INK)
@@ -219,7 +219,7 @@ class Renderer:
         far = DRIFT * self._span
         self._ground = min(max(self._ground, under - far), under + far)
 
-    def _draw_sheet(self, panel: Pixels, y: Floats, solid: np.ndarray, known: np.ndarray) -> None:
+    def _paint_sheet(self, panel: Pixels, y: Floats, solid: np.ndarray, known: np.ndarray) -> None:
         """Sheet from its surface to the panel's bottom; paler where nothing is known of it.
 
         ``y``: surface at the columns' edges, px; ``solid`` and ``known``: bool, one for each column.
@@ -235,7 +235,7 @@ class Renderer:
         line = np.where(solid & known, 0.0, np.nan)
         _stroke(panel, y[:-1] + line, y[1:] + line, max(1.0, 1.6 * self._k), EDGE)
 
-    def _draw_heights(self, page: Pixels, y: Callable[[float], float], z_scale: float) -> None:
+    def _paint_heights(self, page: Pixels, y: Callable[[float], float], z_scale: float) -> None:
         """Ticks of z."""
         k, rows = self._k, self._bottom - self._top
         step = _nice(38 * k / z_scale)
@@ -251,7 +251,7 @@ class Renderer:
                 label = f"{i * step:.{decimals}f}".replace("-", "−")
                 self._small.write(page, label, self._left - 10 * k, self._top + at, INK, 1.0)
 
-    def _draw_distances(self, page: Pixels, distance: float) -> None:
+    def _paint_distances(self, page: Pixels, distance: float) -> None:
         """Ticks of the distance along the path, which move with the sheet."""
         k, bottom = self._k, self._bottom
         for i in range(math.ceil((distance - HALF) / 5), math.floor((distance + HALF) / 5) + 1):
@@ -259,7 +259,7 @@ class Renderer:
             page[bottom : bottom + self._x(5), at] = _code(QUIET)[0]
             self._small.write(page, f"{5 * i}".replace("-", "−"), at, bottom + 13 * k, INK, 0.5)
 
-    def _draw_nozzle(self, panel: Pixels, tip: float, cutting: bool) -> None:
+    def _paint_nozzle(self, panel: Pixels, tip: float, cutting: bool) -> None:
         """Cone with its bore, as wide as it is, tip at ``tip`` px; its slope is that of z × 1."""
         axis = panel.shape[1] // 2
         bore, face, body = (round(r * self._x_scale) for r in (BORE, FACE, BODY))
@@ -272,7 +272,7 @@ class Renderer:
         lowest = np.where(radius > bore, tip - np.maximum(radius - face, 0.0) * SLOPE, np.nan)
         _fill(panel[:, axis - body : axis + body], np.zeros(2 * body), lowest, NOZZLE)
 
-    def _draw_gap(self, page: Pixels, tip: float, surface: float, face: int, text: str) -> None:
+    def _paint_gap(self, page: Pixels, tip: float, surface: float, face: int, text: str) -> None:
         """Dimension between the panel's rows ``tip`` and ``surface``; the nozzle's face begins at column ``face``."""
         panel = page[self._top : self._bottom, self._left : self._right]
         k, rows = self._k, len(panel)
@@ -298,7 +298,7 @@ class Renderer:
         label[:] = _code(WHITE)[0]  # legible over lines that pass
         self._text.write(page, text, self._left + x, self._top + middle, TRUE)
 
-    def _draw_errors(self, page: Pixels, time: float, trace: Floats) -> float:
+    def _paint_errors(self, page: Pixels, time: float, trace: Floats) -> float:
         """The lower panel.
 
         Returns:
@@ -334,7 +334,7 @@ class Renderer:
         true = errors[~np.isnan(errors[:, 0]), 0]
         return float(np.sqrt(np.mean(true * true))) if len(true) else math.nan
 
-    def _draw_status(self, page: Pixels, scene: Scene, rms: float) -> None:
+    def _paint_status(self, page: Pixels, scene: Scene, rms: float) -> None:
         rms_decimals = 1 if rms < 1000 else 0
         for x, name, value in (
             (14, "time ", f"{scene.time:.3f} s"),
@@ -379,7 +379,7 @@ class _Letters:
         self._middle = 0.36 * size  # of digits and capitals, above the baseline
         self._above, self._below = size, math.ceil(0.4 * size)
         self._line = functools.lru_cache(self.KEPT)(self._written)
-        self._letter = functools.cache(self._drawn)
+        self._letter = functools.cache(self._painted)
         self._advance = functools.cache(lambda letter: self._font.getlength(letter) / self.FINE)
 
     def width(self, text: str) -> float:
@@ -431,7 +431,7 @@ class _Letters:
         line = _mix(np.full(cover.shape, _code(ground)[0]), cover, colour)
         return line, int(columns[0]) - self.PAD, int(rows[0]) - self._above
 
-    def _drawn(self, letter: str, start: int) -> Floats:
+    def _painted(self, letter: str, start: int) -> Floats:
         """Coverage of a letter whose origin is ``PAD`` + ``start`` / ``FINE`` px from the left."""
         from PIL import Image, ImageDraw
 

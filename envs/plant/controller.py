@@ -366,7 +366,7 @@ def _told(value: Any, names: frozenset[str], seen: set[Any]) -> str:
     """
     function = getattr(value, "py_func", value)
     if isinstance(function, types.FunctionType):
-        known = function is value and function not in lanes.PARTS  # to the compiler: NumPy's, say
+        known = function is value and function not in lanes.COMPILED  # to the compiler: NumPy's, say
         if known or function in seen or is_stamped(function.__module__):  # the stamp tells these
             return ""
         seen.add(function)

@@ -53,7 +53,7 @@ RAPID, APPROACH, PIERCE, LEAD_IN, CUT, LIFT = range(6)
 """Phases of a job."""
 
 JOB = ("x", "y", "s", "feed", "tx", "ty", "beam", "phase", "lift", "most", "cut_s")
-"""What a job's table holds for each millisecond of nominal time, see :class:`paths.job.Job`."""
+"""What a job's table holds for each millisecond of nominal time, see :class:`paths.job.PlannedJob`."""
 
 
 class Journey(NamedTuple):
@@ -169,7 +169,6 @@ PROCESS_SIGNALS = _layout.part("process_signals", ProcessPrivileged)
 PROCESS_WISH = _layout.part("wish", Process)
 PROCESS_DUE, TURN = _layout.place(1), _layout.place(rows(Turn))
 APPLIED, REALISED = _layout.part("applied", Process), _layout.part("realised", spot.Realised)
-_layout.place(rows(cut.Beam))  # free
 S_CUT = _layout.place(rows(cut.State))
 FIGURES, SUMS = _layout.part("figures", cut.Figures), _layout.part("sums", Sums)
 P_PUBLISHED = _layout.part("published", published.Range)
@@ -227,7 +226,7 @@ _EXCESS_ROWS = U(rows(published.Excess))
 _REALISED_ROWS, _FIGURES_ROWS = U(rows(spot.Realised)), U(rows(cut.Figures))
 
 _ANY = U(2**40)
-_SET_HEIGHT = machine.JOB + row(supervisor.Job, "set_height")
+_SET_HEIGHT = machine.JOB + row(supervisor.Orders, "set_height")
 _SERVO_IN, _PROCESS_IN = PROGRESS + row(Progress, "servo_in"), TURN + row(Turn, "process_in")
 _STANDOFF = P_RECIPE + row(Recipe, "standoff")
 _X, _Y, _S, _FEED, _TX, _TY, _BEAM, _PHASE, _LIFT, _MOST = (U(JOB.index(name)) for name in JOB[:10])

@@ -85,8 +85,10 @@ def samples_of(fleet: Fleet, advance: Callable[[], Any], longest: int = LONGEST_
         longest: control periods after which the run is given up.
     """
     phase, frequency, position = (
-        fleet.row("supervisor.phase"), fleet.row("signals.frequency"), fleet.row("signals.head_position"),
-    )  # fmt: skip
+        fleet.row("supervisor.phase"),
+        fleet.row("signals.frequency"),
+        fleet.row("signals.head_position"),
+    )
     mode, samples = fleet.row("supervisor.mode"), []
     for _ in range(longest):
         advance()

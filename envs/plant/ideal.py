@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from ..engine.quantity import InvalidInput, did_you_mean
+from ..engine.quantity import InvalidInput, check_choice
 from . import heads, prompt
 from .fleet import Fleet
 from .machine import DT
@@ -95,8 +95,7 @@ def idealise(fleet: Fleet, stage: str, machines: Any) -> None:
     Raises:
         InvalidInput: unknown stage; the nearest is offered.
     """
-    if stage not in STAGES:
-        raise InvalidInput(f"unknown stage '{stage}'; {did_you_mean(stage, STAGES)}")
+    check_choice(stage, STAGES, "stage")
     m = np.atleast_1d(machines)
     if len(m):
         STAGES[stage](fleet, m)

@@ -41,6 +41,7 @@ from ..engine.lanes import (
     uniform,
     words,
 )
+from ..engine.quantity import in_order
 from . import calibration, filters, path, sensor, sheet, supervisor, z_axis
 from .controller import AHEAD, PERIOD, SLOTS, Privileged
 
@@ -116,7 +117,7 @@ FEATURES = _layout.place(sheet.FEATURES * rows(sheet.Feature))
 P_SENSOR, P_GATE = _layout.part("sensor", sensor.Params), _layout.part("gate", sensor.Gate)
 P_FILTER, P_TABLE = _layout.part("filter", filters.Params), _layout.part("table", calibration.Params)
 P_Z, P_GUARD = _layout.part("z", z_axis.Params), _layout.part("guard", supervisor.Params)
-JOB, START = _layout.part("job", supervisor.Job), _layout.part("start", Start)
+JOB, START = _layout.part("job", supervisor.Orders), _layout.part("start", Start)
 HAND = _layout.part("hand", Hand)
 P_LAW, S_LAW = _layout.place(SLOTS["z"].params), _layout.place(SLOTS["z"].state)
 S_PATH, S_SHEET = _layout.part("journey", path.State), _layout.place(rows(sheet.State))
@@ -143,16 +144,24 @@ STRIDE = U(ROWS * W)
 
 LAW_PLACES = {"params": P_LAW, "state": S_LAW, "signals": SIGNALS, "wish": WISH, "stride": STRIDE}
 
+
+def signal(name: str) -> np.uint64:
+    """Offset of a signal of the Z axis's law in a block, by its name in :class:`Privileged`."""
+    return SIGNALS + row(Privileged, name)
+
+
 PLACES = _layout.parts
 """Offset and class of each part that Python reads or writes."""
 
-CHANNELS = (
-    "gap", "height", "raw_height", "surface", "head", "velocity", "acceleration", "command", "wish", "mode", "scored",
-    "distance", "override",
-)  # fmt: skip
+CHANNELS = in_order(
+    "gap height raw_height surface head velocity acceleration command wish mode scored distance override"
+)
 """What a recorder keeps of each control period, float32: true gap, mm; reported and raw height, mm; surface and head,
 mm; motor velocity, mm/s; motor acceleration, mm/s²; command after and before the supervisor, mm/s; its mode; whether
 the period counts as cutting; distance along the path, mm; whether the supervisor overrode the law."""
+
+_TO_GAP, _TO_HEIGHT, _TO_RAW, _TO_SURFACE, _TO_HEAD, _TO_VELOCITY, _TO_ACCELERATION = map(U, range(7))
+_TO_COMMAND, _TO_WISH, _TO_MODE, _TO_SCORED, _TO_DISTANCE, _TO_OVERRIDE = map(U, range(7, len(CHANNELS)))
 
 
 class Entries(NamedTuple):
@@ -264,7 +273,7 @@ def _view(block, a, surface, refuge):
 def _guard(block, a):
     """Parameters, state and job of the supervisor."""
     p, s = load(supervisor.Params, block, a + P_GUARD), load(supervisor.State, block, a + S_GUARD)
-    return p, s, load(supervisor.Job, block, a + JOB)
+    return p, s, load(supervisor.Orders, block, a + JOB)
 
 
 @stage
@@ -687,7 +696,7 @@ def report_all(block, at, n, tick):
         encoder = z_axis.encoded(load(z_axis.Params, block, a + P_Z), m.gate_motor)
         position = encoder + s.offset
         speed = (encoder - t.encoder) / PERIOD
-        job = load(supervisor.Job, block, a + JOB)
+        job = load(supervisor.Orders, block, a + JOB)
         set_height = job.protect if s.mode == supervisor.PROTECT else job.set_height
         way, way_there = load(path.State, block, a + S_PATH), load(path.Params, block, a + P_PATH)
         lap, feed = way_there.lap, path.feed_at(way_there, way.here) if way_there.corner > 0.0 else way.feed
@@ -723,19 +732,19 @@ def record_all(block, at, n, tick, record, where, machines):
         a = at + lane
         x, s = load(Privileged, block, a + SIGNALS), load(path.State, block, a + S_PATH)
         o = where + lane
-        record[o] = x.gap
-        record[o + machines] = x.height
-        record[o + U(2) * machines] = x.raw_height
-        record[o + U(3) * machines] = x.surface_0
-        record[o + U(4) * machines] = x.head
-        record[o + U(5) * machines] = x.velocity
-        record[o + U(6) * machines] = x.acceleration
-        record[o + U(7) * machines] = x.command
-        record[o + U(8) * machines] = block[a + WISH]
-        record[o + U(9) * machines] = x.mode
-        record[o + U(10) * machines] = 1.0 if load(Course, block, a + COURSE).scored else 0.0
-        record[o + U(11) * machines] = s.here
-        record[o + U(12) * machines] = 1.0 if x.override else 0.0
+        record[o + _TO_GAP * machines] = x.gap
+        record[o + _TO_HEIGHT * machines] = x.height
+        record[o + _TO_RAW * machines] = x.raw_height
+        record[o + _TO_SURFACE * machines] = x.surface_0
+        record[o + _TO_HEAD * machines] = x.head
+        record[o + _TO_VELOCITY * machines] = x.velocity
+        record[o + _TO_ACCELERATION * machines] = x.acceleration
+        record[o + _TO_COMMAND * machines] = x.command
+        record[o + _TO_WISH * machines] = block[a + WISH]
+        record[o + _TO_MODE * machines] = x.mode
+        record[o + _TO_SCORED * machines] = 1.0 if load(Course, block, a + COURSE).scored else 0.0
+        record[o + _TO_DISTANCE * machines] = s.here
+        record[o + _TO_OVERRIDE * machines] = 1.0 if x.override else 0.0
 
 
 # ------------------------------------------------------------------------------------------------------ kernels
@@ -838,7 +847,7 @@ def _begin(deck_address, machine, key):
     first = load(sheet.Feature, block, at + FEATURES)
     store(block, at + S_SHEET, sheet.State(growth / (growth - 1.0), 0.0, 1.0, first))
     store(block, at + S_SENSOR, _UNSENSED)
-    follows = load(supervisor.Job, block, at + JOB).request == supervisor.FOLLOW
+    follows = load(supervisor.Orders, block, at + JOB).request == supervisor.FOLLOW
     mode = supervisor.FOLLOW if follows else supervisor.STOP
     store(block, at + S_GUARD, _UNGUARDED._replace(mode=mode, offset=start.coast))
     store(block, at + DRIVE, _STILL)

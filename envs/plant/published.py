@@ -123,8 +123,5 @@ def beyond(r, feed, c, shape, offset, pressure):
 @part
 def outside(x):
     """Whether any setting lies outside."""
-    total = (
-        x.material + x.feed + x.power + x.frequency + x.amplitude + x.ellipse + x.depth + x.focus + x.standoff
-        + x.pressure + x.shape
-    )  # fmt: skip
-    return total > 0.0
+    total = x.material + x.feed + x.power + x.frequency + x.amplitude + x.ellipse + x.depth + x.focus + x.standoff
+    return total + x.pressure + x.shape > 0.0

@@ -177,7 +177,7 @@ def angles(depth, spot, beta):
     return alpha, alpha + beta
 
 
-def shaped(p, r, turn):
+def offsets(p, r, turn):
     """:func:`offset` for arrays: where the spot is after ``turn`` turns of the dither."""
     phase = 2.0 * np.pi * turn - r.lag
     s, c = np.sin(phase), np.cos(phase)
@@ -199,9 +199,12 @@ def _folded(u):
 def check(p, c):
     """Raises :class:`InvalidInput` for a dither that the optics cannot do."""
     for name, value, most in (
-        ("frequency", c.frequency, p.highest), ("x", c.x, p.galvo_range), ("y", c.y, p.galvo_range),
-        ("z", c.z, p.piezo_range), ("focus", abs(c.focus), p.piezo_range),
-    ):  # fmt: skip
+        ("frequency", c.frequency, p.highest),
+        ("x", c.x, p.galvo_range),
+        ("y", c.y, p.galvo_range),
+        ("z", c.z, p.piezo_range),
+        ("focus", abs(c.focus), p.piezo_range),
+    ):
         if not 0.0 <= value <= most:
             unit = "Hz" if name == "frequency" else "mm"
             raise InvalidInput(f"dither.{name} = {value} {unit} is out of the optics' range; at most {most} {unit}")

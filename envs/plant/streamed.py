@@ -22,10 +22,8 @@ def _period(column, given, out, g, o, dt):
     """One period of every lane: speed, standoff error and contour error in, figures out."""
     p, b = load(cut.Params, column, _P), load(cut.Beam, column, _B)
     for lane in range(UW):
-        s, f = cut.step(
-            p, b, load(cut.State, column, _S + lane), given[g + lane], given[g + UW + lane],
-            given[g + UW * U(2) + lane], dt,
-        )  # fmt: skip
+        before, i = load(cut.State, column, _S + lane), g + lane
+        s, f = cut.step(p, b, before, given[i], given[i + UW], given[i + UW * U(2)], dt)
         store(column, _S + lane, s)
         store(out, o + lane, f)
 

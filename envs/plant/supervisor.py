@@ -102,7 +102,7 @@ class Params(NamedTuple):
     follow_speed: Annotated[float, Quantity("mm/s", 1.0, 1000.0, "fastest following", "Xi2023")] = 1000.0
 
 
-class Job(NamedTuple):
+class Orders(NamedTuple):
     """What the operator and the machine's set-up ask for."""
 
     request: float = FOLLOW  # one of MODES
@@ -278,7 +278,7 @@ def errand(p, s, job, x, u):
     """The tick of a machine in any other mode, and every change of mode that the operator asks for.
 
     Args:
-        p, s, job, x: :class:`Params`, :class:`State`, :class:`Job`, :class:`View`.
+        p, s, job, x: :class:`Params`, :class:`State`, :class:`Orders`, :class:`View`.
         u: command of :func:`follow`, mm/s.
 
     Returns:

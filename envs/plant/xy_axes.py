@@ -69,7 +69,7 @@ class Axis(NamedTuple):
     part_2: float = 0.0
     position: float = 0.0  # mm, the slide
     summed: float = 0.0  # mm, literal: the sum of sampled speeds
-    drawn: float = 0.0  # mm per control period, literal: how the slide is drawn moving
+    pace: float = 0.0  # mm, literal: by which the slide moves in each control period
 
 
 @part
@@ -111,7 +111,7 @@ def sampled(p, a):
     """The axis at a servo instant: the literal mode adds the sampled speed to its sum."""
     moved = velocity(a) * p.servo * 1e-3
     if p.literal:
-        return a._replace(summed=a.summed + moved, drawn=moved / p.servo)
+        return a._replace(summed=a.summed + moved, pace=moved / p.servo)
     return a
 
 
@@ -140,7 +140,7 @@ def moved(p, g, a, dt):
     asked = fma(g.way_1, a.part_1, fma(g.way_2, a.part_2, g.drag * a.command))
     way = f * asked + (1.0 - f) * now * dt
     part_1, part_2 = a.part_1 + f * (next_1 - a.part_1), a.part_2 + f * (next_2 - a.part_2)
-    position = a.position + (a.drawn if p.literal else way)
+    position = a.position + (a.pace if p.literal else way)
     return a._replace(part_1=part_1, part_2=part_2, position=position)
 
 

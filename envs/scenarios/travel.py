@@ -122,7 +122,7 @@ class Job(Section):
 
 
 @functools.lru_cache(maxsize=8)
-def drawn(drawing: str, reading: Reading = PLAIN) -> "Drawing":
+def read_drawing(drawing: str, reading: Reading = PLAIN) -> "Drawing":
     """The drawing in a DXF, SVG or G-code file."""
     return reading.drawing(drawing)
 
@@ -132,7 +132,7 @@ def contour(drawing: str, reading: Reading = PLAIN) -> Contour:
     """The journey through a drawing, moved so that its lower left corner lies at x = y = 0."""
     from ..paths.drawing import journey as through
 
-    way = through(drawn(drawing, reading))
+    way = through(read_drawing(drawing, reading))
     return Contour(way.name, way.x - way.x.min(), way.y - way.y.min(), way.cutting)
 
 

@@ -24,8 +24,9 @@ from ..engine.lanes import (
     stage,
     words,
 )
+from ..engine.quantity import in_order
 from ..plant import filters, machine, supervisor
-from ..plant.controller import PERIOD, Privileged
+from ..plant.controller import PERIOD
 from .task import ANY, IO, IO_SIZE, Actions, Signals, Task, end
 
 DIRECT_SPEED, RESIDUAL_SPEED = 200.0, 50.0
@@ -56,10 +57,9 @@ FEATURES = (
     *(f"surface_step_{a}_{b}" for a, b in zip(SURFACE_LAGS[:-1], SURFACE_LAGS[1:], strict=True)),
     *(f"speed_{k}" for k in SPEED_LAGS),
     *(f"command_{k}" for k in COMMAND_LAGS),
-    "base_command", "set_height", "override", "captured", "holding",
-    "mean_motion_64", "restless_64", "restless_256",
-    "error_size_64", "error_size_256", "mean_error_64", "mean_error_256",
-)  # fmt: skip
+    *in_order("base_command set_height override captured holding mean_motion_64 restless_64 restless_256"),
+    *in_order("error_size_64 error_size_256 mean_error_64 mean_error_256"),
+)
 """Names of the normalised features, in order."""
 
 RAW = (
@@ -67,14 +67,14 @@ RAW = (
     *(f"raw_height_{k}" for k in range(RAW_HISTORY)),
     *(f"head_position_{k}" for k in range(RAW_HISTORY)),
     *(f"command_{k}" for k in range(RAW_HISTORY)),
-    "base_command", "set_height", "feed", "override", "captured", "mode",
-)  # fmt: skip
+    *in_order("base_command set_height feed override captured mode"),
+)
 """Names of the physical signals, in order: newest first; mm and mm/s."""
 
-INFO = (
-    "true_gap", "measured_height", "true_error", "reported_error", "cost", "scored", "mode", "override", "distance",
-    "reward_error", "reward_rate", "reward_collision", "weighted_error", "weighted_rate", "weighted_collision",
-)  # fmt: skip
+INFO = in_order(
+    "true_gap measured_height true_error reported_error cost scored mode override distance reward_error "
+    "reward_rate reward_collision weighted_error weighted_rate weighted_collision"
+)
 """What ``info`` holds, in order; mm, terms of the reward raw and weighted."""
 
 
@@ -103,12 +103,18 @@ _SPEED = 0.01 / PERIOD  # of a millimetre per period, in 100 mm/s
 _ROWS = len(RAW) * lanes.W
 _INFO = U(len(INFO))
 _MEMORY_ROWS, _MEANS = U(FEATURES.index("mean_motion_64")), U(len(Memory._fields))
-_COLLIDED = machine.TALLY + U(machine.Tally._fields.index("collided") * lanes.W)
-_SCORED = machine.COURSE + U(machine.Course._fields.index("scored") * lanes.W)
-_HERE = machine.S_PATH + U(machine.path.State._fields.index("here") * lanes.W)
+_MOTION, _ERROR_SOON, _ERROR_LATE = (
+    U(FEATURES.index(name)) * UW for name in ("mean_motion_64", "mean_error_64", "mean_error_256")
+)
+_RAW_HEIGHTS, _POSITIONS, _COMMANDS, _BASE, _TO_SET, _TO_FEED, _TO_OVERRIDE, _TO_CAPTURED, _TO_MODE = (
+    U(RAW.index(name)) * UW
+    for name in ("raw_height_0", "head_position_0", "command_0", *RAW[RAW.index("base_command") :])
+)
+_COLLIDED = machine.TALLY + lanes.row(machine.Tally, "collided")
+_SCORED = machine.COURSE + lanes.row(machine.Course, "scored")
+_HERE = machine.S_PATH + lanes.row(machine.path.State, "here")
 _GAP, _HEIGHT, _SET, _MODE, _OVERRIDE, _CAPTURED, _FEED, _FRESH = (
-    machine.SIGNALS + U(Privileged._fields.index(name) * lanes.W)
-    for name in ("gap", "height", "set_height", "mode", "override", "captured", "feed", "fresh")
+    machine.signal(name) for name in ("gap", "height", "set_height", "mode", "override", "captured", "feed", "fresh")
 )
 
 
@@ -138,9 +144,11 @@ def schedule(block, at, n, actions, first):
         window = np.rint(1.0 + 0.5 * (x + 1.0) * (LONGEST_WINDOW - 1))
         trim = min(np.rint(0.5 * (y + 1.0) * LARGEST_TRIM), np.floor(0.5 * (window - 1.0)))
         p = load(filters.Params, block, a + machine.P_FILTER)
-        lanes.store(block, a + machine.P_FILTER, filters.Params(
-            filters.IMPROVED, window, trim, p.ratio, p.tau, p.jump, p.hold, p.trust
-        ))  # fmt: skip
+        lanes.store(
+            block,
+            a + machine.P_FILTER,
+            filters.Params(filters.IMPROVED, window, trim, p.ratio, p.tau, p.jump, p.hold, p.trust),
+        )
         gain = LEAST_GAIN + 0.5 * (z + 1.0) * (LARGEST_GAIN - LEAST_GAIN)
         lanes.store(block, a + machine.HAND, machine.Hand(gain, 0.0))
 
@@ -182,14 +190,13 @@ def sheets(block, at, n, rows, tick):
         s9, s10, s11 = _read(block, a, tick, 9), _read(block, a, tick, 10), _read(block, a, tick, 11)
         s12, s13, s14 = _read(block, a, tick, 12), _read(block, a, tick, 13), _read(block, a, tick, 14)
         s15 = _read(block, a, tick, 15)
-        o = _MEMORY_ROWS * UW + lane
-        rows[o] = s0
-        rows[o + UW] = _middle(s0, s1, s2)
-        rows[o + U(2) * UW] = _middle(s1, s2, s3)
-        rows[o + U(3) * UW] = _median(s1, s2, s3, s4, s5)
-        rows[o + U(4) * UW] = _median(s3, s4, s5, s6, s7)
-        rows[o + U(5) * UW] = _median(s6, s7, s8, s9, s10)
-        rows[o + U(6) * UW] = _median(s11, s12, s13, s14, s15)
+        rows[_kept(0, lane)] = s0
+        rows[_kept(1, lane)] = _middle(s0, s1, s2)
+        rows[_kept(2, lane)] = _middle(s1, s2, s3)
+        rows[_kept(3, lane)] = _median(s1, s2, s3, s4, s5)
+        rows[_kept(4, lane)] = _median(s3, s4, s5, s6, s7)
+        rows[_kept(5, lane)] = _median(s6, s7, s8, s9, s10)
+        rows[_kept(6, lane)] = _median(s11, s12, s13, s14, s15)
 
 
 @part
@@ -214,7 +221,7 @@ def _median(a, b, c, d, e):
 @part
 def _sheet(rows, j, lane):
     """The sheet at the j-th of SURFACE_LAGS."""
-    return rows[(_MEMORY_ROWS + U(j)) * UW + lane]
+    return rows[_kept(j, lane)]
 
 
 @part
@@ -274,19 +281,24 @@ def remember(block, at, n, rows, tick, memory, machines):
         for lane in range(n):
             memory[j * machines + lane] = rows[(_MEMORY_ROWS + j) * UW + lane]
     for lane in range(n):
-        o = _MEMORY_ROWS * UW + lane
-        rows[o] = _symlog(rows[o])
-        rows[o + U(5) * UW] = _symlog(rows[o + U(5) * UW])
-        rows[o + U(6) * UW] = _symlog(rows[o + U(6) * UW])
+        rows[_MOTION + lane] = _symlog(rows[_MOTION + lane])
+        rows[_ERROR_SOON + lane] = _symlog(rows[_ERROR_SOON + lane])
+        rows[_ERROR_LATE + lane] = _symlog(rows[_ERROR_LATE + lane])
 
 
 @part
 def _mean(rows, j, lane, now, share):
     """Takes one more into a running mean: y += share·(x − y)."""
-    at = (_MEMORY_ROWS + U(j)) * UW + lane
+    at = _kept(j, lane)
     mean = rows[at] + share * (now - rows[at])
     rows[at] = mean
     return mean
+
+
+@part
+def _kept(j, lane):
+    """Place of the j-th row for what an environment remembers; until it is needed, of surfaces in between."""
+    return (_MEMORY_ROWS + U(j)) * UW + lane
 
 
 @part
@@ -304,23 +316,21 @@ def _speed(block, then, before):
 @stage
 def raw_signals(block, at, n, rows, tick):
     """Physical signals, one row of lanes each."""
-    history = U(RAW_HISTORY) * UW
     for k in range(RAW_HISTORY):
         then, o = at + _back(tick, k), U(k) * UW
         _copy(block, then + machine.HEIGHTS, n, rows, o)
-        _copy(block, then + machine.RAW_HEIGHTS, n, rows, o + history)
+        _copy(block, then + machine.RAW_HEIGHTS, n, rows, o + _RAW_HEIGHTS)
         for lane in range(n):
             moved = block[then + lane + machine.POSITIONS] - block[at + lane + machine.ORIGIN]
-            rows[o + U(2) * history + lane] = clip(moved, -200.0, 200.0)
-        _copy(block, then + machine.COMMANDS, n, rows, o + U(3) * history)
-    o = U(4) * history
+            rows[o + _POSITIONS + lane] = clip(moved, -200.0, 200.0)
+        _copy(block, then + machine.COMMANDS, n, rows, o + _COMMANDS)
     for lane in range(n):
-        rows[o + lane] = clip(block[at + lane + machine.WISH], -2000.0, 2000.0)
-    _copy(block, at + _SET, n, rows, o + UW)
-    _copy(block, at + _FEED, n, rows, o + U(2) * UW)
-    _copy(block, at + _OVERRIDE, n, rows, o + U(3) * UW)
-    _copy(block, at + _CAPTURED, n, rows, o + U(4) * UW)
-    _copy(block, at + _MODE, n, rows, o + U(5) * UW)
+        rows[_BASE + lane] = clip(block[at + lane + machine.WISH], -2000.0, 2000.0)
+    _copy(block, at + _SET, n, rows, _TO_SET)
+    _copy(block, at + _FEED, n, rows, _TO_FEED)
+    _copy(block, at + _OVERRIDE, n, rows, _TO_OVERRIDE)
+    _copy(block, at + _CAPTURED, n, rows, _TO_CAPTURED)
+    _copy(block, at + _MODE, n, rows, _TO_MODE)
 
 
 @part

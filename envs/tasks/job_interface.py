@@ -5,7 +5,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..engine.lanes import U0, U1, UW, U, clip, doubles, load, logarithm, part, singles, store, words
+from ..engine.lanes import U0, U1, UW, U, clip, doubles, load, logarithm, part, row, singles, store, words
+from ..engine.quantity import in_order
 from ..plant import cut, gantry, machine, published, xy_axes
 from ..plant.controller import PERIOD, Privileged, Process
 from ..plant.gantry import CUT, LEAD_IN, Hand, Journey, Progress, Recipe, Sums, Trail, between
@@ -37,10 +38,10 @@ LIMIT = 10.0
 """Bound of every feature."""
 
 _PATH = (
-    "contour_error", "lag", "speed", "planned", *(f"planned_{k:.0f}" for k in AHEAD),
-    *(f"bend_{k:.0f}" for k in AHEAD), *(f"ahead_{k:.0f}" for k in AHEAD), "override", "tangent_x", "tangent_y",
-    "cutting", "beam", "progress",
-)  # fmt: skip
+    *in_order("contour_error lag speed planned"),
+    *(f"{what}_{k:.0f}" for what in ("planned", "bend", "ahead") for k in AHEAD),
+    *in_order("override tangent_x tangent_y cutting beam progress"),
+)
 FEATURES = {
     "contour": (
         *_PATH,
@@ -63,21 +64,28 @@ FEATURES = {
 }
 """Names of the features, in order; ``raw`` observations have the same in mm, mm/s, mm/s², W and Hz."""
 
+_EITHER = in_order(
+    "time x y phase progress contour_error lag speed override true_gap gap_error measured_height cost length "
+    "step_contour_rms done"
+)
 INFO = {
     "contour": (
-        "time", "x", "y", "phase", "progress", "contour_error", "lag", "speed", "override", "true_gap", "gap_error",
-        "measured_height", "cost", "length", "step_contour_rms", "done", "reward_contour", "reward_time",
-        "reward_feed", "reward_collision", "weighted_contour", "weighted_time", "weighted_feed", "weighted_collision",
+        *_EITHER,
+        *in_order(
+            "reward_contour reward_time reward_feed reward_collision weighted_contour weighted_time weighted_feed "
+            "weighted_collision"
+        ),
     ),
     "cutting": (
-        "time", "x", "y", "phase", "progress", "contour_error", "lag", "speed", "override", "true_gap", "gap_error",
-        "measured_height", "cost", "length", "step_contour_rms", "done", "margin", "dross", "roughness", "kerf",
-        "taper", "power", "frequency", "step_dross", "step_roughness", "step_through", "reward_quality",
-        "reward_through", "reward_time", "reward_collision", "reward_outside", "weighted_quality", "weighted_through",
-        "weighted_time", "weighted_collision", "weighted_outside", "extrapolated",
+        *_EITHER,
+        *in_order(
+            "margin dross roughness kerf taper power frequency step_dross step_roughness step_through "
+            "reward_quality reward_through reward_time reward_collision reward_outside weighted_quality "
+            "weighted_through weighted_time weighted_collision weighted_outside extrapolated"
+        ),
         *(f"beyond_{name}" for name in published.Excess._fields),
     ),
-}  # fmt: skip
+}
 """What ``info`` holds, in order: mm, mm/s, s, W, Hz; ``step_…`` are means over the cut of the last 8 ms."""
 
 OBJECTIVES = {
@@ -114,7 +122,7 @@ class Heading(NamedTuple):
 
 
 _TRAIL = U(len(Trail._fields)) * UW
-_COLLIDED = machine.TALLY + U(machine.Tally._fields.index("collided")) * UW
+_COLLIDED = machine.TALLY + row(machine.Tally, "collided")
 _STEP = PERIOD_MS * PERIOD
 _BACK = 2
 """ms that the trail reaches back."""
@@ -188,10 +196,8 @@ def act(block_address, at, n, io_address, first):
             along = CORRECTION * clip(np.float64(actions[i + U(2)]), -1.0, 1.0)
             t = _heading(jobs, load(Journey, g, a + gantry.P_JOURNEY), _coming(g, a))
             change = OVERRIDE * clip(np.float64(actions[i]), -1.0, 1.0)
-            store(g, a + gantry.HAND, Hand(
-                dx=along * t.x - left * t.y, dy=along * t.y + left * t.x, keep=1.0,
-                process=Process(change, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-            ))  # fmt: skip
+            h = Process(change, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+            store(g, a + gantry.HAND, Hand(along * t.x - left * t.y, along * t.y + left * t.x, 1.0, h))
         else:
             u0, u1 = clip(np.float64(actions[i]), -1.0, 1.0), clip(np.float64(actions[i + U(1)]), -1.0, 1.0)
             u2, u3 = clip(np.float64(actions[i + U(2)]), -1.0, 1.0), clip(np.float64(actions[i + U(3)]), -1.0, 1.0)
@@ -211,12 +217,14 @@ def act(block_address, at, n, io_address, first):
                     hertz = between_ends(q.frequency_low, min(q.frequency_high, p.highest), u2)
                     h = Process(
                         between_ends(q.feed_low / j.feed, min(q.feed_high / j.feed, r.most_override), u0),
-                        between_ends(q.power_low, q.power_high, u1), hertz,
+                        between_ends(q.power_low, q.power_high, u1),
+                        hertz,
                         between_ends(0.0, min(q.amplitude, p.galvo_range), u3),
                         between_ends(0.0, min(q.amplitude, p.galvo_range), u4),
                         between_ends(0.0, min(published.deepest(q, hertz), p.piezo_range), u5),
-                        u6 * q.focus, u7 * q.standoff,
-                    )  # fmt: skip
+                        u6 * q.focus,
+                        u7 * q.standoff,
+                    )
             else:
                 h = Process(
                     RESIDUAL.override * u0, RESIDUAL.power * u1, RESIDUAL.frequency * u2, RESIDUAL.x * u3,

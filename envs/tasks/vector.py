@@ -95,9 +95,12 @@ class KernelVectorEnv(VectorEnv):
         if self.autoreset_mode is AutoresetMode.SAME_STEP and over.any():
             return self._same_step()
         return (
-            batch.observations.copy(), batch.rewards.copy(), batch.terminated.copy(), batch.truncated.copy(),
+            batch.observations.copy(),
+            batch.rewards.copy(),
+            batch.terminated.copy(),
+            batch.truncated.copy(),
             self._info(),
-        )  # fmt: skip
+        )
 
     def render(self) -> tuple[Any, ...] | None:
         """A picture of each environment, see the single one."""

@@ -19,7 +19,7 @@ from ..figures import evidence
 from ..paths import kerf, parts
 from ..paths.checks import check_travel
 from ..paths.drawing import Drawing
-from ..paths.job import Job, Settings, driven
+from ..paths.job import PlannedJob, Settings, driven
 from ..paths.route import Cutting, Route, routed
 from ..pictures.film import Film
 from ..pictures.kerf_film import KerfFilm
@@ -42,7 +42,7 @@ def drawing_of(job: scenarios.Job, travel: tuple[float, float], reading: scenari
         sizes = {next(iter(parts.sizes(job.part))): job.size} if job.size else {}
         drawing = parts.part(job.part, **sizes)
     elif Path(job.part).suffix:
-        drawing = scenarios.drawn(job.part, reading)
+        drawing = scenarios.read_drawing(job.part, reading)
     else:
         drawing = parts.part(job.part)  # an error that names the nearest
     drawing = kerf.compensated(drawing, job.kerf)
@@ -79,7 +79,7 @@ def _material(job: scenarios.Job) -> Material:
     return material(job.material, job.thickness or None)
 
 
-def programme(scenario: Scenario, team: Team) -> Job:
+def programme(scenario: Scenario, team: Team) -> PlannedJob:
     """The job that the team makes of the scenario; the same object for the same question.
 
     Raises:
@@ -93,7 +93,7 @@ def programme(scenario: Scenario, team: Team) -> Job:
 @functools.lru_cache(maxsize=32)
 def _programme(
     name: str, job: scenarios.Job, reading: scenarios.Reading, gantry: scenarios.Gantry, axes: tuple, feed: float
-) -> Job:
+) -> PlannedJob:
     from ..plant.planning import Axes
 
     plan_of, steel, limits = Axes(*axes), _material(job), scenarios.GANTRIES[gantry.preset]
@@ -114,16 +114,14 @@ def _programme(
         raise InvalidInput(f"scenario '{name}': {error}") from None
 
 
-def equip(fleet: Fleet, scenario: Scenario, team: Team, machines: Any) -> Job:
+def equip(fleet: Fleet, scenario: Scenario, team: Team, machines: Any) -> PlannedJob:
     """Writes job, recipe and material into the columns of ``machines``, whose fleet has gantries."""
     assert fleet.gantries
     g, steel, job = fleet.gantries, material_of(scenario), programme(scenario, team)
     wanted = _job(scenario)
     g.put_job(job, machines)
-    g.put("recipe", machines, Recipe(
-        power=steel.power, standoff=steel.standoff, thickness=steel.thickness, most_override=wanted.override,
-        most_power=wanted.power,
-    ))  # fmt: skip
+    nominal = {"power": steel.power, "standoff": steel.standoff, "thickness": steel.thickness}
+    g.put("recipe", machines, Recipe(most_override=wanted.override, most_power=wanted.power, **nominal))
     g.put("cut", machines, steel.params)
     g.put("published", machines, evidence.published(steel.name, wanted.extrapolate))
     g.put("calibrated", machines, evidence.calibrated(steel.name))

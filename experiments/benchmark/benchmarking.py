@@ -88,7 +88,7 @@ def run_grids(
 
     pool.check(backend, workers, scheduler)
     known = {grid.suite: grid.known() for grid in grids}  # errors before anything is written
-    started, parts = time.time(), folder / archive.PARTS
+    started, parts = time.time(), folder / archive.UNFINISHED
     todo = {
         grid.suite: {
             case.key(known[grid.suite][case.controller]): case
@@ -107,7 +107,7 @@ def run_grids(
         }
         return sorted(left.values(), key=lambda task: _quickness(*task[1:]))
 
-    with runs.at_work(folder, overwrite, resume, spent=[archive.PARTS]), Bars(quiet) as bars:
+    with runs.at_work(folder, overwrite, resume, spent=[archive.UNFINISHED]), Bars(quiet) as bars:
         teams = {(case.controller, case.with_job): team for _, case, team in missing()}
         for team in bars.each("compiling", teams.values(), len(teams)):
             _warm(team)

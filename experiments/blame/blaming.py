@@ -12,7 +12,7 @@ from ...envs.control.stack import Team, asked
 from ...envs.engine.quantity import InvalidInput
 from ...envs.scenarios import Scenario
 from ..measure.grids import Grid
-from ..results.archive import PARTS
+from ..results.archive import UNFINISHED
 from ..results.conclusions import REFERENCE, Results
 from ..results.tasks import Case
 from ..statistics.ranks import foremost
@@ -63,8 +63,8 @@ def blame(
     for scenario in grid.scenarios:
         game.check(scenario, stages)
     started, ledger = time.time(), Ledger()
-    with runs.at_work(folder, overwrite, resume, spent=[PARTS]):
-        found = _all(teams, grid.scenarios, grid.seeds, stages, threads, folder / PARTS, told, ledger)
+    with runs.at_work(folder, overwrite, resume, spent=[UNFINISHED]):
+        found = _all(teams, grid.scenarios, grid.seeds, stages, threads, folder / UNFINISHED, told, ledger)
         shares, headroom = tables.shares(found), tables.headroom(found)
         _write(folder, found, shares, headroom, grid.scenarios)
         meta = runs.record(command) | {"seeds": f"{min(grid.seeds)}-{max(grid.seeds)}", "seed_count": len(grid.seeds)}

@@ -44,7 +44,7 @@ from . import assumptions, command_line, python_api, references, tables
 
 FOLDER, README = ROOT / "docs", ROOT / "README.md"
 
-PARTS = (
+SIGNAL_CHAIN = (
     "path", "sheet", "sensor", "filters", "calibration", "controller", "supervisor", "z_axis", "xy_axes", "planning",
     "gantry", "spot", "cut", "published", "machine",
 )  # fmt: skip
@@ -149,7 +149,7 @@ def machine() -> str:
         "A scenario sets most numbers of the machine ([scenarios](add-a-scenario.md)), a controller's stack those of "
         "filter and law ([controllers](controllers.md)). [Physics](physics.md) says why the machine is modelled so.",
     ]
-    for name in PARTS:
+    for name in SIGNAL_CHAIN:
         module = importlib.import_module(f"kerfgym.envs.plant.{name}")
         title, body = _titled(module)
         text += [f"## {title}", f"`envs/plant/{name}.py`", body]

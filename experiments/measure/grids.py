@@ -7,7 +7,7 @@ from pathlib import Path
 from ...agents.policy import DOCUMENT
 from ...envs import scenarios
 from ...envs.control import stack as stacks
-from ...envs.engine.quantity import InvalidInput, did_you_mean
+from ...envs.engine.quantity import InvalidInput, check_choice
 from ...envs.safety import files
 from ...envs.scenarios import Reading, Scenario
 from ...envs.tasks import workshop
@@ -215,8 +215,7 @@ def split_seeds(count: int, split: str = "test") -> range:
     Raises:
         InvalidInput: unknown split, or more seeds than it has.
     """
-    if split not in scenarios.SPLITS:
-        raise InvalidInput(f"unknown split '{split}'; {did_you_mean(split, scenarios.SPLITS)}")
+    check_choice(split, scenarios.SPLITS, "split")
     seeds = scenarios.SPLITS[split]
     if not 1 <= count <= len(seeds):
         raise InvalidInput(f"--seeds {count} is out of range; split '{split}' has {len(seeds)}")

@@ -32,7 +32,7 @@ from . import rollout
 from .plants import STANDARD, Machine
 
 LIMIT_MS = 2.0
-"""Largest Ms that tuning allows."""
+"""Largest Ms that tuning allows a follower unless told otherwise, as the following suite's ranking does."""
 
 AMPLITUDE = 0.020
 """mm"""

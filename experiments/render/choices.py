@@ -52,8 +52,8 @@ class Options:
 
 def tell(path: Path, reading: "Reading") -> None:
     """Says what is in a drawing, and how it was read otherwise than a user may expect."""
-    from ...envs.scenarios import drawn
+    from ...envs.scenarios import read_drawing
 
-    drawing = drawn(str(path), reading)
+    drawing = read_drawing(str(path), reading)
     for line in (drawing.summary, *drawing.notes):
         typed.say(f"{path}: {line}")

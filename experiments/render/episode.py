@@ -10,7 +10,7 @@ from PIL import Image
 
 from ...envs import scenarios
 from ...envs.control import stack as stacks
-from ...envs.engine.quantity import InvalidInput, did_you_mean
+from ...envs.engine.quantity import InvalidInput, check_choice
 from ...envs.pictures.kerf_picture import QUANTITIES
 from ...envs.scenarios import Reading, Scenario
 from ...envs.tasks import workshop
@@ -54,8 +54,7 @@ def film(
         case = case.along(path, reading)
     if cut_as:
         case = cut(case, cut_as)
-    if colour not in QUANTITIES:
-        raise InvalidInput(f"unknown colour '{colour}'; {did_you_mean(colour, QUANTITIES)}")
+    check_choice(colour, QUANTITIES, "colour")
     team = stacks.team(controller) if case.job else stacks.asked(controller)
     every = max(1, round(1000 / (slow or (0.2 if case.job else 10.0)) / FRAMES_PER_SECOND))
     length = len(workshop.programme(case, team).x) if case.job else case.steps

@@ -99,7 +99,7 @@ class _Plan:
         low, wide = (foot + below) / height, 1.0 - (LEFT + RIGHT) / self.wide
         axes = page.add_axes((LEFT / self.wide, low, wide, self.tall / height))
         self._axes(axes)
-        self._draw(axes)
+        self._paint(axes)
         self._numbers(axes, page)
         left = LEFT / self.wide
         page.text(left, 1.0 - 0.24 / height, title, size=11, weight="bold", color=INK, va="center")
@@ -128,7 +128,7 @@ class _Plan:
             spine.set_color("#c8ced4")
             spine.set_linewidth(0.5)
 
-    def _draw(self, axes: Axes) -> None:
+    def _paint(self, axes: Axes) -> None:
         route = self.route
         area, hole = self.nesting.area, self.nesting.hole
         solid = [i for i in np.argsort(-np.abs(area), kind="stable") if area[i]]

@@ -24,7 +24,9 @@ COLUMNS = ("scenarios", "picture", "cuts", "warnings")
 """Of :func:`table`."""
 
 
-def draw(out: Path, part: str, scenario: str, cut_as: Mapping[str, float], reading: Reading | None = None) -> list[str]:
+def paint(
+    out: Path, part: str, scenario: str, cut_as: Mapping[str, float], reading: Reading | None = None
+) -> list[str]:
     """Writes the plan of a part; returns what a user should know, of a drawing with what is in it first.
 
     Args:
@@ -53,7 +55,7 @@ def draw(out: Path, part: str, scenario: str, cut_as: Mapping[str, float], readi
             file.write_bytes(png(page))
         else:
             page.savefig(file, format=out.suffix[1:].lower())
-    summary = [] if part in PARTS else [scenarios.drawn(part, case.drawing).summary]
+    summary = [] if part in PARTS else [scenarios.read_drawing(part, case.drawing).summary]
     return [*summary, *route.drawing.notes, *route.warnings]
 
 

@@ -28,7 +28,7 @@ _WIDEST = 1000
 
 
 @dataclass
-class Sheet:
+class TextTable:
     """A table in words.
 
     Attributes:
@@ -89,7 +89,7 @@ class Sheet:
         return "\n".join([f"### {self.title}", "", rows, *self.notes]).rstrip() + "\n"
 
 
-def sheets(results: Results) -> list[Sheet]:
+def sheets(results: Results) -> list[TextTable]:
     """The tables of a grid: one row a controller, best score first, and what explains it."""
     return (_jobs(results) if results.jobs else _following(results)) + _methods(results)
 
@@ -115,11 +115,11 @@ def _ranking(summary: Any, reference: str) -> list[str]:
     return lines + [f"{name}: {row['note']}." for name, row in summary.iterrows() if row["note"]]
 
 
-def _sheet(results: Results, title: str, summary: Any) -> Sheet:
+def _sheet(results: Results, title: str, summary: Any) -> TextTable:
     """A row a controller under every column that is printed, classes apart, in the order of :func:`ranks.order`."""
     shown, names = [column for column in headings.of(results) if column.title], order(summary)
     groups = [[name for name in names if summary.at[name, "information"] == each] for each in INFORMATION]
-    return Sheet(
+    return TextTable(
         f"{title} · {_seeds(results)}",
         ["controller", *(column.title for column in shown)],
         [[[str(n), *(column.text(summary.loc[n]) for column in shown)] for n in group] for group in groups if group],
@@ -127,7 +127,7 @@ def _sheet(results: Results, title: str, summary: Any) -> Sheet:
     )
 
 
-def _following(results: Results) -> list[Sheet]:
+def _following(results: Results) -> list[TextTable]:
     summary = results.summary().join(results.decisions()[["median_us", "p99_us"]])
     scored, core = results.scored, headings.core(results)
     sheet = _sheet(results, "RMS of the true gap error, µm", summary)
@@ -164,7 +164,7 @@ def _following(results: Results) -> list[Sheet]:
         ]
         for s in scored
     ]
-    return [sheet, Sheet("by scenario, µm", ["scenario", *names, *known], [rows], explained), *_by_machine(results)]
+    return [sheet, TextTable("by scenario, µm", ["scenario", *names, *known], [rows], explained), *_by_machine(results)]
 
 
 def _limits(results: Results) -> list[str]:
@@ -189,7 +189,7 @@ def _machines(results: Results) -> list[str]:
     ]
 
 
-def _by_machine(results: Results) -> list[Sheet]:
+def _by_machine(results: Results) -> list[TextTable]:
     """Ms and margins machine by machine, where there are several."""
     measured = results.apart
     if not len(measured):
@@ -201,10 +201,10 @@ def _by_machine(results: Results) -> list[Sheet]:
     ]
     notes = [f"{machine}: {', '.join(names)}." for machine, names in results.machines.items()]
     titles = ["machine", "controller", *(column.title for column in shown)]
-    return [Sheet("Ms and margins by machine", titles, sections, notes)]
+    return [TextTable("Ms and margins by machine", titles, sections, notes)]
 
 
-def _jobs(results: Results) -> list[Sheet]:
+def _jobs(results: Results) -> list[TextTable]:
     summary = results.summary()
     sheet = _sheet(results, "jobs", summary)
     sheet.notes = [
@@ -250,11 +250,11 @@ WEIGHED = {
 """Figures of a job that are traded for each other; of each, less is better."""
 
 
-def _trades(results: Results) -> Sheet:
+def _trades(results: Results) -> TextTable:
     """What each controller gains and gives against the reference."""
     table, summary = relative(results, WEIGHED), results.summary()
     apart = {m: by_scenario(replace(results, metric=m)) for m in WEIGHED}
-    sheet = Sheet(
+    sheet = TextTable(
         f"over {results.reference} · {_seeds(results)}",
         ["controller", *WEIGHED.values(), "better in", "worse in", "power, W", "dither, mm", "evidence"],
     )
@@ -284,7 +284,7 @@ def _trades(results: Results) -> Sheet:
     return sheet
 
 
-def _methods(results: Results) -> list[Sheet]:
+def _methods(results: Results) -> list[TextTable]:
     """Of methods that were trained or tuned several times, all their members together."""
     found = methods(results)
     if not len(found):
@@ -296,7 +296,7 @@ def _methods(results: Results) -> list[Sheet]:
         figures = [_figure(row, "score"), _figure(row, "ratio"), _number(row["best"]), _number(row["worst"])]
         rows.append([row["method"], str(len(row["members"])), *figures])
     note = "members: trainings that differ in their seed alone; intervals are over trainings and over seeds."
-    return [Sheet("methods that were trained or tuned several times", titles, [rows], [note])]
+    return [TextTable("methods that were trained or tuned several times", titles, [rows], [note])]
 
 
 def _seeds(results: Results) -> str:
@@ -315,7 +315,7 @@ def print_blame(shares: Any, headroom: Any) -> None:
             rows.append(["", "", row.stage, *share, _number(row.alone), _ends(row.alone_low, row.alone_high)])
         rows[0][:2] = [f"{scenario}, {error}" if several else scenario, controller]
         sections.append([*rows, ["", "", "all", _number(whole), "", "", "", ""]])
-    Sheet(
+    TextTable(
         f"shares of the mean-square true error, {shares['unit'].iloc[0]}, 95 % intervals over seeds",
         ["scenario", "controller", "stage", "share", "interval", "of all", "idealised alone", "interval"],
         sections,
@@ -338,7 +338,7 @@ def print_blame(shares: Any, headroom: Any) -> None:
         rows.append([r.scenario, r.controller, _number(r.rms), *other])
     title = "beside references with other information: RMS of the true error, and the factor between"
     titles = ["scenario", "controller", "RMS, µm", "reference", "its RMS, µm", "factor", "interval"]
-    Sheet(title, titles, [rows], notes, words=(0, 1, 3)).show()
+    TextTable(title, titles, [rows], notes, words=(0, 1, 3)).show()
 
 
 def _ends(low: float, high: float) -> str:
@@ -356,20 +356,20 @@ def print_speed(tables: dict[str, Any]) -> None:
             speeds = [f"{1e3 / r.ns_per_step:.3f}", f"{r.times_pendulum:.2f}"]
             rows[-1].append([r.name, str(r.machines), str(r.threads), *times, *speeds])
     title = f"CPU time of a machine-step (1 ms of cutting), median of {int(speed.rounds.iloc[0])} interleaved rounds"
-    Sheet(title, ["", "machines", "threads", "ns", "range", "million/s", "× Pendulum-v1"], rows).show()
+    TextTable(title, ["", "machines", "threads", "ns", "range", "million/s", "× Pendulum-v1"], rows).show()
     parts = []
     for r in stages.itertuples():
         each = f"{r.ns / SUBSTEPS:.2f}" if "substeps" in r.stage else ""
         widths = [_number(r.packed, "{:.0f}"), _number(r.scalar, "{:.0f}"), _number(r.bits, "{:.0f} bit")]
         parts.append([r.stage, f"{r.ns:.1f}", f"{r.share:.0%}", each, *widths])
     titles = ["", "ns", "share", "ns per substep", "packed", "scalar", "widest register"]
-    Sheet("the kernel by part, per machine and period", titles, [parts]).show()
+    TextTable("the kernel by part, per machine and period", titles, [parts]).show()
     start = [[r.program, f"{r.cpu_seconds:.2f}", f"{r.low:.2f}–{r.high:.2f}"] for r in tables["startup"].itertuples()]
     memory = [[f"{r.what}, bytes each", f"{r.bytes:.0f}", ""] for r in tables["memory"].itertuples()]
-    Sheet("start-up in fresh processes, and memory", ["", "CPU-s", "range"], [start + memory]).show()
+    TextTable("start-up in fresh processes, and memory", ["", "CPU-s", "range"], [start + memory]).show()
     signs, held = {">=": "≥", "<=": "≤"}, {True: "yes", False: "no"}
     kept = []
     for r in ratios.itertuples():
         word = "not measured" if math.isnan(r.held) else held[bool(r.held)]
         kept.append([r.ratio, _number(r.measured), f"{signs[r.sense]} {r.promised:g}", word])
-    Sheet("what is promised", ["", "measured", "promised", "held"], [kept]).show()
+    TextTable("what is promised", ["", "measured", "promised", "held"], [kept]).show()

@@ -18,7 +18,7 @@ from . import claims_page
 from .claims import Estimate, Evidence, Row, Study, Trial, studies
 from .verdicts import VERDICTS
 
-PARTS, FIGURES = "parts", "figures"
+UNFINISHED, FIGURES = "parts", "figures"
 
 
 def reproduce(
@@ -68,7 +68,7 @@ def reproduce(
 
 
 def _file(folder: Path, name: str) -> Path:
-    return folder / PARTS / f"{name.replace('/', '-')}.json"
+    return folder / UNFINISHED / f"{name.replace('/', '-')}.json"
 
 
 def _kept(folder: Path, s: Study, stamp: dict[str, Any]) -> dict[str, Any] | None:
@@ -101,7 +101,7 @@ def _one(name: str, folder: Path, seeds: int, stamp: dict[str, Any]) -> dict[str
             drawings.append({**drawn, "width": width, "height": height})
     except Exception as problem:  # one study that fails must not take the others along
         error = f"{type(problem).__name__}: {problem}"
-        trace = folder / PARTS / f"{name.replace('/', '-')}.error.txt"
+        trace = folder / UNFINISHED / f"{name.replace('/', '-')}.error.txt"
         with runs.atomic(trace) as part:
             part.write_text(traceback.format_exc(), encoding="utf-8")
     found: dict[str, Any] = {"study": s.name, "document": s.document, "title": s.title}

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import quantile_test
 
-from ...envs.engine.quantity import InvalidInput, did_you_mean
+from ...envs.engine.quantity import InvalidInput, check_choice, did_you_mean
 from ...envs.safety import files
 from .pictures import Drawing
 from .verdicts import FAILS, NAMED, PRESENT, REPRODUCED, SILENT, TREND, VERDICTS
@@ -136,8 +136,7 @@ class Row:
     instead: str = ""  # what was run in place of the document's own method
 
     def __post_init__(self) -> None:
-        if self.verdict not in VERDICTS:
-            raise InvalidInput(f"unknown verdict '{self.verdict}'; {did_you_mean(self.verdict, tuple(VERDICTS))}")
+        check_choice(self.verdict, VERDICTS, "verdict")
         if wrong := self._overreach():
             raise InvalidInput(f"row '{self.claim}' can't be '{self.verdict}': {wrong}")
 

@@ -19,7 +19,7 @@ from ..measure import rollout
 from ..plots.palette import COLOURS, GRID, QUIET
 from . import fixed_gains
 from .claims import Estimate, Rows, Trial, estimate, study
-from .pictures import Drawing, drawn
+from .pictures import Drawing, illustrated
 from .verdicts import FAILS, TREND
 
 CONTROLLER = "cn102528288a"
@@ -29,7 +29,7 @@ SPEED = 200.0
 STATIC, DYNAMIC = 3.0, 20.0
 """µm, printed: ±0.003 mm and ±0.02 mm."""
 
-pictured = functools.partial(drawn, grid={"color": GRID})
+pictured = functools.partial(illustrated, grid={"color": GRID})
 
 
 # ------------------------------------------------------------------------------------------------------- measurement

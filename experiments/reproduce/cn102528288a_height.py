@@ -7,7 +7,7 @@ from ...envs.scenarios import material as materials
 from ..plots.palette import COLOURS, QUIET
 from .claims import Rows, Trial, estimate, study
 from .huang2024 import jobs_of
-from .pictures import Drawing, drawn
+from .pictures import Drawing, illustrated
 
 STACK = "huang2024-static-fast"
 """A cut without dither in C45 of 10 mm, Huang2024's fastest."""
@@ -46,7 +46,7 @@ def focus_and_height(trial: Trial, rows: Rows) -> list[Drawing]:
     lost = [f"{e:+g} mm".replace("-", "−") for e, t in zip(ERRORS, through, strict=True) if t < 0.98]
     rows("fails-to-cut", (", ".join(lost) or "none", max(ERRORS)), holds=bool(lost))
 
-    @drawn("CN102528288A, background", 2)
+    @illustrated("CN102528288A, background", 2)
     def focus_and_height(left: Axes, right: Axes) -> None:
         """Roughness and dross of whole jobs relative to the nominal setting: left over the depth of the focus (dashed:
         a third of the thickness), right over the error of the standoff."""

@@ -21,7 +21,7 @@ from ..plots.palette import COLOURS, GRID, QUIET
 from ..results import jobs
 from . import fit_cut
 from .claims import Rows, Trial, estimate, study
-from .pictures import Drawing, drawn
+from .pictures import Drawing, illustrated
 
 METHODS = {
     "static, surface quality": "huang2024-static-quality",
@@ -60,7 +60,7 @@ def equations(trial: Trial, rows: Rows) -> None:
     rows("kerf-width", (kerf, 2 * w0, 2 * w0 * np.hypot(1, steel.params.focus / steel.params.zr)), holds)
     amplitude, frequency = DYNAMIC.x, DYNAMIC.frequency
     t = np.linspace(0.0, 4.0 / frequency, 40_001)
-    x, _, _ = spot.shaped(spot.Params(), spot.Realised(frequency, amplitude, amplitude, 1.0), t * frequency)
+    x, _, _ = spot.offsets(spot.Params(), spot.Realised(frequency, amplitude, amplitude, 1.0), t * frequency)
     peak = float(np.abs(np.gradient(x, t)).max())
     holds = abs(peak / (amplitude * frequency) - 1) < 0.05
     rows("spot-speed", (peak, amplitude * frequency, 4 * amplitude * frequency), holds)
@@ -157,7 +157,7 @@ def b_spline(trial: Trial, rows: Rows) -> list[Drawing]:
     error = segments / (len(many) - 3)
     rows("local-control", (segments, len(many) - 3), error=error, guess=every, tolerance=4 / (len(many) - 3))
 
-    @drawn("Huang2024 Fig. 2", 2)
+    @illustrated("Huang2024 Fig. 2", 2)
     def b_spline(left: Axes, right: Axes) -> None:
         """Left: a segment with its control polygon; right: its basis. Dotted: as printed; that curve runs off the
         polygon, since its basis does not sum to 1."""
@@ -205,7 +205,7 @@ def dither(trial: Trial, rows: Rows) -> list[Drawing]:
     ):
         u = np.linspace(0.0, turns, 2001)
         real = still._replace(y=0.15) if shape == "elliptical" else still
-        made = np.array(spot.shaped(spot.Params(shape=spot.SHAPES.index(shape)), real, u))
+        made = np.array(spot.offsets(spot.Params(shape=spot.SHAPES.index(shape)), real, u))
         wanted = printed_dither(shape, 2 * np.pi * u, sizes)
         apart = float(np.abs(made[:2] - wanted[:2]).max())
         said = "apart by less than 1 pm" if apart < 1e-9 else f"apart by {1e3 * apart:.2g} µm"
@@ -213,7 +213,7 @@ def dither(trial: Trial, rows: Rows) -> list[Drawing]:
         guess = printed_dither(wrong, 2 * np.pi * u, (0.3, 0.15, 0.0, 0.0))
         rows("helix", (said, shape), error=apart, guess=float(np.abs(made[:2] - guess[:2]).max()), case=shape)
     grown = 2 * 2 * np.pi * 2000.0
-    far = float(np.abs(spot.shaped(spot.Params(), still, np.linspace(0.0, 4.0, 4001))[2]).max())
+    far = float(np.abs(spot.offsets(spot.Params(), still, np.linspace(0.0, 4.0, 4001))[2]).max())
     rows("unbounded-ramp", (far, grown * 1e-3), holds=abs(far / grown - 1) < 0.1)
     _eq_13(rows)
     return [_dither_shapes(), _compound()]
@@ -244,7 +244,7 @@ def _eq_13(rows: Rows) -> None:
     rows("dither-frequency", frequency * 1e-3, holds=abs(frequency / 2000.0 - 1) < 1e-3)
 
 
-@drawn("Huang2024 Fig. 4, eq. 12", 0, layout=None)
+@illustrated("Huang2024 Fig. 4, eq. 12", 0, layout=None)
 def _dither_shapes(figure: Figure) -> None:
     """Dither as printed: t from 0 to 4π, 10π and 4π. Circle of 0.3 mm; hat with a = c = 0.06 mm and b = d = 0.008 mm;
     ellipse of 0.3 and 0.15 mm. The machine folds z to ±1 mm."""
@@ -269,7 +269,7 @@ def _dither_shapes(figure: Figure) -> None:
     figure.subplots_adjust(left=0.0, right=0.94, bottom=0.04, top=0.98, wspace=0.14)
 
 
-@drawn("Huang2024 Fig. 5, eq. 13", 4, 2, 4.2, sharex=True, gridspec_kw={"height_ratios": (2, 1)})
+@illustrated("Huang2024 Fig. 5, eq. 13", 4, 2, 4.2, sharex=True, gridspec_kw={"height_ratios": (2, 1)})
 def _compound(*axes: Axes) -> None:
     """5 ms (ten turns at 2 kHz) of the spot while the carrier advances 83 µm at 1 m/min: seen from above and from the
     side. Amplitudes 0.3 mm (ellipse: 0.15 mm across) and ±1 mm of focus, as the optics realise them."""
@@ -281,7 +281,7 @@ def _compound(*axes: Axes) -> None:
         size = DYNAMIC._replace(y=0.15 if shape == "elliptical" else 0.3) if on else spot.Command()
         real = spot.realised(optics, size, 0.0)
         own = optics._replace(shape=spot.SHAPES.index(shape)) if on else optics
-        x, y, z = spot.shaped(own, real, t * real.frequency) if on else np.zeros((3, len(t)))
+        x, y, z = spot.offsets(own, real, t * real.frequency) if on else np.zeros((3, len(t)))
         for ax, value in zip(grid[:, i], (y, z), strict=True):
             ax.plot(feed * t + x, value, color=COLOURS[i], lw=0.7)
         grid[0, i].set_title("direct cut" if not on else shape, fontsize=9)
@@ -368,7 +368,7 @@ def area(shares: dict[str, np.ndarray]) -> dict[str, float]:
     return {m: float(np.sqrt(3) / 4 * (s * np.roll(s, 1)).sum()) for m, s in shares.items()}
 
 
-@drawn("Huang2024 Fig. 10, Table 2", 0, height=3.9)
+@illustrated("Huang2024 Fig. 10, Table 2", 0, height=3.9)
 def _radar(figure: Figure, paper: dict, simulated: dict) -> None:
     """Three methods; each axis is the share of the best of the three, outward is better: v/v_best, dross_best/dross,
     Rz_best/Rz (no unit). Calibrated to Table 2, so that the two agree proves nothing."""
@@ -428,7 +428,7 @@ def absorption(trial: Trial, rows: Rows) -> list[Drawing]:
         a, b = without[name], with_[name]
         rows("same-feed", (estimate(a, unit), estimate(b, unit), name, SAME), holds=np.median(b / a) < 0.98, paper=said)
 
-    @drawn("Huang2024 §4", 2)
+    @illustrated("Huang2024 §4", 2)
     def absorption(left: Axes, right: Axes) -> None:
         """Left: absorbed share over the amplitude of a circular dither, 2 kHz. Right: melt margin over the feed at the
         same power, a straight cut in C45 of 10 mm; below 1 (dashed) the beam does not cut through."""
@@ -468,7 +468,7 @@ def shapes(trial: Trial, rows: Rows) -> list[Drawing]:
         unit = "µm" if figure == "roughness" else "mm"
         rows(key, (estimate(b, unit), estimate(a, unit), SAME), holds=np.median(b / a) < 0.98, case=beside)
 
-    @drawn("Huang2024 §3, eq. 12", 3, height=3.2, words={"SAME": f"{SAME:g}"})
+    @illustrated("Huang2024 §3, eq. 12", 3, height=3.2, words={"SAME": f"{SAME:g}"})
     def shapes(*axes: Axes) -> None:
         """C45 of 10 mm, cut-square at {SAME} m/min and the same power: no dither and the three shapes, medians over the
         seeds. What the paper says of the ellipse is about the taper."""
@@ -503,7 +503,7 @@ def focus_dither(trial: Trial, rows: Rows) -> list[Drawing]:
         figures = [fit_cut.streamed(steel.params, steel.power, {"feed": 1.0, "dither": d}) for d in dithers]
         lines[kilohertz] = np.array([(1e3 * f.roughness, f.dross) for f in figures])
 
-    @drawn("Huang2024 Fig. 8", 2)
+    @illustrated("Huang2024 Fig. 8", 2)
     def focus_dither(*axes: Axes) -> None:
         """C45 of 10 mm at 1 m/min, ±0.3 mm in x and y, straight cut, streaming form. Calibrated at ±1 mm and 2 kHz
         only; the rest is what the model extrapolates."""
@@ -544,7 +544,7 @@ def adjusting_unit(trial: Trial, rows: Rows) -> list[Drawing]:
     return [_adjusting()]
 
 
-@drawn("Huang2024 §4, Fig. 6", 2, height=3.8)
+@illustrated("Huang2024 §4, Fig. 6", 2, height=3.8)
 def _adjusting(feed: Axes, error: Axes) -> None:
     """The corner of cut-corners with the largest contour error (seed 1000): speed of the axes and contour error, left
     of the path positive, with and without the unit. It goes through more slowly."""

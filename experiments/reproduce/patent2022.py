@@ -17,7 +17,7 @@ from ..measure.rollout import roll
 from ..measure.stability import Injection
 from ..plots.palette import COLOURS
 from .claims import Rows, Trial, study
-from .pictures import Drawing, drawn
+from .pictures import Drawing, illustrated
 
 OPEN = "guard.capture=2,guard.plan=1,guard.acceleration=50000,guard.fastest=500,guard.delay=0"
 """The supervisor's own approach planner as good as off, so that the law has to stop by itself."""
@@ -39,7 +39,7 @@ def _flat(**changes: Any) -> Scenario:
 IMPULSES = {"impulses": 20, "impulse_samples": 2}
 
 
-pictured = functools.partial(drawn, grid={"alpha": 0.3})
+pictured = functools.partial(illustrated, grid={"alpha": 0.3})
 
 
 def _mean(record: Recording) -> np.ndarray:

@@ -19,7 +19,7 @@ class Drawing:
     source: str
 
 
-def drawn(
+def illustrated(
     source: str,
     columns: int = 1,
     rows: int = 1,

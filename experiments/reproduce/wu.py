@@ -20,7 +20,7 @@ from ..measure.axes import IDEAL
 from ..plots.palette import COLOURS, QUIET
 from ..results import jobs
 from .claims import Rows, Trial, estimate, study
-from .pictures import Drawing, drawn
+from .pictures import Drawing, illustrated
 
 PRESETS = {"a": xy_axes.Params(), "b": xy_axes.Params(t1=0.012, t2=0.006626, tau=0.0, gain=1.04167)}
 """Drive constants that agree with the printed limit (docs/physics.md#the-x-and-y-axes); Wu gives none."""
@@ -207,7 +207,7 @@ def response(trial: Trial, rows: Rows) -> list[Drawing]:
     return [_steps(shown)]
 
 
-@drawn("Wu §4, §6.1", words={"KP": KP})
+@illustrated("Wu §4, §6.1", words={"KP": KP})
 def _steps(ax: Axes, shown: dict[float, np.ndarray]) -> None:
     """Step of 1 mm, constants (a), slide that integrates its velocity. Kp 0.2 does not overshoot; the stack wu's {KP}
     does, and all are far below the printed limit of 4.5."""
@@ -363,7 +363,7 @@ TIMES = 300.0
 """By which Fig. 5 exaggerates radial errors."""
 
 
-@drawn(
+@illustrated(
     "Wu Fig. 5 (its four inscriptions; the drawings themselves are not available)",
     4,
     height=2.75,
@@ -404,7 +404,7 @@ def sudden_changes(trial: Trial, rows: Rows) -> list[Drawing]:
     return [_corner()]
 
 
-@drawn("Wu §5.3", 2)
+@illustrated("Wu §5.3", 2)
 def _corner(path: Axes, detail: Axes) -> None:
     """Left: a corner of contour-square (seed 1000). Right: contour error along the whole cut, left of the path
     positive. At constant feed the corner is cut short and the axes swing afterwards; slowed down, they overrun it less
@@ -473,7 +473,7 @@ def low_speed(trial: Trial, rows: Rows) -> list[Drawing]:
     return [_low_speed(found, steps)]
 
 
-@drawn("Wu §6.2")
+@illustrated("Wu §6.2")
 def _low_speed(ax: Axes, found: np.ndarray, steps: list[float]) -> None:
     """Circles of R 10 mm, encoder of 1 µm. A drive whose speed comes in steps of 1.3 mm/s cannot crawl: below 1 m/min
     it is told to stand still and to go by turns, and the circle suffers most."""
@@ -559,7 +559,7 @@ def _travel(rows: Rows) -> None:
     rows("travel", g, holds=fits and refused, case="refused" if refused else "not refused")
 
 
-@drawn("Wu §1", 3, sharey=True)
+@illustrated("Wu §1", 3, sharey=True)
 def _approaches(*panels: Axes, errors: np.ndarray, names: list[str]) -> None:
     """Standstill error at five places over 300 mm, five approaches from each side, from brisk to slow; shaded: ±0.01
     mm. With 8 bits the velocity command vanishes within half a D/A step, 22 µm of error, and the slide rests anywhere

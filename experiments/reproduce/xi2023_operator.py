@@ -7,7 +7,7 @@ from ...envs.control.panel import CENTRE, LEVEL, Panel
 from ...envs.plant import supervisor
 from ..plots.palette import COLOURS, GRID, QUIET
 from .claims import Rows, Trial, study
-from .pictures import Drawing, drawn
+from .pictures import Drawing, illustrated
 
 CONTROLLER = "xi2023-improved"
 
@@ -40,7 +40,7 @@ def operator(trial: Trial, rows: Rows) -> list[Drawing]:
         if seed == 0:
             log = p.log()
 
-    @drawn("Xi2023 §2.1, operator functions", grid={"color": GRID})
+    @illustrated("Xi2023 §2.1, operator functions", grid={"color": GRID})
     def operator(axes: Axes) -> None:
         """Head position (mm) over time (s) through one shift at the panel: home, centre, follow at 20 mm/s, calibrate,
         follow, calibrate four times as fast, follow."""

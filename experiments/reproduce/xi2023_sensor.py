@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from ...envs.plant import calibration, heads, sensor
 from ..plots.palette import COLOURS, QUIET
 from .claims import Rows, Trial, study
-from .pictures import Drawing, drawn
+from .pictures import Drawing, illustrated
 from .verdicts import FAILS, TREND
 
 LOW, HIGH = 1.665, 4.053
@@ -24,7 +24,7 @@ TABLES = (1000, 500, 200, 100)
 """Entries of tables whose accuracy is compared."""
 
 
-pictured = functools.partial(drawn, grid={"alpha": 0.3}, spines=False)
+pictured = functools.partial(illustrated, grid={"alpha": 0.3}, spines=False)
 """As this document's pictures are."""
 
 

@@ -29,7 +29,7 @@ from .conclusions import Results
 FORMAT = 2
 """Of the run folder; 1 had one grid and its record among the run's."""
 
-PARTS = "parts"
+UNFINISHED = "parts"
 """Where a run that is not finished keeps what is done."""
 
 _TRACES = ("controller", "scenario", "seed", "time")
@@ -165,7 +165,7 @@ def _record(folder: Path) -> dict[str, Any]:
         raise InvalidInput(f"no run folder '{folder}'{hint.replace('; (', ' (')}")
     file = folder / "run.json"
     if not files.is_file(file):
-        if files.is_folder(folder / PARTS) or files.is_file(folder / runs.BEGUN):
+        if files.is_folder(folder / UNFINISHED) or files.is_file(folder / runs.BEGUN):
             raise InvalidInput(f"run '{folder}' was interrupted; {resumption(folder)} finishes it")
         raise InvalidInput(f"'{folder}' is not a run folder: it has no run.json")
     record = files.json_(file)

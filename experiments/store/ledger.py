@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ...envs import scenarios
-from ...envs.engine.quantity import InvalidInput, did_you_mean
+from ...envs.engine.quantity import InvalidInput, check_choice
 
 
 @dataclass
@@ -71,8 +71,7 @@ class Ledger:
         Raises:
             InvalidInput: seeds of another split.
         """
-        if allowed not in scenarios.SPLITS:
-            raise InvalidInput(f"unknown split '{allowed}'; {did_you_mean(allowed, scenarios.SPLITS)}")
+        check_choice(allowed, scenarios.SPLITS, "split")
         for split, used in self.seeds.items():
             if split != allowed and used:
                 raise InvalidInput(f"seeds {ranges(used)} are of split '{split}'; allowed: '{allowed}'")

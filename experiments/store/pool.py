@@ -17,7 +17,7 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from ...envs.engine.quantity import InvalidInput, did_you_mean
+from ...envs.engine.quantity import InvalidInput, check_choice
 from ...envs.safety import secrets
 
 BACKENDS = ("loky", "dask")
@@ -39,8 +39,7 @@ def check(backend: str, workers: int, scheduler: str | None) -> None:
         InvalidInput: unknown backend, no worker, a scheduler for another backend than dask, or one that does not
             answer.
     """
-    if backend not in BACKENDS:
-        raise InvalidInput(f"unknown backend '{backend}'; {did_you_mean(backend, BACKENDS)}")
+    check_choice(backend, BACKENDS, "backend")
     for package in ("distributed", "cryptography") if backend == "dask" else ():
         if importlib.util.find_spec(package) is None:
             raise InvalidInput(f"--backend dask needs the package {package}: pip install 'kerfgym[dask]'")

@@ -6,7 +6,7 @@ from typing import Any
 
 import tyro
 
-from ...envs.engine.quantity import InvalidInput, did_you_mean
+from ...envs.engine.quantity import InvalidInput, check_choice
 from . import typed
 
 MOST = 100
@@ -36,6 +36,5 @@ def known(names: tuple[str, ...], every: dict[str, Any], what: str) -> list[str]
         InvalidInput: an unknown one; the nearest is offered.
     """
     for name in names:
-        if name not in every:
-            raise InvalidInput(f"unknown {what} '{name}'; {did_you_mean(name, every)}")
+        check_choice(name, every, what)
     return list(names or every)

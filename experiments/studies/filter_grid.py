@@ -25,12 +25,12 @@ from ...envs.control.stack import Stack
 from ...envs.figures import metrics
 from ...envs.plant.filters import KINDS, Params
 from ..measure import rollout
+from ..measure.stability import LIMIT_MS
 from ..statistics.bootstrap import log_score, replicate
 from ..statistics.intervals import Interval, Sample
 from ..store import runs
 from ..store.progress import progress
 from ..tune import tune
-from ..tune.command import CAP
 from ..tune.evaluate import Evaluator
 from ..tune.goals import Limits, score
 from ..tune.space import NARROW, READS
@@ -121,7 +121,7 @@ def with_impulses(stack: Stack, threads: int) -> pd.DataFrame:
 
 def compare(folder: Path, trials: int, threads: int) -> dict[str, Any]:
     """Searches, walks the grid, compares; writes the folder and gives what it found."""
-    task = Task(CONTROLLER, ("filter",), limits=Limits(CAP), trials=trials)
+    task = Task(CONTROLLER, ("filter",), limits=Limits(LIMIT_MS), trials=trials)
     wall, cpu = time.time(), time.process_time()
     with progress("trials") as told:
         searched = tune(task, folder / "tune", threads=threads, told=told).found.controller.z

@@ -29,7 +29,7 @@ AXES: dict[str, tuple[str, dict[str, Any]]] = {
 JOBS = ("contour-gear", "contour-corners", "contour-slots")
 CONTOUR = ("wu-tuned", "wu-feedforward", "wu-stiff", "contour-following-ppo")
 CUTTING = ("huang2024-dynamic", "huang2024-adjusting", "huang2024-tuned", "cutting-ppo")
-PARTS = ("gear", "rosette", "slot-plate")
+OTHERS = ("gear", "rosette", "slot-plate")
 
 
 def beyond() -> list[Scenario]:
@@ -71,6 +71,6 @@ def contour_beyond(trial: Trial) -> dict[str, Any]:
 def cutting_parts(trial: Trial) -> dict[str, Any]:
     """The first scenario of the suite with other parts, on test seeds."""
     plain = scenarios.load(scenarios.rules("cutting")["along"])
-    cases = tuple(plain.varied(name=f"cut-{part}", job={"part": part, "size": 0.0}) for part in PARTS)
+    cases = tuple(plain.varied(name=f"cut-{part}", job={"part": part, "size": 0.0}) for part in OTHERS)
     grid = Grid("cutting", CUTTING, cases, split_seeds(SEEDS), tuple(case.name for case in cases))
     return concluded(benchmarked(trial, grid, trial.study.command.split(), with_ms=False))

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from ...envs.engine.quantity import InvalidInput
-from ..report.terminal import Sheet
+from ..report.terminal import TextTable
 from ..store import runs
 from ..store.runs import atomic
 from ..store.stamp import ROOT
@@ -62,7 +62,7 @@ class Campaign:
 
     def publish(
         self,
-        sheets: list[Sheet],
+        sheets: list[TextTable],
         found: dict[str, Any],
         page: str,
         mark: str | None,

@@ -5,6 +5,7 @@ import math
 from ...agents.settings import ALGORITHMS
 from ...envs import scenarios
 from ...envs.engine.quantity import InvalidInput
+from ..measure.stability import LIMIT_MS
 from ..statistics import budgets
 from .evaluate import with_jobs
 from .goals import Limit, Limits
@@ -13,9 +14,6 @@ from .study import controller as stated
 
 TRIALS, MOST = 300, 1_000_000
 """Of a study unless told otherwise; of one with a budget of steps."""
-
-CAP = 2.0
-"""Largest Ms of followers unless told otherwise: that of the following suite's ranking."""
 
 
 def trains(what: tuple[str, ...], env: str | None, steps: int | None, assignments: list[str]) -> bool:
@@ -59,7 +57,7 @@ def task(
             raise InvalidInput(f"--limit {word}: it is written METRIC=NUMBER, such as time=12.5") from None
     chosen = tuple(metric or ()) or (str(rules.get("score", "rms_true")),)
     named = controller or ("wu-tuned" if suite == "contour" else "huang2024-adjusting" if jobs else "xi2023-improved")
-    limits = Limits(ms if ms is not None else (math.inf if jobs else CAP), tuple(given))
+    limits = Limits(ms if ms is not None else (math.inf if jobs else LIMIT_MS), tuple(given))
     asked = Task(
         named,
         what or ("law",),

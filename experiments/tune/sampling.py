@@ -17,7 +17,7 @@ import optuna
 from optuna.samplers import BaseSampler, GPSampler, NSGAIISampler, RandomSampler, TPESampler
 from optuna.trial import FrozenTrial, TrialState
 
-from ...envs.engine.quantity import InvalidInput, did_you_mean
+from ...envs.engine.quantity import InvalidInput, check_choice
 from . import soundness
 from .goals import FAILED
 from .space import Axis, Space, numbers_of, start_of
@@ -54,8 +54,7 @@ def check(name: str, objectives: int) -> None:
     Raises:
         InvalidInput: it cannot.
     """
-    if name not in SAMPLERS:
-        raise InvalidInput(f"unknown sampler '{name}'; {did_you_mean(name, SAMPLERS)}")
+    check_choice(name, SAMPLERS, "sampler")
     if objectives > 1 and name in SINGLE:
         raise InvalidInput(f"sampler '{name}' takes one metric; for {objectives} use tpe, nsga2, gp or random")
 

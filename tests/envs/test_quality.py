@@ -413,7 +413,7 @@ def test_dither_shapes_are_those_of_eq_12_folded(shape):
         assert np.allclose(y, 0.2 * np.sin(phase), atol=1e-10)
     assert z.max() == pytest.approx(1.25, abs=0.03)
     assert z.min() == pytest.approx(-0.75, abs=0.03)
-    assert np.allclose(np.array(spot.shaped(p, r, 1000.0 * t)), [x, y, z], atol=1e-9)
+    assert np.allclose(np.array(spot.offsets(p, r, 1000.0 * t)), [x, y, z], atol=1e-9)
     along, across, up = spot.spread(p, r, 1.0, 0.0)
     assert along == pytest.approx(np.sqrt(2.0) * x.std(), rel=0.02)
     assert across == pytest.approx(np.sqrt(2.0) * y.std(), rel=0.02)

@@ -30,7 +30,7 @@ from kerfgym.envs.engine import kernels
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.experiments.store import markdown
 from kerfgym.experiments.studies import pages
-from kerfgym.tests.mutations import child, reach
+from kerfgym.tests.mutations import child, tests_of
 from kerfgym.tests.mutations.mutants import Mutant, mutants, sample
 
 HERE = Path(__file__).parent
@@ -61,7 +61,7 @@ def main(
     """
     folder.mkdir(parents=True, exist_ok=True)
     store, reasons = folder / "results.jsonl", explained()
-    every = [m for file in reach.modules(ROOT) for m in mutants(ROOT / file, file)]
+    every = [m for file in tests_of.modules(ROOT) for m in mutants(ROOT / file, file)]
     of = [m for m in every if not only or any(words in m.name for words in only)]
     wanted = sample(of, count, seed)
     if not wanted:
@@ -75,7 +75,7 @@ def main(
     if again:
         todo += [m for m in wanted if m not in todo and known[m.name]["by"] is None and key(m) not in reasons]
     todo.sort(
-        key=lambda m: not reach.tests_of(m.file)[0].startswith(reach.QUICK)
+        key=lambda m: not tests_of.of(m.file)[0].startswith(tests_of.QUICK)
     )  # a run that is stopped has judged the more
     with tempfile.TemporaryDirectory(prefix="kerfgym-mutants-") as scratch:
         copy = Path(scratch) / "kerfgym"
@@ -135,7 +135,7 @@ def judged(mutant: Mutant, copy: Path, limit: float, sound: set[str]) -> dict[st
     path.write_bytes(mutant.applied(source))
     shutil.rmtree(copy.parent / "mutant", ignore_errors=True)
     try:
-        for tests in reach.tests_of(mutant.file):
+        for tests in tests_of.of(mutant.file):
             verdict = ran(copy, tests, limit, mutant.file)
             if verdict != "passed":
                 by = f"{Path(tests).name}" + (f" ({verdict})" if verdict != "failed" else "")

@@ -17,7 +17,7 @@ import scipy.linalg
 import scipy.optimize
 import scipy.signal
 
-from kerfgym.tests.mutations import reach
+from kerfgym.tests.mutations import tests_of
 
 CACHE = "KERFGYM_CACHE_DIR"
 LOADED = (numba, numpy, pandas, pytest, scipy.linalg, scipy.optimize, scipy.signal)
@@ -62,7 +62,7 @@ def _keep_kernels(copy: Path, mutated: str, stamp: str) -> None:
 
     def file(together: tuple[Any, ...]) -> Path:
         holder = together[0].function.__module__.rpartition(".")[2]
-        free = not mutated or mutated not in reach.INSIDE.get(holder, (mutated,))
+        free = not mutated or mutated not in tests_of.INSIDE.get(holder, (mutated,))
         if CACHE in os.environ:  # a test of the cache looks into a folder of its own
             return plain(together)
         kernels.STAMP = stamp if free else own

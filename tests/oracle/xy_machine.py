@@ -63,7 +63,7 @@ class XYMachine:
     """N gantries; every number is an array of shape (N,).
 
     Args:
-        jobs: one :class:`paths.job.Job` for each.
+        jobs: one :class:`paths.job.PlannedJob` for each.
         parts: numbers of ``xy``, ``recipe``, ``optics``, ``cut``, ``published``, ``journey`` and ``law`` (Wu's), each
             an object with arrays of shape (N,).
     """
@@ -172,7 +172,7 @@ class XYMachine:
         share = np.minimum(1.0, most / np.maximum(np.abs(change), 1e-300))
         a.parts = a.parts + share * (after[:, :2].T - a.parts)
         way = share * after[:, 2] + (1.0 - share) * before * PERIOD
-        a.position = a.position + np.where(self.p.literal > 0.5, a.drawn, way)
+        a.position = a.position + np.where(self.p.literal > 0.5, a.pace, way)
 
     def _encoded(self, a: SimpleNamespace) -> Array:
         position = np.where(self.p.literal > 0.5, a.summed, a.position)
@@ -240,7 +240,7 @@ class XYMachine:
             sampled = a.parts.sum(axis=0) * p.servo * PERIOD
             literal = now & (p.literal > 0.5)
             a.summed = np.where(literal, a.summed + sampled, a.summed)
-            a.drawn = np.where(literal, sampled / p.servo, a.drawn)
+            a.pace = np.where(literal, sampled / p.servo, a.pace)
         turn = now & (self.interpolation_in <= p.servo)
         self.interpolation_in = np.where(
             turn, p.interpolation, np.where(now, self.interpolation_in - p.servo, self.interpolation_in)

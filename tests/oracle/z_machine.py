@@ -60,7 +60,7 @@ CHANNELS = (
 head, motor, mm; motor's velocity and acceleration, mm/s, mm/s²; head above its lower flank, mm; encoder, mm, mm/s;
 command, mm/s; the supervisor's flags; whether the period counts as cutting; smallest gap so far, mm."""
 
-PARTS = ("path", "sheet", "random", "turns", "sensor", "gate", "filter", "table", "z", "guard", "job", "start")
+GROUPS = ("path", "sheet", "random", "turns", "sensor", "gate", "filter", "table", "z", "guard", "job", "start")
 
 
 # ----------------------------------------------------------------------------------------------- random numbers
@@ -99,7 +99,7 @@ class ZMachine:
     """N machines; every number is an array of shape (N,), and :meth:`step` is one control period of all of them.
 
     Args:
-        parts: numbers of each of :data:`PARTS`, by the names of the kernel's ``Params``.
+        parts: numbers of each of :data:`GROUPS`, by the names of the kernel's ``Params``.
         waves: amplitude as the tip's footprint feels it, kx, ky, phase, what the plate's footprint feels more than the
             tip's of each; mm, rad/mm, rad; shape (waves, 5, N).
         vibrations: amplitude, ω, phase, damping of each; mm, rad/s, rad; shape (vibrations, 4, N).
@@ -168,7 +168,7 @@ class ZMachine:
         """
         parts = {
             name: SimpleNamespace(**{f: fleet.column(f"{name}.{f}") for f in fields(machine.PLACES[name][1])})
-            for name in PARTS
+            for name in GROUPS
         }
 
         def listed(place: Any, count: int, width: int) -> Array:

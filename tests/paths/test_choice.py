@@ -67,7 +67,7 @@ def test_where_rules_disagree_the_more_careful_one_holds():
     [("1", "#ff0000"), ("red", "#ff0000"), ("Green", "#00ff00"), ("black", "#ffffff"), ("#0af", "#00aaff")],
 )
 def test_cad_colours_have_numbers_and_names(name, expected):
-    assert colours.drawn(name) == expected
+    assert colours.in_dxf(name) == expected
 
 
 @pytest.mark.parametrize(
@@ -75,10 +75,10 @@ def test_cad_colours_have_numbers_and_names(name, expected):
     [("green", "#008000"), ("rgb(255, 0, 0)", "#ff0000"), ("none", "none"), ("#123456", "#123456")],
 )
 def test_strokes_have_the_colours_of_css(name, expected):
-    assert colours.painted(name) == expected
+    assert colours.in_svg(name) == expected
 
 
 @pytest.mark.parametrize("name", ["0", "256", "reddish", "url(#a)"])
 def test_what_is_no_colour_is_refused(name):
     with pytest.raises(ValueError, match="not a colour"):
-        colours.drawn(name)
+        colours.in_dxf(name)

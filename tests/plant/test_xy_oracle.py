@@ -77,7 +77,7 @@ CASES = {
 }
 NAMES = list(CASES)
 
-PARTS = {
+TUPLES = {
     "xy": xy_axes.Params, "recipe": gantry.Recipe, "optics": spot.Params, "cut": cut_model.Params,
     "published": published.Range, "journey": gantry.Journey,
 }  # fmt: skip
@@ -131,7 +131,7 @@ def runs(process: str) -> Runs:
             for name, value in case.process.items():
                 g.set_law("process", name, [i], value)
     parts: dict[str, Any] = {
-        name: SimpleNamespace(**{f: g.column(f"{name}.{f}") for f in cls._fields}) for name, cls in PARTS.items()
+        name: SimpleNamespace(**{f: g.column(f"{name}.{f}") for f in cls._fields}) for name, cls in TUPLES.items()
     }
     parts["law"] = SimpleNamespace(**{name: np.array(values) for name, values in law.items()})
     oracle = XYMachine(jobs, parts)

@@ -11,7 +11,7 @@ from kerfgym.envs.figures import metrics
 from kerfgym.envs.plant import filters
 from kerfgym.experiments.measure import rollout
 from kerfgym.experiments.results import jobs
-from kerfgym.tests.recorded import sequences
+from kerfgym.tests.recorded import panel_runs
 
 FILE = Path(__file__).with_name("figures.csv")
 
@@ -45,17 +45,17 @@ METRICS = {
 
 FILTERS = tuple(f"pid:filter.kind={kind},filter.window=9,filter.trim=2" for kind in filters.KINDS)
 
-NAMES = [*sorted({*stack.names(), *stack.shelved()} - {"idle"}), *FILTERS, *sequences.EVERY]
+NAMES = [*sorted({*stack.names(), *stack.shelved()} - {"idle"}), *FILTERS, *panel_runs.EVERY]
 
 
 def of(name: str) -> Iterator[dict[str, object]]:
     """Rows of one of them: itself, its scenario, and a figure with its name."""
-    for scenario, metric, value in _of_sequence(name) if name in sequences.EVERY else _of_controller(name):
+    for scenario, metric, value in _of_sequence(name) if name in panel_runs.EVERY else _of_controller(name):
         yield {"name": name, "scenario": scenario, "metric": metric, "value": value}
 
 
 def _of_sequence(name: str) -> Iterator[tuple[str, str, float]]:
-    for metric, value in sequences.EVERY[name]().items():
+    for metric, value in panel_runs.EVERY[name]().items():
         yield "panel", metric, value
 
 

@@ -3,18 +3,18 @@
 from collections import Counter
 from pathlib import Path
 
-from ...report.terminal import Sheet
+from ...report.terminal import TextTable
 from .judged import ACCEPTED, FAILED, NOTHING, REFUSED, Verdict
 
 NEAR = 1e-3
 """mm from the path of the reference that count as the same."""
 
 
-def summary(found: list[Verdict]) -> Sheet:
+def summary(found: list[Verdict]) -> TextTable:
     """A row for each format."""
     verdicts = ["accepted", "refused", "nothing to cut", "failed", "accepted of those that count"]
     references = ["compared with a reference", "within 1 µm of it"]
-    sheet = Sheet("Drawings and programmes", ["format", "files", *verdicts, *references, "slowest, s"])
+    sheet = TextTable("Drawings and programmes", ["format", "files", *verdicts, *references, "slowest, s"])
     rows = []
     for kind in sorted({v.kind for v in found}):
         mine = [v for v in found if v.kind == kind]
@@ -37,18 +37,18 @@ def summary(found: list[Verdict]) -> Sheet:
     return sheet
 
 
-def list_of(found: list[Verdict], folder: Path, outcome: str) -> Sheet:
+def list_of(found: list[Verdict], folder: Path, outcome: str) -> TextTable:
     """Each file of an outcome, with its reason."""
-    sheet = Sheet(outcome.capitalize(), ["file", "format", "counts", "reason"])
+    sheet = TextTable(outcome.capitalize(), ["file", "format", "counts", "reason"])
     sheet.sections.append(
         [[_name(v, folder), v.kind, "yes" if v.counted else "no", v.reason] for v in found if v.outcome == outcome]
     )
     return sheet
 
 
-def farthest(found: list[Verdict], folder: Path, most: int = 10) -> Sheet:
+def farthest(found: list[Verdict], folder: Path, most: int = 10) -> TextTable:
     """The accepted programmes that are farthest from the reference."""
-    sheet = Sheet("Farthest from the reference", ["file", "µm", "length, mm", "box, mm", "reference"])
+    sheet = TextTable("Farthest from the reference", ["file", "µm", "length, mm", "box, mm", "reference"])
     with_one = sorted((v for v in found if v.deviation_mm is not None), key=lambda v: -(v.deviation_mm or 0.0))
     lines = []
     for v in with_one[:most]:

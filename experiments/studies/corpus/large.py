@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ...report.terminal import Sheet
+from ...report.terminal import TextTable
 from ...store import runs, script
 from .. import pages
 
@@ -85,7 +85,9 @@ def main(name: str = "large", docs: bool = False) -> None:
             file = Path(folder) / "large.dxf"
             _drawn(draw, file)
             rows.append([title, *pool.submit(_work, file).result()])
-    sheet = Sheet("Large drawings", ["drawing", "contours", "m", "read, s", "planned, s", "of a processor, s", "MB"])
+    sheet = TextTable(
+        "Large drawings", ["drawing", "contours", "m", "read, s", "planned, s", "of a processor, s", "MB"]
+    )
     sheet.sections.append(rows)
     sheet.notes = ["one process each, without the import of libraries; of a processor: both together."]
     campaign.publish([sheet], {"rows": rows}, "corpus.md", "large" if docs else None)

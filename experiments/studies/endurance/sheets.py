@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from ....envs import scenarios
-from ....envs.engine.quantity import InvalidInput, did_you_mean
+from ....envs.engine.quantity import InvalidInput, check_choice
 from ....envs.scenarios import Scenario
 from ...measure.grids import along
 
@@ -44,8 +44,7 @@ def sheets(names: tuple[str, ...] = (), duration: float = 300.0, path: Path | No
     """
     known = (*NAMES, DRAWN)
     for name in names:
-        if name not in known:
-            raise InvalidInput(f"unknown sheet '{name}'; {did_you_mean(name, known)}")
+        check_choice(name, known, "sheet")
     if DRAWN in names and path is None:
         raise InvalidInput("--sheets path needs a drawing: --path FILE")
     wanted = names or (*NAMES, *([DRAWN] if path else []))

@@ -5,7 +5,7 @@ from typing import Any
 
 import pandas as pd
 
-from ...report.terminal import Sheet
+from ...report.terminal import TextTable
 from .sheets import TURNS
 from .worse import BURST, EARLY, LARGEST_MARGIN, LIMIT, RMS_MARGIN, TIMES, WORSE
 
@@ -17,7 +17,7 @@ MOST = 1000.0
 """Ratios above it are of an error that was almost nothing, and are only shown to be larger."""
 
 
-def table(frame: pd.DataFrame) -> Sheet:
+def table(frame: pd.DataFrame) -> TextTable:
     """One row for each controller and sheet.
 
     Args:
@@ -27,7 +27,7 @@ def table(frame: pd.DataFrame) -> Sheet:
     rms = ["RMS, first 10 s", "RMS later", "growth of RMS"]
     largest = ["largest, first 10 s", "largest later", "later over first", "above", "growth of largest"]
     ends = ["> 50 µm", "> 100 µm", "bursts", "lost", "verdict"]
-    sheet = Sheet("Errors with time, µm", ["controller", "sheet", *rms, *largest, *ends])
+    sheet = TextTable("Errors with time, µm", ["controller", "sheet", *rms, *largest, *ends])
     for _, part in frame.groupby("sheet", sort=False):
         sheet.sections.append([_row(row) for _, row in part.iterrows()])
     worse = frame[frame["word"] == WORSE]
@@ -79,10 +79,10 @@ def _promise(what: str, measured: float, most: float) -> dict[str, Any]:
     return {"what": what, "measured": float(measured), "promised": float(most), "held": bool(measured <= most)}
 
 
-def promised(found: list[dict[str, Any]]) -> Sheet:
+def promised(found: list[dict[str, Any]]) -> TextTable:
     """The same as a table."""
     rows = [[p["what"], _number(p["measured"]), f"≤ {p['promised']:g}", "yes" if p["held"] else "no"] for p in found]
-    return Sheet("What is promised", ["", "measured", "promised", "held"], [rows])
+    return TextTable("What is promised", ["", "measured", "promised", "held"], [rows])
 
 
 def _row(row: Any) -> list[str]:

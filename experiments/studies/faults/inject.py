@@ -16,11 +16,11 @@ import numpy as np
 from ....envs.control.stack import Stack
 from ....envs.engine.columns import Columns
 from ....envs.engine.deck import Deck, places
-from ....envs.engine.lanes import U0, U1, U2, UW, Layout, U, W, call, doubles, load, rows, store, words
+from ....envs.engine.lanes import U0, U1, U2, UW, Layout, U, W, call, doubles, load, row, rows, store, words
 from ....envs.engine.quantity import InvalidInput
 from ....envs.plant import filters, heads, machine, sensor, supervisor, z_axis
 from ....envs.plant.calibration import POINTS
-from ....envs.plant.controller import Privileged, stage_address
+from ....envs.plant.controller import stage_address
 from ....envs.plant.fleet import Fleet
 
 KINDS = ("none", "spikes", "frozen", "delayed", "scaled", "dropout", "stuck", "saturated", "impulse", "shower")
@@ -86,16 +86,13 @@ class Io(NamedTuple):
 IO = places(Io)
 _ANY, _IO = U(2**40), U(len(IO))
 _TICKS = machine.TALLY
-_COUNT, _TOLD, _FRESH = (
-    machine.SIGNALS + U(Privileged._fields.index(name)) * UW for name in ("frequency", "command", "fresh")
-)
+_COUNT, _TOLD, _FRESH = map(machine.signal, ("frequency", "command", "fresh"))
 _FILTER_KIND, _FILTER_WINDOW, _FILTER_TRIM = (
-    machine.P_FILTER + U(filters.Params._fields.index(name)) * UW for name in ("kind", "window", "trim")
+    machine.P_FILTER + row(filters.Params, name) for name in ("kind", "window", "trim")
 )
-_RATE, _LONGEST = (machine.P_SENSOR + U(sensor.Params._fields.index(name)) * UW for name in ("impulses", "longest"))
+_RATE, _LONGEST = (machine.P_SENSOR + row(sensor.Params, name) for name in ("impulses", "longest"))
 _MODE, _ALARM, _OVERRIDE, _CAPTURED, _SENT = (
-    machine.S_GUARD + U(supervisor.State._fields.index(name)) * UW
-    for name in ("mode", "alarm", "override", "captured", "command")
+    machine.S_GUARD + row(supervisor.State, name) for name in ("mode", "alarm", "override", "captured", "command")
 )
 
 

@@ -5,14 +5,14 @@ from typing import Any
 
 import pandas as pd
 
-from ...report.terminal import Sheet
+from ...report.terminal import TextTable
 from .culprits import CAUSES, EXCESS, EXCESSES, FLOOR, MENDABLE
 from .drawn import CLASSES
 
 MODULE = "kerfgym.experiments.studies.faults"
 
 
-def sheets(frame: pd.DataFrame, seed: int = 0) -> list[Sheet]:
+def sheets(frame: pd.DataFrame, seed: int = 0) -> list[TextTable]:
     """The campaign's tables.
 
     Args:
@@ -42,8 +42,8 @@ def _grouped(frame: pd.DataFrame, column: str, names: list[str]) -> list[list[li
     return [rows, [["all", *_cells(frame)]]]
 
 
-def _by_controller(frame: pd.DataFrame) -> Sheet:
-    sheet = Sheet("Faults by controller", ["controller", *_TITLES])
+def _by_controller(frame: pd.DataFrame) -> TextTable:
+    sheet = TextTable("Faults by controller", ["controller", *_TITLES])
     sheet.sections = _grouped(frame, "controller", list(frame["controller"].unique()))
     bad, count = len(harmed(frame)), len(frame)
     broken = int(frame["broken"].sum())
@@ -58,17 +58,17 @@ def _by_controller(frame: pd.DataFrame) -> Sheet:
     return sheet
 
 
-def _by_fault(frame: pd.DataFrame) -> Sheet:
-    sheet = Sheet("Faults by kind", ["fault", *_TITLES])
+def _by_fault(frame: pd.DataFrame) -> TextTable:
+    sheet = TextTable("Faults by kind", ["fault", *_TITLES])
     present = set(frame["fault"])
     sheet.sections = _grouped(frame, "fault", [name for name in CLASSES if name in present])
     sheet.notes = [f"{name}: {what}." for name, (what, _) in CLASSES.items() if name in present]
     return sheet
 
 
-def _remaining(frame: pd.DataFrame, seed: int) -> Sheet:
+def _remaining(frame: pd.DataFrame, seed: int) -> TextTable:
     """Each kind of lost run with its cause, whom it befalls, and a command that shows one."""
-    sheet = Sheet("What is lost, and why", ["fault", "cause", "lost", "lowest gap, mm", "controllers", "example"])
+    sheet = TextTable("What is lost, and why", ["fault", "cause", "lost", "lowest gap, mm", "controllers", "example"])
     lost = frame[frame["lost"]]
     rows = []
     for cause in CAUSES:

@@ -4,7 +4,7 @@ from ....envs import scenarios
 from ....envs.control import stack as stacks
 from ....envs.engine.quantity import InvalidInput
 from ....envs.plant import machine, supervisor
-from ...report.terminal import Sheet
+from ...report.terminal import TextTable
 from .campaign import SCENARIOS
 from .culprits import judged
 from .drawn import drawn, words
@@ -15,7 +15,7 @@ BEFORE, AFTER = 3, 60
 """Periods that are told before a fault and after its end."""
 
 
-def story(case: str, seed: int = 0) -> list[Sheet]:
+def story(case: str, seed: int = 0) -> list[TextTable]:
     """Two tables about the fault ``CONTROLLER/SCENARIO/NUMBER``: its repetitions, and the course of the shipped run.
 
     Raises:
@@ -33,11 +33,11 @@ def story(case: str, seed: int = 0) -> list[Sheet]:
         rows.append([name, "yes" if r.lost[0] else "no", f"{r.lowest[0]:.3f}", f"{r.apart[0]:.3f}", alarm])
     why = f"cause: {verdict['cause']}." if verdict["cause"] else f"not lost; excess: {verdict['excess'] or 'none'}."
     title = f"{pieces[0]} · {pieces[1]}, seed {given[0].seed} · {given[0].name}: {words(given[0].fault)}"
-    ways = Sheet(title, ["run", "lost", "lowest gap, mm", "moved by the fault, mm", "alarm"], [rows], [why])
+    ways = TextTable(title, ["run", "lost", "lowest gap, mm", "moved by the fault, mm", "alarm"], [rows], [why])
     return [ways, _course(scenario, stack, given)]
 
 
-def _course(scenario: scenarios.Scenario, stack: stacks.Stack, given: list) -> Sheet:
+def _course(scenario: scenarios.Scenario, stack: stacks.Stack, given: list) -> TextTable:
     fault = given[0].fault
     fleet = fleet_for(scenario, stack, given, Without())
     first = int(fault.start) - BEFORE
@@ -58,4 +58,4 @@ def _course(scenario: scenarios.Scenario, stack: stacks.Stack, given: list) -> S
         rows.append([f"{first + i}", spoilt, *heights, *speeds, supervisor.MODES[int(x[names["mode"]])]])
     notes = ["wish: what the supervisor gets after this period; command: what the drive got in it, mm/s."]
     titles = ["ms", "fault", "gap, mm", "raw height", "height", "wish", "command", "velocity", "mode"]
-    return Sheet("the shipped run", titles, [rows], notes)
+    return TextTable("the shipped run", titles, [rows], notes)

@@ -15,7 +15,7 @@ Random = np.random.Generator
 
 
 @dataclass(frozen=True)
-class Sheet:
+class RandomSheet:
     """A sheet: its parts as they are, the drawing that a file would give of it, and how it is to be cut.
 
     ``kind``: of :data:`KINDS`; ``kerf`` and ``lead_in``: mm.
@@ -28,7 +28,7 @@ class Sheet:
     lead_in: float
 
 
-def sheets(seed: int, contours: int) -> Iterator[Sheet]:
+def sheets(seed: int, contours: int) -> Iterator[RandomSheet]:
     """Sheets of all kinds in turn, with at least so many contours together."""
     count = number = 0
     while count < contours:
@@ -43,11 +43,11 @@ def sheets(seed: int, contours: int) -> Iterator[Sheet]:
         number += 1
 
 
-def of(kind: str, parts: list[Polygon], rng: Random) -> Sheet:
+def of(kind: str, parts: list[Polygon], rng: Random) -> RandomSheet:
     """A sheet of these parts, each contour begun anywhere and in either direction."""
     curves = [_curve(np.array(ring.coords), rng) for p in parts for ring in (p.exterior, *p.interiors)]
     made = drawing(kind, kind, ordered(curves))
-    return Sheet(kind, parts, made, float(rng.uniform(0.1, 0.35)), float(rng.uniform(1.0, 6.0)))
+    return RandomSheet(kind, parts, made, float(rng.uniform(0.1, 0.35)), float(rng.uniform(1.0, 6.0)))
 
 
 def _curve(points: Points, rng: Random) -> Curve:

@@ -10,7 +10,7 @@ from ....envs.engine.quantity import InvalidInput
 from ....envs.paths.drawing import Drawing
 from ....envs.paths.read import FORMATS, PROGRAMMES, read
 from ....envs.paths.route import Cutting, Route, routed
-from ...report.terminal import Sheet
+from ...report.terminal import TextTable
 from .random_parts import KINDS, sheets
 from .trespass import WRONG, Material, parts_of, wrong
 
@@ -59,10 +59,10 @@ def judged(kind: str, route: Route, material: Material, kerf: float) -> pd.DataF
     return pd.DataFrame(rows, columns=["kind", "contour", "how", "wrong"])
 
 
-def sheet_of(frame: pd.DataFrame, refused: int = 0, read_: int = 0) -> Sheet:
+def sheet_of(frame: pd.DataFrame, refused: int = 0, read_: int = 0) -> TextTable:
     """The campaign's table."""
     titles = ["sheets", "contours", *WAYS.values(), "on the contour, with a warning", *WRONG]
-    sheet = Sheet("Lead-ins", titles)
+    sheet = TextTable("Lead-ins", titles)
     kinds = [kind for kind in (*KINDS, "files") if kind in set(frame["kind"])]
     sheet.sections = [[_row(kind, frame[frame["kind"] == kind]) for kind in kinds], [_row("all", frame)]]
     sheet.notes = [

@@ -103,6 +103,6 @@ def modules(root: Path) -> list[str]:
     return [p.relative_to(root).as_posix() for p in found]
 
 
-def tests_of(file: str) -> tuple[str, ...]:
+def of(file: str) -> tuple[str, ...]:
     """Test files that can see a mistake in a module."""
     return tuple(f"tests/{name}" for name in dict.fromkeys((*OWN[file.removesuffix(".py")], *_EVERYTHING)))
