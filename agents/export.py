@@ -73,7 +73,7 @@ def export(
     if layers[0].inputs != network.size * frames:
         raise _refused(f"a network of {layers[0].inputs} inputs for {frames} frames of {network.size} numbers")
     environment = batch.task.id
-    observation, action = describe(environment, batch.control, batch.observation)
+    observation, action = describe(environment, batch.control, batch.observation, batch.base.z.law)
     about = {
         "algorithm": type(model).__name__, "seed": model.seed, "training_steps": int(model.num_timesteps),
         "simulated_steps": int(model.num_timesteps) * batch.task.period,

@@ -24,9 +24,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from ..envs.control import stack as stacks
 from ..envs.control.stack import Stack
 from ..envs.engine.quantity import InvalidInput, check_choice, did_you_mean
+from ..envs.plant.controller import Law
 from ..envs.safety import files
 from ..envs.tasks.all_tasks import TASKS
-from ..envs.tasks.task import OBSERVATIONS
 from .network import Layer, Memory, Network, Normaliser, run
 
 FORMAT = 1
@@ -193,21 +193,21 @@ class Policy:
 # --------------------------------------------------------------------------------------------- what it is about
 
 
-def describe(environment: str, control: str, kind: str) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Observation and action of an environment as this version of it has them.
+def describe(environment: str, control: str, kind: str, law: Law) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Observation and action of an environment as this version of it has them; ``law`` is that of its base.
 
     Raises:
-        InvalidInput: unknown environment, control or kind of observation.
+        InvalidInput: unknown environment, control or kind of observation, or nothing for this law.
     """
     check_choice(environment, TASKS, "environment")
     task = TASKS[environment]
-    check_choice(kind, OBSERVATIONS, "observation")
-    check_choice(control, task.actions, "control")
-    names = task.seen(kind).names
+    check_choice(kind, task.observations, "observation")
+    check_choice(control, task.controls, "control")
+    names = task.seen(kind, law).names
     observation: dict[str, Any] = {"kind": kind, "shape": [len(names)], "names": list(names)}
     if kind == "features":
         observation["scaling"] = dict(task.scaling)
-    return observation, task.actions[control].document()
+    return observation, task.decided(control, law).document()
 
 
 def check(document: Document, where: str) -> None:
@@ -223,20 +223,20 @@ def check(document: Document, where: str) -> None:
         raise InvalidInput(
             f"{where} is for version {document.version} of environment '{document.environment}'; here it is {version}"
         )
-    for what, saved, present in zip(
-        ("observation", "action"), (document.observation, document.action),
-        describe(document.environment, document.control, str(document.observation.get("kind"))), strict=True,
-    ):  # fmt: skip
+    slots = set(document.base)
+    wanted = set(TASKS[document.environment].slots)
+    if slots != wanted:
+        raise InvalidInput(f"{where}: base controllers for slots {sorted(slots)}; needed: {sorted(wanted)}")
+    law = bases(document, where)["z"].law
+    observation, action = describe(document.environment, document.control, str(document.observation.get("kind")), law)
+    told = (("observation", document.observation, observation), ("action", document.action, action))
+    for what, saved, present in told:
         for key in dict.fromkeys((*present, *saved)):
             if saved.get(key) != present.get(key):
                 raise InvalidInput(
                     f"{where}: {what}.{key} is {_short(saved.get(key))}, in this {document.environment} it is "
                     f"{_short(present.get(key))}; it was made for another version or shape"
                 )
-    slots = set(document.base)
-    wanted = set(TASKS[document.environment].slots)
-    if slots != wanted:
-        raise InvalidInput(f"{where}: base controllers for slots {sorted(slots)}; needed: {sorted(wanted)}")
     shape, last = document.network, document.observation["shape"][0] * document.network.frames
     for i, layer in enumerate(shape.layers):
         if layer.inputs != last:
@@ -244,7 +244,6 @@ def check(document: Document, where: str) -> None:
         last = layer.outputs
     if last != document.action["shape"][0]:
         raise InvalidInput(f"{where}: the network gives {last} numbers; an action has {document.action['shape'][0]}")
-    bases(document, where)
 
 
 def describe_base(stack: Stack) -> Base:
