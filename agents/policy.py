@@ -193,7 +193,7 @@ class Policy:
 # --------------------------------------------------------------------------------------------- what it is about
 
 
-def describe(environment: str, control: str, kind: str, law: Law) -> tuple[dict[str, Any], dict[str, Any]]:
+def describe(environment: str, control: str, kind: str, law: Law | None) -> tuple[dict[str, Any], dict[str, Any]]:
     """Observation and action of an environment as this version of it has them; ``law`` is that of its base.
 
     Raises:
@@ -223,12 +223,10 @@ def check(document: Document, where: str) -> None:
         raise InvalidInput(
             f"{where} is for version {document.version} of environment '{document.environment}'; here it is {version}"
         )
-    slots = set(document.base)
-    wanted = set(TASKS[document.environment].slots)
-    if slots != wanted:
-        raise InvalidInput(f"{where}: base controllers for slots {sorted(slots)}; needed: {sorted(wanted)}")
-    law = bases(document, where)["z"].law
-    observation, action = describe(document.environment, document.control, str(document.observation.get("kind")), law)
+    base = _laws().get(document.base["z"].law) if "z" in document.base else None
+    observation, action = describe(
+        document.environment, document.control, str(document.observation.get("kind")), base and base.law
+    )
     told = (("observation", document.observation, observation), ("action", document.action, action))
     for what, saved, present in told:
         for key in dict.fromkeys((*present, *saved)):
@@ -237,6 +235,10 @@ def check(document: Document, where: str) -> None:
                     f"{where}: {what}.{key} is {_short(saved.get(key))}, in this {document.environment} it is "
                     f"{_short(present.get(key))}; it was made for another version or shape"
                 )
+    slots = set(document.base)
+    wanted = set(TASKS[document.environment].slots)
+    if slots != wanted:
+        raise InvalidInput(f"{where}: base controllers for slots {sorted(slots)}; needed: {sorted(wanted)}")
     shape, last = document.network, document.observation["shape"][0] * document.network.frames
     for i, layer in enumerate(shape.layers):
         if layer.inputs != last:
@@ -244,6 +246,7 @@ def check(document: Document, where: str) -> None:
         last = layer.outputs
     if last != document.action["shape"][0]:
         raise InvalidInput(f"{where}: the network gives {last} numbers; an action has {document.action['shape'][0]}")
+    bases(document, where)
 
 
 def describe_base(stack: Stack) -> Base:
@@ -252,12 +255,17 @@ def describe_base(stack: Stack) -> Base:
     Raises:
         InvalidInput: its law is not one of kerfgym's, so nobody else could run it.
     """
-    if not any(stacks.get(name).law.name == stack.law.name for name in stacks.names()):
+    if stack.law.name not in _laws():
         raise InvalidInput(
             f"base controller '{stack.name}' is not one of kerfgym's; a policy on top of it would not run elsewhere"
         )
     values = {name: float(p.value) for name, p in stack.parameters().items()}
     return Base(name=stack.name, law=stack.law.name, parameters=values, provenance=stack.provenance)
+
+
+def _laws() -> dict[str, Stack]:
+    """A registered controller of each law."""
+    return {stacks.get(name).law.name: stacks.get(name) for name in stacks.names()}
 
 
 def bases(document: Document, where: str) -> dict[str, Stack]:
@@ -266,8 +274,7 @@ def bases(document: Document, where: str) -> dict[str, Stack]:
     Raises:
         InvalidInput: unknown law or parameter, wrong slot, or a value out of range.
     """
-    laws = {stacks.get(name).law.name: stacks.get(name) for name in stacks.names()}
-    found = {}
+    laws, found = _laws(), {}
     for slot, base in document.base.items():
         if base.law not in laws or laws[base.law].slot != slot:
             of_slot = [name for name, stack in laws.items() if stack.slot == slot]

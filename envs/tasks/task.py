@@ -110,7 +110,7 @@ class Task:
         """What ``observation`` may be."""
         return OBSERVATIONS if self.put_weights else OBSERVATIONS[:2]
 
-    def decided(self, control: str, law: Law) -> Actions:
+    def decided(self, control: str, law: Law | None) -> Actions:
         """What actions mean, by the control and the law of the base.
 
         Raises:
@@ -121,7 +121,7 @@ class Task:
         weights = _weighing(law, f"control '{control}'").weights
         return Actions(*(tuple(each) for each in zip(*((w.name, w.unit, w.span) for w in weights), strict=True)))
 
-    def seen(self, observation: str, law: Law) -> Signals:
+    def seen(self, observation: str, law: Law | None) -> Signals:
         """What is observed, by the kind of observation and the law of the base.
 
         Raises:
@@ -163,8 +163,8 @@ class Task:
         return act, stage_address(self.observe, __file__), io
 
 
-def _weighing(law: Law, what: str) -> Weighing:
-    if law.weighing is None:
+def _weighing(law: Law | None, what: str) -> Weighing:
+    if law is None or law.weighing is None:
         able = [name for name in stacks.names() if stacks.get(name).law.weighing]
         raise InvalidInput(f"{what} needs a base that says what it weighs: {', '.join(able) or 'one of yours'}")
     return law.weighing
