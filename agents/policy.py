@@ -27,7 +27,7 @@ from ..envs.engine.quantity import InvalidInput, check_choice, did_you_mean
 from ..envs.plant.controller import Law
 from ..envs.safety import files
 from ..envs.tasks.all_tasks import TASKS
-from .network import Layer, Memory, Network, Normaliser, run
+from .network import Known, Layer, Memory, Network, Normaliser, run
 
 FORMAT = 1
 """Version of the folder's format."""
@@ -40,6 +40,9 @@ RAWEST = 1e4
 
 FARTHEST = 1e30
 """Largest number within a network; beyond 3e38 there is none in single precision."""
+
+FROM_BASE = ("residual", "weights")
+"""Controls by which an action of 0 leaves the base controller as it is."""
 
 DOCUMENT, WEIGHTS = "policy.json", "weights.safetensors"
 
@@ -67,6 +70,15 @@ class NetworkShape(_Table):
     output: Literal["clip", "tanh"]
 
 
+class Range(_Table):
+    """Where a policy was trained: bounds of some of the signals that it observes; it hands over to its base beyond."""
+
+    names: list[str] = Field(min_length=1, max_length=64)
+    low: list[float]
+    high: list[float]
+    margin: list[float]  # beyond the bounds, until nothing is left of its action
+
+
 class Base(_Table):
     """A controller that does what the actions leave open: a law's name and every parameter of its stack."""
 
@@ -89,6 +101,7 @@ class Document(_Table):
     network: NetworkShape
     weights: str  # SHA-256 of the file
     provenance: dict[str, Any]
+    range: Range | None = None
     sha256: str = ""  # of all the rest of the document; the first policies have none
 
 
@@ -225,7 +238,7 @@ def check(document: Document, where: str) -> None:
         )
     base = _laws().get(document.base["z"].law) if "z" in document.base else None
     observation, action = describe(
-        document.environment, document.control, str(document.observation.get("kind")), base and base.law
+        document.environment, document.control, str(document.observation.get("kind")), base.law if base else None
     )
     told = (("observation", document.observation, observation), ("action", document.action, action))
     for what, saved, present in told:
@@ -246,7 +259,21 @@ def check(document: Document, where: str) -> None:
         last = layer.outputs
     if last != document.action["shape"][0]:
         raise InvalidInput(f"{where}: the network gives {last} numbers; an action has {document.action['shape'][0]}")
+    if document.range:
+        _check_range(document.range, document, where)
     bases(document, where)
+
+
+def _check_range(known: Range, document: Document, where: str) -> None:
+    """Raises :class:`InvalidInput` unless a policy can hand over to its base by this."""
+    for name in known.names:
+        check_choice(name, document.observation["names"], f"{where}: range.names")
+    if not len(known.low) == len(known.high) == len(known.margin) == len(known.names):
+        raise InvalidInput(f"{where}: range needs a low, a high and a margin for each of {len(known.names)} names")
+    if not all(low <= high and m > 0 for low, high, m in zip(known.low, known.high, known.margin, strict=True)):
+        raise InvalidInput(f"{where}: range holds a low above its high, or a margin that is not above 0")
+    if document.control not in FROM_BASE:
+        raise InvalidInput(f"{where}: with control '{document.control}' no action means the base; so there is no range")
 
 
 def describe_base(stack: Stack) -> Base:
@@ -348,6 +375,15 @@ def shape_of(network: Network) -> NetworkShape:
     )
 
 
+def known_of(document: Document) -> Known | None:
+    """The document's range, as a network uses it."""
+    if document.range is None:
+        return None
+    said = document.range
+    low, high, margin = np.array([said.low, said.high, said.margin], np.float32)
+    return Known(np.array([document.observation["names"].index(name) for name in said.names]), low, high, margin)
+
+
 def _network(document: Document, data: bytes, folder: Path) -> Network:
     """The network out of the weights, each of which must have the shape and type that the document asks for."""
     from safetensors import SafetensorError
@@ -387,7 +423,7 @@ def _network(document: Document, data: bytes, folder: Path) -> Network:
         for i, layer in enumerate(shape.layers)
     )
     _bounded(layers, shape.clip if normaliser else RAWEST, f"policy '{folder}': {WEIGHTS}")
-    return Network(size, shape.frames, normaliser, layers, shape.output)
+    return Network(size, shape.frames, normaliser, layers, shape.output, known_of(document))
 
 
 def _bounded(layers: tuple[Layer, ...], most: float, where: str) -> None:
