@@ -17,7 +17,7 @@ from ..envs.plant import machine
 from ..envs.plant.controller import stage_address
 from ..envs.plant.fleet import Fleet
 from ..envs.tasks.interface import LARGEST_TRIM, LONGEST_WINDOW
-from .network import ACTIVATIONS, LN2_HIGH, LN2_LOW, LOG2E, OUTPUTS, SERIES, Network
+from .network import ACTIVATIONS, FALL, LN2_HIGH, LN2_LOW, LOG2E, OUTPUTS, RISE, SERIES, UNKNOWN, Network
 
 
 class Io(NamedTuple):
@@ -43,6 +43,10 @@ class Io(NamedTuple):
     layers: int  # uint64, (depth, 4)
     depth: int
     output: int
+    known: int  # numbers of an observation that bound where the policy was trained
+    which: int  # uint64, (known,), of the observation
+    bounds: int  # float32, (known, 3): low, high, margin
+    trust: int  # float32, (machines,)
 
 
 IO = places(Io)
@@ -180,6 +184,24 @@ def _run(io, machine_):
             actions[machine_ * io[IO.width] + j] = _tanh(u)
         else:
             actions[machine_ * io[IO.width] + j] = max(-_ONE, min(_ONE, u))
+    if io[IO.known] > U0:
+        trust = _trusted(io, machine_)
+        for j in range(io[IO.width]):
+            actions[machine_ * io[IO.width] + j] *= trust
+
+
+@stage
+def _trusted(io, machine_):
+    """How much of its action the policy keeps, see :func:`network.trusted`."""
+    observations, trust = singles(io[IO.observations], _ANY), singles(io[IO.trust], _ANY)
+    which, bounds = words(io[IO.which], io[IO.known]), singles(io[IO.bounds], _ANY)
+    most, before = _ZERO, trust[machine_]
+    for k in range(io[IO.known]):
+        x, low, high = observations[machine_ * io[IO.size] + which[k]], bounds[_U3 * k], bounds[_U3 * k + U1]
+        most = max(most, max(low - x, x - high) / bounds[_U3 * k + _U2])
+    wanted = _ONE - min(most, _ONE)
+    trust[machine_] = wanted if before < _ZERO else before + min(max(wanted - before, -FALL), RISE)
+    return trust[machine_]
 
 
 @stage
@@ -188,6 +210,8 @@ def _forget(io, machine_):
     work = singles(io[IO.work] + _U4 * machine_ * io[IO.stride], io[IO.stride])
     for i in range(io[IO.stride]):
         work[i] = _ZERO
+    if io[IO.known] > U0:
+        singles(io[IO.trust], _ANY)[machine_] = UNKNOWN
 
 
 def fly(block_address, at, n, io_address, first):
@@ -243,7 +267,7 @@ def _flight(network: Network, fleet: Fleet, hook: tuple[int, int, Deck], period:
     """The deck of a policy in one fleet, with the task's stages and their deck."""
     act, observe, environment = hook
     weights, layers, stride = _laid_out(network)
-    n, count = network.normaliser, fleet.size
+    n, known, count = network.normaliser, network.known, fleet.size
     return Deck(
         Io,
         act=act,
@@ -264,6 +288,10 @@ def _flight(network: Network, fleet: Fleet, hook: tuple[int, int, Deck], period:
         layers=layers,
         depth=len(layers),
         output=OUTPUTS.index(network.output),
+        known=len(known.which) if known else 0,
+        which=known.which.astype(np.uint64) if known else np.zeros(1, np.uint64),
+        bounds=np.stack(known[1:], axis=1) if known else np.zeros(1, np.float32),
+        trust=np.full(count, UNKNOWN),
     )
 
 

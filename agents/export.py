@@ -22,7 +22,7 @@ import numpy as np
 
 from ..envs.engine.quantity import InvalidInput
 from .network import Layer, Memory, Network, Normaliser, run
-from .policy import FORMAT, Document, Policy, describe, describe_base, shape_of
+from .policy import FORMAT, Document, Policy, Range, check, describe, describe_base, known_of, shape_of
 
 SUPPORTED = (
     "PPO, SAC, TD3, TQC and RecurrentPPO with one-dimensional observations; layers: linear with tanh, ReLU or no "
@@ -52,7 +52,12 @@ class Exported:
 
 
 def export(
-    model: Any, folder: str | Path, provenance: dict[str, Any] | None = None, env: Any = None, onnx: bool = True
+    model: Any,
+    folder: str | Path,
+    provenance: dict[str, Any] | None = None,
+    env: Any = None,
+    onnx: bool = True,
+    known: Range | None = None,
 ) -> Exported:
     """Writes the artefact of a model.
 
@@ -63,6 +68,7 @@ def export(
             the model's own steps. Algorithm, seed, decisions, simulated steps (of 1 ms) and versions are added.
         env: environment of the model (a ``VecEnv``, or a Gymnasium environment), if not ``model.get_env()``.
         onnx: whether to write ``policy.onnx`` beside, if the package is there.
+        known: the range in which it was trained; beyond it the policy hands over to its base.
 
     Raises:
         InvalidInput: the model or its environment is not supported, or artefact and model differ.
@@ -73,7 +79,7 @@ def export(
     if layers[0].inputs != network.size * frames:
         raise _refused(f"a network of {layers[0].inputs} inputs for {frames} frames of {network.size} numbers")
     environment = batch.task.id
-    observation, action = describe(environment, batch.control, batch.observation)
+    observation, action = describe(environment, batch.control, batch.observation, batch.base.z.law)
     steps = int(model.num_timesteps)
     about = {"algorithm": type(model).__name__, "seed": model.seed, "training_steps": steps}
     about |= {"simulated_steps": steps * batch.task.period, "versions": _versions()}
@@ -88,14 +94,16 @@ def export(
         network=shape_of(network),
         weights="",
         provenance={**about, **(provenance or {})},
+        range=known,
     )
+    check(document, "the policy")
     difference, compared = equivalence(model, network, batch)
     if not difference <= BOUND:
         raise InvalidInput(
             f"the artefact's actions differ from the model's by {difference:.2g}, more than {BOUND:g}; not exported"
         )
     document.provenance["equivalence"] = {"largest_difference": difference, "actions": compared, "bound": BOUND}
-    policy = Policy(document, network, str(folder))
+    policy = Policy(document, network._replace(known=known_of(document)), str(folder))
     policy.save(folder)
     written = None
     if onnx:

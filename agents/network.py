@@ -19,6 +19,13 @@ SERIES = tuple(1.0 / x for x in (1, 1, 2, 6, 24, 120, 720, 5040, 40320, 362880, 
 """Of e^x; twelve terms are exact to 1e-15 for |x| ≤ ln(2)/2."""
 
 
+FALL, RISE = np.float32(0.05), np.float32(0.005)
+"""By how much trust changes in a decision at most: it is lost within 20 of them, and is back in 200."""
+
+UNKNOWN = np.float32(-1.0)
+"""Trust before an episode's first decision."""
+
+
 class Layer(NamedTuple):
     """``linear``: activation(weight·x + bias), weight (outputs, inputs). ``lstm``: weight (4·hidden, inputs + hidden)
     of the gates input, forget, cell, output, as in :class:`torch.nn.LSTM`, whose two biases are added up."""
@@ -47,6 +54,15 @@ class Normaliser(NamedTuple):
     clip: float
 
 
+class Known(NamedTuple):
+    """Where a policy was trained: bounds of some of the numbers of an observation, single precision, shape (k,)."""
+
+    which: np.ndarray  # of the observation's numbers
+    low: np.ndarray
+    high: np.ndarray
+    margin: np.ndarray  # beyond the bounds, until nothing is left of the action
+
+
 class Network(NamedTuple):
     """Everything between an observation of ``size`` numbers and an action."""
 
@@ -55,6 +71,7 @@ class Network(NamedTuple):
     normaliser: Normaliser | None
     layers: tuple[Layer, ...]
     output: str  # one of OUTPUTS
+    known: Known | None = None
 
     @property
     def actions(self) -> int:
@@ -72,6 +89,7 @@ class Memory:
 
     def __init__(self, network: Network, count: int) -> None:
         self.frames = np.zeros((count, network.frames * network.size), np.float32)
+        self.trust = np.full((count, 1), UNKNOWN)
         widths = [layer.outputs if layer.kind == "lstm" else 0 for layer in network.layers]
         self.hidden = [np.zeros((count, n), np.float32) for n in widths]
         self.cell = [np.zeros((count, n), np.float32) for n in widths]
@@ -80,6 +98,7 @@ class Memory:
         """Episodes begin: nothing is known."""
         for array in (self.frames, *self.hidden, *self.cell):
             array[which] = 0.0
+        self.trust[which] = UNKNOWN
 
 
 def exponential(x: np.ndarray) -> np.ndarray:
@@ -123,6 +142,23 @@ def normalised(normaliser: Normaliser, x: np.ndarray) -> np.ndarray:
     return np.minimum(np.maximum(y, -normaliser.clip), normaliser.clip).astype(np.float32)
 
 
+def trusted(known: Known, before: np.ndarray, observations: np.ndarray) -> np.ndarray:
+    """How much of its action a policy keeps, 0 to 1, single precision, shape (count, 1).
+
+    All of it within its range, nothing a margin or more beyond, linearly between; and since it moves slowly, the base
+    takes over without a bump.
+
+    Args:
+        known: the range.
+        before: trust at the decision before.
+        observations: single precision, (count, size).
+    """
+    x, one = observations[:, known.which], np.float32(1.0)
+    beyond = (np.maximum(known.low - x, x - known.high) / known.margin).max(axis=1, keepdims=True)
+    wanted = one - np.minimum(np.maximum(beyond, np.float32(0.0)), one)
+    return np.where(before < 0, wanted, before + np.minimum(np.maximum(wanted - before, -FALL), RISE))
+
+
 def run(network: Network, memory: Memory, observations: np.ndarray) -> np.ndarray:
     """Actions in −1 … 1, float32 (count, actions), for observations (count, size); the memory moves on by a step."""
     x = np.asarray(observations, np.float32)
@@ -144,4 +180,8 @@ def run(network: Network, memory: Memory, observations: np.ndarray) -> np.ndarra
             x = linear(layer.weight, layer.bias, x)
             x = tanh(x) if layer.activation == "tanh" else x
             x = np.maximum(x, np.float32(0.0)) if layer.activation == "relu" else x
-    return tanh(x) if network.output == "tanh" else np.minimum(np.maximum(x, np.float32(-1.0)), np.float32(1.0))
+    actions = tanh(x) if network.output == "tanh" else np.minimum(np.maximum(x, np.float32(-1.0)), np.float32(1.0))
+    if network.known is None:
+        return actions
+    memory.trust = trusted(network.known, memory.trust, np.asarray(observations, np.float32))
+    return actions * memory.trust

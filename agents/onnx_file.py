@@ -1,9 +1,10 @@
 """A policy as an ONNX graph, for run-times of other machines.
 
 Inputs: ``observation`` (n, frames·size) float32, frames oldest first and those before an episode 0, as the environment
-gives them; for each LSTM ``hidden_i`` and ``cell_i`` (n, outputs), 0 when an episode begins. Outputs: ``action`` (n, k)
-in −1 … 1, and ``next_hidden_i``, ``next_cell_i``. The normaliser is inside. With a normaliser ahead of the frame stack
-the graph takes frames that were not normalised, 0 before the episode standing for "none".
+gives them; for each LSTM ``hidden_i`` and ``cell_i`` (n, outputs), 0 when an episode begins; for a policy with a range
+``trust`` (n, 1), −1 when one begins. Outputs: ``action`` (n, k) in −1 … 1, and ``next_hidden_i``, ``next_cell_i``,
+``next_trust``. The normaliser is inside. With a normaliser ahead of the frame stack the graph takes frames that were
+not normalised, 0 before the episode standing for "none".
 """
 
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from .network import Network
+from .network import FALL, RISE, Network
 from .policy import Policy
 
 OPSET = 17
@@ -41,6 +42,24 @@ NORMALISED = """
     normalised = Cast <to = 1> (limited)
 """
 """In double precision."""
+
+TRUSTED = """
+    x = Gather <axis = 1> (observation, which)
+    under = Sub (low, x)
+    over = Sub (x, high)
+    farther = Max (under, over)
+    margins = Div (farther, margin)
+    farthest = ReduceMax <axes = [1], keepdims = 1> (margins)
+    lost = Clip (farthest, none, highest)
+    wanted = Sub (highest, lost)
+    gap = Sub (wanted, trust)
+    change = Clip (gap, fall, rise)
+    moved = Add (trust, change)
+    unknown = Less (trust, none)
+    next_trust = Where (unknown, wanted, moved)
+    action = Mul (wish, next_trust)
+"""
+"""The range that the policy was trained in (:func:`network.trusted`)."""
 
 UNSEEN = """
     frames = Reshape (observation, each)
@@ -97,7 +116,15 @@ def described(network: Network) -> tuple[str, dict[str, np.ndarray]]:
             kind = {"none": "Identity", "tanh": "Tanh", "relu": "Relu"}[layer.activation]
             text += f"y_{i} = Gemm <transB = 1> ({x}, weight_{i}, bias_{i}) x_{i} = {kind} (y_{i})\n"
             x = f"x_{i}"
-    text += f"action = {f'Tanh ({x})' if network.output == 'tanh' else f'Clip ({x}, lowest, highest)'}"
+    wish = f"Tanh ({x})" if network.output == "tanh" else f"Clip ({x}, lowest, highest)"
+    if network.known:
+        known = network.known._asdict()
+        newest = known.pop("which") + network.size * (network.frames - 1)
+        numbers |= {"which": newest, **known, "none": np.float32(0.0), "fall": -FALL, "rise": RISE}
+        inputs["trust"] = outputs["next_trust"] = 1
+        text += f"wish = {wish}" + TRUSTED
+    else:
+        text += f"action = {wish}"
     given, made = (", ".join(f"float[n, {many}] {name}" for name, many in of.items()) for of in (inputs, outputs))
     head = f'<ir_version: 8, opset_import: ["": {OPSET}], producer_name: "kerfgym">'
     return f"{head} policy ({given}) => ({made}) {{ {text} }}", {k: np.array(v, order="C") for k, v in numbers.items()}

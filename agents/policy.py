@@ -24,10 +24,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from ..envs.control import stack as stacks
 from ..envs.control.stack import Stack
 from ..envs.engine.quantity import InvalidInput, check_choice, did_you_mean
+from ..envs.plant.controller import Law
 from ..envs.safety import files
 from ..envs.tasks.all_tasks import TASKS
-from ..envs.tasks.task import OBSERVATIONS
-from .network import Layer, Memory, Network, Normaliser, run
+from .network import Known, Layer, Memory, Network, Normaliser, run
 
 FORMAT = 1
 """Version of the folder's format."""
@@ -40,6 +40,9 @@ RAWEST = 1e4
 
 FARTHEST = 1e30
 """Largest number within a network; beyond 3e38 there is none in single precision."""
+
+FROM_BASE = ("residual", "weights")
+"""Controls by which an action of 0 leaves the base controller as it is."""
 
 DOCUMENT, WEIGHTS = "policy.json", "weights.safetensors"
 
@@ -67,6 +70,15 @@ class NetworkShape(_Table):
     output: Literal["clip", "tanh"]
 
 
+class Range(_Table):
+    """Where a policy was trained: bounds of some of the signals that it observes; it hands over to its base beyond."""
+
+    names: list[str] = Field(min_length=1, max_length=64)
+    low: list[float]
+    high: list[float]
+    margin: list[float]  # beyond the bounds, until nothing is left of its action
+
+
 class Base(_Table):
     """A controller that does what the actions leave open: a law's name and every parameter of its stack."""
 
@@ -89,6 +101,7 @@ class Document(_Table):
     network: NetworkShape
     weights: str  # SHA-256 of the file
     provenance: dict[str, Any]
+    range: Range | None = None
     sha256: str = ""  # of all the rest of the document; the first policies have none
 
 
@@ -192,21 +205,21 @@ class Policy:
 # --------------------------------------------------------------------------------------------- what it is about
 
 
-def describe(environment: str, control: str, kind: str) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Observation and action of an environment as this version of it has them.
+def describe(environment: str, control: str, kind: str, law: Law | None) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Observation and action of an environment as this version of it has them; ``law`` is that of its base.
 
     Raises:
-        InvalidInput: unknown environment, control or kind of observation.
+        InvalidInput: unknown environment, control or kind of observation, or nothing for this law.
     """
     check_choice(environment, TASKS, "environment")
     task = TASKS[environment]
-    check_choice(kind, OBSERVATIONS, "observation")
-    check_choice(control, task.actions, "control")
-    names = task.seen(kind).names
+    check_choice(kind, task.observations, "observation")
+    check_choice(control, task.controls, "control")
+    names = task.seen(kind, law).names
     observation: dict[str, Any] = {"kind": kind, "shape": [len(names)], "names": list(names)}
     if kind == "features":
         observation["scaling"] = dict(task.scaling)
-    return observation, task.actions[control].document()
+    return observation, task.decided(control, law).document()
 
 
 def check(document: Document, where: str) -> None:
@@ -222,12 +235,12 @@ def check(document: Document, where: str) -> None:
         raise InvalidInput(
             f"{where} is for version {document.version} of environment '{document.environment}'; here it is {version}"
         )
-    for what, saved, present in zip(
-        ("observation", "action"),
-        (document.observation, document.action),
-        describe(document.environment, document.control, str(document.observation.get("kind"))),
-        strict=True,
-    ):
+    base = _laws().get(document.base["z"].law) if "z" in document.base else None
+    observation, action = describe(
+        document.environment, document.control, str(document.observation.get("kind")), base.law if base else None
+    )
+    told = (("observation", document.observation, observation), ("action", document.action, action))
+    for what, saved, present in told:
         for key in dict.fromkeys((*present, *saved)):
             if saved.get(key) != present.get(key):
                 raise InvalidInput(
@@ -245,7 +258,21 @@ def check(document: Document, where: str) -> None:
         last = layer.outputs
     if last != document.action["shape"][0]:
         raise InvalidInput(f"{where}: the network gives {last} numbers; an action has {document.action['shape'][0]}")
+    if document.range:
+        _check_range(document.range, document, where)
     bases(document, where)
+
+
+def _check_range(known: Range, document: Document, where: str) -> None:
+    """Raises :class:`InvalidInput` unless a policy can hand over to its base by this."""
+    for name in known.names:
+        check_choice(name, document.observation["names"], f"{where}: range.names")
+    if not len(known.low) == len(known.high) == len(known.margin) == len(known.names):
+        raise InvalidInput(f"{where}: range needs a low, a high and a margin for each of {len(known.names)} names")
+    if not all(low <= high and m > 0 for low, high, m in zip(known.low, known.high, known.margin, strict=True)):
+        raise InvalidInput(f"{where}: range holds a low above its high, or a margin that is not above 0")
+    if document.control not in FROM_BASE:
+        raise InvalidInput(f"{where}: with control '{document.control}' no action means the base; so there is no range")
 
 
 def describe_base(stack: Stack) -> Base:
@@ -254,12 +281,17 @@ def describe_base(stack: Stack) -> Base:
     Raises:
         InvalidInput: its law is not one of kerfgym's, so nobody else could run it.
     """
-    if not any(stacks.get(name).law.name == stack.law.name for name in stacks.names()):
+    if stack.law.name not in _laws():
         raise InvalidInput(
             f"base controller '{stack.name}' is not one of kerfgym's; a policy on top of it would not run elsewhere"
         )
     values = {name: float(p.value) for name, p in stack.parameters().items()}
     return Base(name=stack.name, law=stack.law.name, parameters=values, provenance=stack.provenance)
+
+
+def _laws() -> dict[str, Stack]:
+    """A registered controller of each law."""
+    return {stacks.get(name).law.name: stacks.get(name) for name in stacks.names()}
 
 
 def bases(document: Document, where: str) -> dict[str, Stack]:
@@ -268,8 +300,7 @@ def bases(document: Document, where: str) -> dict[str, Stack]:
     Raises:
         InvalidInput: unknown law or parameter, wrong slot, or a value out of range.
     """
-    laws = {stacks.get(name).law.name: stacks.get(name) for name in stacks.names()}
-    found = {}
+    laws, found = _laws(), {}
     for slot, base in document.base.items():
         if base.law not in laws or laws[base.law].slot != slot:
             of_slot = [name for name, stack in laws.items() if stack.slot == slot]
@@ -341,6 +372,15 @@ def shape_of(network: Network) -> NetworkShape:
     )
 
 
+def known_of(document: Document) -> Known | None:
+    """The document's range, as a network uses it."""
+    if document.range is None:
+        return None
+    said = document.range
+    low, high, margin = np.array([said.low, said.high, said.margin], np.float32)
+    return Known(np.array([document.observation["names"].index(name) for name in said.names]), low, high, margin)
+
+
 def _network(document: Document, data: bytes, folder: Path) -> Network:
     """The network out of the weights, each of which must have the shape and type that the document asks for."""
     from safetensors import SafetensorError
@@ -380,7 +420,7 @@ def _network(document: Document, data: bytes, folder: Path) -> Network:
         for i, layer in enumerate(shape.layers)
     )
     _bounded(layers, shape.clip if normaliser else RAWEST, f"policy '{folder}': {WEIGHTS}")
-    return Network(size, shape.frames, normaliser, layers, shape.output)
+    return Network(size, shape.frames, normaliser, layers, shape.output, known_of(document))
 
 
 def _bounded(layers: tuple[Layer, ...], most: float, where: str) -> None:

@@ -31,6 +31,10 @@ class HeightFollowingEnv(SingleEnv):
     | `"schedule"` | 3 | filter window                                 | 1       | 15    | samples |
     |              |   | samples trimmed at each end                   | 0       | 3     | samples |
     |              |   | factor on the base controller's command       | 0.2     | 3     | 1       |
+    | `"weights"`  | k | weights of the signals that the base's law adds up | − its span | its span | each its own |
+
+    With `"weights"` the action is added to the weights that the law takes itself, so 0 leaves the base as it is. There is
+    a number for each of the law's `WEIGHTS`; `"weights"` and `observation="sheet"` need a base whose law declares them.
 
     ## Observation Space
 
@@ -68,6 +72,9 @@ class HeightFollowingEnv(SingleEnv):
     | 34    | feed                                              | mm/s | 0     | 2000 |
     | 35–37 | override, approach over, supervisor's mode (0–6)  | 1    | 0     | 6    |
 
+    `observation="sheet"`: `Box(-10, 10, (k,), float32)`: what the base's law says of sheet, noise and drive, its
+    `FEATURES`. They hardly depend on what the policy does, since the sheet is encoder minus reading.
+
     ## Rewards
 
     `-0.3·ln(1 + |true error|/2 µm)` while the beam is over the sheet, `-0.3·(change of command/10 mm/s)²`, and `-100` for
@@ -92,7 +99,7 @@ class HeightFollowingEnv(SingleEnv):
     |---------------|---------------------|-----------------------------------------------------------------------------|
     | `scenario`    | `"wavy"`            | name, TOML file, `Scenario`, suite (`"following"`), or a list: one is drawn per episode |
     | `control`     | `"residual"`        | what the action does, see above                                             |
-    | `observation` | `"features"`        | or `"raw"`                                                                  |
+    | `observation` | `"features"`        | or `"raw"`, `"sheet"`                                                       |
     | `split`       | `"train"`           | seeds: `train`, `tune`, `test`, `reserve`                                   |
     | `reward`      | `None`              | weights that differ from the default                                        |
     | `base`        | `"xi2023-improved"` | controller that `residual` and `schedule` start from; any name `kerfgym list` shows |
@@ -115,8 +122,8 @@ class HeightFollowingEnv(SingleEnv):
     def __init__(
         self,
         scenario: Any = "wavy",
-        control: Literal["direct", "residual", "schedule"] = "residual",
-        observation: Literal["features", "raw"] = "features",
+        control: Literal["direct", "residual", "schedule", "weights"] = "residual",
+        observation: Literal["features", "raw", "sheet"] = "features",
         split: str = "train",
         reward: dict[str, float] | None = None,
         base: Any = "xi2023-improved",

@@ -22,6 +22,16 @@ something, and so needs more than a few numbers, declares ``MEMORY = n``: its ``
 numbers of the machine's own, which outlast an episode (``signals.fresh`` says when one begins). The functions are
 compiled; a law in plain Python implements ``reset()`` and ``control(signals)`` instead and runs through the same
 machine, only slower.
+
+A law that says what it sees, and whose command is a sum of signals with weights, lets a policy choose the weights. It
+declares, beside ``MEMORY``::
+
+    FEATURES: tuple[str, ...]       # what it sees: the first numbers of its memory, from −10 to 10
+    WEIGHTS: tuple[Weight, ...]     # what an action moves
+    ACTION: int                     # where in its memory actions lie, one number from −1 to 1 for each weight
+    def weigh(params, state, signals, memory) -> command
+
+``control`` sets the actions to 0 and returns what ``weigh`` does; an environment puts others there and weighs again.
 """
 
 import hashlib
@@ -193,6 +203,24 @@ SLOTS = {
 """What a stack can drive."""
 
 
+class Weight(NamedTuple):
+    """What an action of a law with :class:`Weighing` moves."""
+
+    name: str
+    span: float  # that an action of 1 adds to what the law itself takes
+    unit: str = "1"
+
+
+@dataclass(frozen=True)
+class Weighing:
+    """What a policy sees of a law, and the weights that it may choose; see the head of this module."""
+
+    features: tuple[str, ...]
+    weights: tuple[Weight, ...]
+    action: int
+    weigh: Callable[..., Any]
+
+
 @dataclass(frozen=True)
 class Law:
     """A registered control law.
@@ -211,6 +239,7 @@ class Law:
     tables: np.ndarray = field(default_factory=lambda: np.zeros(0), compare=False)
     source: str = ""
     memory: int = 0  # numbers of its own that each machine keeps for it
+    weighing: Weighing | None = None
 
     @property
     def signals(self) -> Any:
@@ -333,6 +362,8 @@ def make_law(space: Any, name: str, information: str = "sensor", slot: str = "z"
     if not 0 <= memory <= LARGEST_MEMORY:
         raise InvalidInput(f"controller '{name}': MEMORY = {memory}; allowed: 0 to {LARGEST_MEMORY}")
     functions = {"init": _compiled(space.init), "control": _compiled(space.control)}
+    weighing = _weighing(space, name, memory)
+    told = [*functions.values(), *([weighing.weigh] if weighing else [])]
     return Law(
         name,
         (inspect.getdoc(space) or "").split("\n")[0],
@@ -342,9 +373,31 @@ def make_law(space: Any, name: str, information: str = "sensor", slot: str = "z"
         space.State,
         **functions,
         tables=np.zeros(0) if tables is None else np.ascontiguousarray(tables, np.float64).ravel(),
-        source=source_of(space) + "".join(_told(f, frozenset(), set()) for f in functions.values()),
+        source=source_of(space) + "".join(_told(f, frozenset(), set()) for f in told),
         memory=memory,
+        weighing=weighing,
     )
+
+
+def _weighing(space: Any, name: str, memory: int) -> Weighing | None:
+    """What a policy may weigh of a law.
+
+    Raises:
+        InvalidInput: something of it is missing, or lies outside of the law's memory.
+    """
+    parts = ("FEATURES", "WEIGHTS", "ACTION", "weigh")
+    missing = [word for word in parts if not hasattr(space, word)]
+    if len(missing) == len(parts):
+        return None
+    if missing:
+        raise InvalidInput(f"controller '{name}' has no {', '.join(missing)}; weights need {', '.join(parts)}")
+    features, weights, action = tuple(space.FEATURES), tuple(space.WEIGHTS), int(space.ACTION)
+    if not len(features) <= action <= memory - len(weights):
+        raise InvalidInput(
+            f"controller '{name}': {len(features)} features and {len(weights)} actions from {action} on do not lie one "
+            f"behind the other in a MEMORY of {memory}"
+        )
+    return Weighing(features, weights, action, _compiled(space.weigh))
 
 
 def source_of(space: Any) -> str:

@@ -270,6 +270,12 @@ class Fleet(Columns):
         self.deck["law_tables"] = np.concatenate([law.tables, memory])
         self.deck["law_size"] = law.tables.size
 
+    @property
+    def memories(self) -> np.ndarray:
+        """What the law keeps of each machine, shape (machines, law.memory); a view of what kernels work on."""
+        kept = self.deck.owned("law_tables")[self.law.tables.size :]
+        return kept[: self.size * self.law.memory].reshape(self.size, self.law.memory)
+
     def hook(self, act: int, observe: int, io: Deck) -> None:
         """Stages that an environment runs before and after each period: addresses, and the deck they share."""
         assert isinstance(io, Deck), "plain words keep nothing alive"

@@ -17,7 +17,7 @@ from ..pictures.kerf_picture import QUANTITIES
 from . import workshop
 from .episodes import Episodes, chosen, weights_of
 from .interface import LARGEST_TRIM, LONGEST_WINDOW
-from .task import OBSERVATIONS, Task
+from .task import Task
 
 LONGEST = 3.0
 """Times the planned time of a job, after which an episode is over."""
@@ -61,8 +61,8 @@ class Batch(Episodes):
         colour: str = "standoff",
         threads: int = 1,
     ) -> None:
-        check_choice(control, task.actions, "control")
-        check_choice(observation, OBSERVATIONS, "observation")
+        check_choice(control, task.controls, "control")
+        check_choice(observation, task.observations, "observation")
         check_choice(split, scenarios.SPLITS, "split")
         check_choice(colour, QUANTITIES, "colour")
         wanted = task.scenario if scenario is None else scenario
@@ -86,7 +86,7 @@ class Batch(Episodes):
             self.fleet.widest_window(LONGEST_WINDOW, LARGEST_TRIM)
         for name in ("actions", "observations", "rewards", "returns", "infos", "left", "terminated", "truncated"):
             setattr(self, name, io.owned(name))
-        seen, width = task.seen(observation), self.actions.shape[1]
+        seen, width = task.seen(observation, self.base.z.law), self.actions.shape[1]
         low, high = (np.broadcast_to(np.float32(end), len(seen.names)) for end in (seen.low, seen.high))
         self.action_space = gym.spaces.Box(-1.0, 1.0, (width,), np.float32)
         self.observation_space = gym.spaces.Box(low, high, dtype=np.float32)

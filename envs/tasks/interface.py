@@ -27,7 +27,8 @@ from ..engine.lanes import (
 from ..engine.quantity import in_order
 from ..plant import filters, machine, supervisor
 from ..plant.controller import PERIOD
-from .task import ANY, IO, IO_SIZE, Actions, Signals, Task, end
+from . import weights
+from .task import ANY, IO, IO_SIZE, LIMIT, OBSERVATIONS, SHEET, Actions, Signals, Task, end
 
 DIRECT_SPEED, RESIDUAL_SPEED = 200.0, 50.0
 """mm/s of head velocity that an action of 1 means, alone or beside a base controller's (Johannink et al. 2019)."""
@@ -39,9 +40,6 @@ LEAST_GAIN, LARGEST_GAIN = 0.2, 3.0
 TOLERANCE = 0.002
 """mm; the unit of the observed errors, and of those that the reward charges unless it is told otherwise."""
 _PER_TOLERANCE = 1.0 / TOLERANCE  # multiplying is quicker than dividing
-
-LIMIT = 10.0
-"""Bound of every normalised feature."""
 
 ERROR_LAGS = (0, 1, 2, 3, 5, 8)
 SURFACE_LAGS = (0, 1, 2, 3, 5, 8, 13)
@@ -99,6 +97,7 @@ class Memory(NamedTuple):
     error_late: float = 0.0
 
 
+_RAW, _SHEET = U(OBSERVATIONS.index("raw")), U(OBSERVATIONS.index(SHEET))
 _SPEED = 0.01 / PERIOD  # of a millimetre per period, in 100 mm/s
 _ROWS = len(RAW) * lanes.W
 _INFO = U(len(INFO))
@@ -351,11 +350,11 @@ def lay_out(rows, n, out, o, size):
 
 
 @part
-def judge(block, at, n, rows, weights, tick):
+def judge(block, at, n, rows, worth, tick):
     """The entries of :data:`INFO`, one row of lanes each."""
     now, before = at + machine.COMMANDS + _back(tick, 0), at + machine.COMMANDS + _back(tick, 1)
-    error_weight, rate_weight, collision_weight = -weights[0], -weights[1], -weights[2]
-    per_tolerance = 1.0 / weights[3]
+    error_weight, rate_weight, collision_weight = -worth[0], -worth[1], -worth[2]
+    per_tolerance = 1.0 / worth[3]
     for lane in range(n):
         a = at + lane
         gap, height, wanted, collided = block[a + _GAP], block[a + _HEIGHT], block[a + _SET], block[a + _COLLIDED]
@@ -401,13 +400,16 @@ def observe(block_address, at, n, io_address, first):
     block, io = doubles(block_address, ANY), words(io_address, IO_SIZE)
     tick = U(np.int64(block[at + machine.CLOCK]))  # the same in every lane
     rows = scratch(_ROWS)
-    if io[IO.raw] == U1:
-        raw_signals(block, at, n, rows, tick)
+    if io[IO.observation] == _SHEET:
+        weights.look(n, io, first)
     else:
-        sheets(block, at, n, rows, tick)
-        features(block, at, n, rows, tick)
-        remember(block, at, n, rows, tick, doubles(io[IO.memory] + first * U(8), ANY), io[IO.machines])
-    lay_out(rows, n, singles(io[IO.observations], ANY), first * io[IO.size], io[IO.size])
+        if io[IO.observation] == _RAW:
+            raw_signals(block, at, n, rows, tick)
+        else:
+            sheets(block, at, n, rows, tick)
+            features(block, at, n, rows, tick)
+            remember(block, at, n, rows, tick, doubles(io[IO.memory] + first * U(8), ANY), io[IO.machines])
+        lay_out(rows, n, singles(io[IO.observations], ANY), first * io[IO.size], io[IO.size])
     judge(block, at, n, rows, doubles(io[IO.weights], ANY), tick)
     put_infos(rows, n, doubles(io[IO.infos], ANY), first, io[IO.machines])
     conclude(rows, n, io, first)
@@ -443,5 +445,6 @@ TASK = Task(
     observe=observe,
     memory=len(Memory._fields),
     with_job=False,
+    put_weights=weights.stage_of,
 )
 """Declares HeightFollowing."""

@@ -424,7 +424,7 @@ def observe(block_address, at, n, io_address, first):
     m, trail, earlier = io[IO.machines], _ago(block, at, 0), _ago(block, at, _BACK)
     for lane in range(n):
         a, b, o = at + lane, base + lane, first + lane
-        _see(block, a, g, b, jobs, out, o * io[IO.size], io[IO.raw] == U1, io[IO.task], trail, earlier)
+        _see(block, a, g, b, jobs, out, o * io[IO.size], io[IO.observation] == U1, io[IO.task], trail, earlier)
         _common(block, a, g, b, trail, infos, o, m)
         if io[IO.task] == U0:
             reward = _contour_reward(g, b, infos, o, m, weights)

@@ -10,13 +10,23 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..control import stack as stacks
 from ..engine.deck import Deck, places
 from ..engine.lanes import U, doubles, flags, part
-from ..plant.controller import SLOTS, stage_address
+from ..engine.quantity import InvalidInput
+from ..plant.controller import SLOTS, Law, Weighing, stage_address
 from ..plant.fleet import Fleet
 
-OBSERVATIONS = ("features", "raw")
-"""Normalised and bounded, or in the signals' own units."""
+OBSERVATIONS = ("features", "raw", "sheet")
+"""Normalised and bounded; in the signals' own units; what the base controller's law says of the sheet, normalised."""
+
+LIMIT = 10.0
+"""Bound of every normalised feature."""
+
+SHEET = OBSERVATIONS[2]
+
+WEIGHTS = "weights"
+"""The control by which actions are weights of the signals of the base controller's law."""
 
 
 class Actions(NamedTuple):
@@ -51,8 +61,8 @@ class Task:
         slot: that a policy fills as a controller; its bases in the others come with it.
         period: control periods of 1 ms from decision to decision.
         scenario, base: unless the user names others.
-        actions: by control.
-        features, raw: what is observed.
+        actions: by control, those that do not depend on the base.
+        features, raw: what is observed, where it does not depend on the base.
         scaling: how signals become features, as a policy's document says it.
         info: names of what ``info`` holds, in order.
         reward: default weights of its terms, a NamedTuple.
@@ -61,6 +71,8 @@ class Task:
         number: by which stages that serve several tasks tell them apart.
         objectives: entries of ``info`` that make the vector of objectives.
         with_job: whether its machines have axes and a cut, and do jobs.
+        put_weights: gives the compiled stage by which actions become weights of a law's signals; None: there is no
+            ``control="weights"`` and no ``observation="sheet"``.
     """
 
     id: str
@@ -81,19 +93,51 @@ class Task:
     number: int = 0
     objectives: tuple[str, ...] = ()
     with_job: bool = True
+    put_weights: Callable[[Law], int] | None = None
 
     @property
     def slots(self) -> tuple[str, ...]:
         """What its base drives."""
         return tuple(SLOTS) if self.with_job else (self.slot,)
 
-    def seen(self, observation: str) -> Signals:
-        """What is observed, by the kind of observation."""
+    @property
+    def controls(self) -> tuple[str, ...]:
+        """What ``control`` may be."""
+        return (*self.actions, WEIGHTS) if self.put_weights else tuple(self.actions)
+
+    @property
+    def observations(self) -> tuple[str, ...]:
+        """What ``observation`` may be."""
+        return OBSERVATIONS if self.put_weights else OBSERVATIONS[:2]
+
+    def decided(self, control: str, law: Law | None) -> Actions:
+        """What actions mean, by the control and the law of the base.
+
+        Raises:
+            InvalidInput: the law has no weights.
+        """
+        if control != WEIGHTS:
+            return self.actions[control]
+        weights = _weighing(law, f"control '{control}'").weights
+        return Actions(*(tuple(each) for each in zip(*((w.name, w.unit, w.span) for w in weights), strict=True)))
+
+    def seen(self, observation: str, law: Law | None) -> Signals:
+        """What is observed, by the kind of observation and the law of the base.
+
+        Raises:
+            InvalidInput: the law does not tell what it sees.
+        """
+        if observation == SHEET:
+            return Signals(_weighing(law, f"observation '{observation}'").features, -LIMIT, LIMIT)
         return self.features if observation == "features" else self.raw
 
     def hook(self, fleet: Fleet, control: str, observation: str, weights: Any = None) -> tuple[int, int, Deck]:
-        """The stages and a new deck for the machines of a fleet, which has its gantries already."""
-        n, size, width = fleet.size, len(self.seen(observation).names), len(self.actions[control].names)
+        """The stages and a new deck for the machines of a fleet, which has its gantries and its law already."""
+        n, law = fleet.size, fleet.law
+        size, width = len(self.seen(observation, law).names), len(self.decided(control, law).names)
+        act = stage_address(self.act, __file__)
+        if self.put_weights and control == WEIGHTS:
+            act = self.put_weights(law)
         io = Deck(
             Io,
             actions=np.zeros((n, width), np.float32),
@@ -103,8 +147,8 @@ class Task:
             infos=np.zeros((len(self.info), n)),
             weights=np.array(weights or self.reward),
             task=self.number,
-            control=list(self.actions).index(control),
-            raw=int(observation == "raw"),
+            control=self.controls.index(control),
+            observation=OBSERVATIONS.index(observation),
             size=size,
             width=width,
             machines=n,
@@ -113,8 +157,17 @@ class Task:
             truncated=np.zeros(n, bool),
             memory=np.zeros((self.memory, n)),
             gantry=fleet.gantries.deck if fleet.gantries else None,
+            memories=fleet.memories,
+            memory_size=law.memory,
         )
-        return stage_address(self.act, __file__), stage_address(self.observe, __file__), io
+        return act, stage_address(self.observe, __file__), io
+
+
+def _weighing(law: Law | None, what: str) -> Weighing:
+    if law is None or law.weighing is None:
+        able = [name for name in stacks.names() if stacks.get(name).law.weighing]
+        raise InvalidInput(f"{what} needs a base that says what it weighs: {', '.join(able) or 'one of yours'}")
+    return law.weighing
 
 
 class Io(NamedTuple):
@@ -128,7 +181,7 @@ class Io(NamedTuple):
     weights: int  # float64, (terms,)
     task: int
     control: int
-    raw: int
+    observation: int  # of OBSERVATIONS
     size: int
     width: int
     machines: int
@@ -137,6 +190,8 @@ class Io(NamedTuple):
     truncated: int  # bool, (machines,)
     memory: int  # float64, (memory, machines)
     gantry: int  # the gantries' deck, of machines that do jobs
+    memories: int  # float64, (machines, memory_size), of the law in slot z
+    memory_size: int
 
 
 IO, ANY = places(Io), U(2**40)

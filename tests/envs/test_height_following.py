@@ -40,7 +40,7 @@ def begun(seed, **arguments):
 
 
 @pytest.mark.parametrize("control", TASK.actions)
-@pytest.mark.parametrize("observation", OBSERVATIONS)
+@pytest.mark.parametrize("observation", OBSERVATIONS[:2])  # the third depends on the base, see test_weights
 def test_both_checkers_pass_without_a_warning(control, observation):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -262,7 +262,7 @@ def test_the_raw_signals_are_those_of_the_table(steps):
 
 
 @pytest.mark.parametrize("control", TASK.actions)
-@pytest.mark.parametrize("observation", OBSERVATIONS)
+@pytest.mark.parametrize("observation", OBSERVATIONS[:2])  # the third depends on the base, see test_weights
 def test_random_actions_keep_every_observation_within_its_space(control, observation):
     env = made(scenario="following", control=control, observation=observation)
     env.action_space.seed(3)
