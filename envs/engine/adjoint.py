@@ -120,7 +120,11 @@ class Graph:
             return 0.0
         if not isinstance(y, Number):
             return self.times(x, 1.0 / y)
-        return self.where(self.make("!=", x, 0.0), self.make("/", x, y), 0.0)
+        return self.make("over", x, y)
+
+    def share(self, x: Any, y: Any) -> Any:
+        """x·y, and 0 where x is: a side that does not count may be infinite."""
+        return 0.0 if is_zero(x) else self.make("share", x, y)
 
 
 def same(x: Any, y: Any) -> bool:
@@ -137,6 +141,7 @@ SYMBOLS = {
     "+": "{} + {}", "-": "{} - {}", "*": "{} * {}", "/": "{} / {}", "neg": "-{}", "not": "not {}",
     "<": "{} < {}", "<=": "{} <= {}", ">": "{} > {}", ">=": "{} >= {}", "==": "{} == {}", "!=": "{} != {}",
     "and": "{} and {}", "or": "{} or {}", "select": "{1} if {0} else {2}",
+    "over": "{0} / {1} if {0} != 0.0 else 0.0", "share": "{0} * {1} if {0} != 0.0 else 0.0",
 }  # fmt: skip
 """Operations and how they are written."""
 
@@ -163,6 +168,8 @@ CONSTANT: dict[str, Callable[..., Any]] = {
     **{name: function for function, name in KNOWN.items()},
     "sqrt": math.sqrt,
     "select": lambda c, x, y: x if c else y,
+    "over": lambda x, y: x / y if x else 0.0,
+    "share": lambda x, y: x * y if x else 0.0,
     "neg": lambda x: -x,
     "not": lambda x: not x,
     "and": lambda x, y: x and y,
@@ -550,7 +557,7 @@ def _spread(
     elif operation == "/":
         share = g.over(bar, y)
         add(x, share)
-        add(y, g.minus(g.times(share, made)))
+        add(y, g.minus(g.share(share, made)))
     elif operation == "neg":
         add(x, g.minus(bar))
     elif operation == "fma":
@@ -573,7 +580,7 @@ def _spread(
     elif operation == "logarithm":
         add(x, g.over(bar, x))
     elif operation == "exponential":
-        add(x, g.times(bar, made))
+        add(x, g.share(bar, made))
     elif operation == "sine":
         add(x, g.times(bar, g.make("sine", g.make("+", x, 0.5 * math.pi))))
 
