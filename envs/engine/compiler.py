@@ -108,13 +108,11 @@ def _store(typingctx, block, at, value):
     return types.none(block, types.uint64, whole), codegen
 
 
-def _array(context, builder, kind, data, count):
-    """Instructions that take ``count`` numbers at the pointer ``data`` for an array."""
-    array, width = (
-        context.make_array(kind)(context, builder),
-        context.get_constant(types.intp, kind.dtype.bitwidth // 8),
-    )
-    populate_array(array, data=data, shape=[count], strides=[width], itemsize=width, meminfo=None)
+def _array(context, builder, kind, data, count, apart=1):
+    """Instructions that take ``count`` numbers from the pointer ``data`` on, ``apart`` from each other, for an array."""
+    array, width = context.make_array(kind)(context, builder), kind.dtype.bitwidth // 8
+    stride, size = (context.get_constant(types.intp, each) for each in (apart * width, width))
+    populate_array(array, data=data, shape=[count], strides=[stride], itemsize=size, meminfo=None)
     return array._getvalue()
 
 
@@ -131,6 +129,30 @@ def _view(number: Any, word: ir.Type) -> Any:
         return kind(types.uint64, types.uint64), codegen
 
     return view
+
+
+@intrinsic
+def _column(typingctx, block, at, size):
+    kind = types.Array(types.float64, 1, "A")
+
+    def codegen(context, builder, signature, args):
+        data = builder.gep(context.make_array(block)(context, builder, args[0]).data, [args[1]])
+        return _array(context, builder, kind, data, builder.bitcast(args[2], ir.IntType(64)), lanes.W)
+
+    return kind(block, types.uint64, types.uint64), codegen
+
+
+@intrinsic
+def _copy(typingctx, target, place, source, start, count):
+    def codegen(context, builder, signature, args):
+        to, start = (
+            builder.gep(context.make_array(kind)(context, builder, array).data, [at])
+            for kind, array, at in ((target, args[0], args[1]), (source, args[2], args[3]))
+        )
+        cgutils.raw_memcpy(builder, to, start, args[4], context.get_abi_sizeof(ir.DoubleType()))
+        return context.get_dummy_value()
+
+    return types.none(target, types.uint64, source, types.uint64, types.uint64), codegen
 
 
 @intrinsic
@@ -227,6 +249,8 @@ _INSTRUCTIONS = {
     lanes.load: _load,
     lanes.store: _store,
     lanes.call: _call,
+    lanes.column: _column,
+    lanes.copy: _copy,
     lanes.fma: _fma,
     lanes.take: _take,
     lanes.scratch: _scratch,

@@ -171,6 +171,16 @@ def words(address: Any, size: Any) -> Any:
     return np.ctypeslib.as_array((ctypes.c_uint64 * int(size)).from_address(int(address)))
 
 
+def column(block: Any, at: Any, size: Any) -> Any:
+    """The ``size`` numbers of ``block`` from ``at`` on that lie a row apart: those of one machine, as an array."""
+    return block[int(at) :: W][: int(size)]
+
+
+def copy(target: Any, place: Any, source: Any, start: Any, count: Any) -> None:
+    """Copies ``count`` numbers from ``source[start]`` on to ``target[place]`` and those behind it."""
+    target[int(place) : int(place) + int(count)] = source[int(start) : int(start) + int(count)]
+
+
 def call(function: Any, block: Any, at: Any, n: Any, tables: Any, size: Any) -> None:
     """Calls the compiled stage at address ``function`` with five unsigned integers."""
     ctypes.CFUNCTYPE(None, *[ctypes.c_uint64] * 5)(int(function))(int(block), int(at), int(n), int(tables), int(size))

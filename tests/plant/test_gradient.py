@@ -1,0 +1,219 @@
+"""Drive and loop with derivatives: forwards the machine's bits, backwards what differences say."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from kerfgym.envs import scenarios
+from kerfgym.envs.control import stack
+from kerfgym.envs.engine.lanes import clip, fields, part
+from kerfgym.envs.engine.quantity import InvalidInput
+from kerfgym.envs.plant import z_axis
+from kerfgym.envs.plant.gradient import Felt, Made, Period, Rollout
+from kerfgym.envs.plant.machine import SUBSTEPS
+from kerfgym.envs.tasks import workshop
+
+GATE = {"opens": 0.75 + 1e-9, "weight": 0.2}
+
+
+class Gains(NamedTuple):
+    kp: float = 85.0
+    share: float = 0.35  # of what is on its way that counts
+
+
+class Sent(NamedTuple):
+    """Commands on their way: the second newest first."""
+
+    c1: float = 0.0
+    c2: float = 0.0
+    c3: float = 0.0
+    c4: float = 0.0
+    c5: float = 0.0
+
+
+@part
+def follows(params, state, felt, memory):
+    """A follower: memory holds speed to feed forward, the sheet, and how many ms of commands are on their way."""
+    s, behind = state, memory[2]
+    moving = clip(behind - 0.5, 0.0, 1.0) * felt.command + clip(behind - 1.5, 0.0, 1.0) * s.c1
+    moving += clip(behind - 2.5, 0.0, 1.0) * s.c2 + clip(behind - 3.5, 0.0, 1.0) * s.c3
+    moving += clip(behind - 4.5, 0.0, 1.0) * s.c4 + clip(behind - 5.5, 0.0, 1.0) * s.c5
+    error = felt.position - memory[1] - felt.set_height + params.share * 1e-3 * moving
+    return Sent(felt.command, s.c1, s.c2, s.c3, s.c4), memory[0] - params.kp * error
+
+
+@part
+def obeys(params, state, felt, memory):
+    """Sends what it is told."""
+    return Sent(0.0, 0.0, 0.0, 0.0, 0.0), memory[0]
+
+
+def periods(machines, count, **values):
+    """What is recorded of periods."""
+    course = np.zeros((machines, count, len(Period._fields)))
+    for name, value in {**GATE, "sent": np.nan, **values}.items():
+        course[:, :, Period._fields.index(name)] = value
+    return course
+
+
+def drawn(random, exact=True):
+    """A drive as scenarios have them and beyond; exact: without converter and encoder."""
+    bristles = random.random() < 0.5
+    return z_axis.Params(
+        omega=2 * np.pi * random.uniform(40, 150),
+        zeta=random.uniform(0.5, 1.2),
+        acceleration=random.uniform(8e3, 2e4),
+        jerk=random.uniform(8e5, 4e6),
+        dead_time=random.uniform(0.0, 5.9),
+        dac=0.0 if exact else 500.0 / 32768.0,
+        encoder=0.0 if exact else 1e-3,
+        friction=random.uniform(0.0, 1500.0),
+        bristle=random.uniform(0.002, 0.02) if bristles else 0.0,
+        stiction=random.uniform(1.0, 1.6),
+        backlash=random.uniform(0.0, 0.02),
+        omega_r=2 * np.pi * random.uniform(60, 180),
+        zeta_r=random.uniform(0.02, 0.2),
+        compliance=random.uniform(0.0, 0.3),
+    )
+
+
+@pytest.mark.parametrize("axis", [{}, {"bristle": 0.008, "stiction": 1.4, "dead_time": 0.0027}])
+def test_forwards_it_is_the_machine_to_the_bit(axis):
+    """With limits reached, friction, backlash, resonance, dead times that are not whole, converter and encoder."""
+    scenario = scenarios.load("rough").varied(axis=axis, duration=0.4, settle=0.1)
+    seeds = np.arange(40, dtype=np.uint64)
+    fleet = workshop.fleet_for(scenario, stack.asked("pid"), seeds)
+    mine = Rollout(40, obeys, Gains, Sent, 1)
+    mine.put_law(np.arange(40), Gains(), Sent())
+    mine.put_state(fleet)
+    record = fleet.start_recording(400)
+    course = periods(40, 400)
+    encoder = np.zeros((40, 400))
+    for t in range(400):
+        fleet.advance()
+        for name in ("surface", "slope", "bend", "opens", "weight"):
+            course[:, t, Period._fields.index(name)] = fleet.column(f"course.{name}")
+        course[:, t, Period._fields.index("sent")] = fleet.column("signals.command")
+        encoder[:, t] = fleet.column("signals.head_position")
+    made = mine.forward(course, np.zeros((40, 400, 1)))
+    np.testing.assert_array_equal(np.float32(made[:, :, Made._fields.index("gap")]), record[:, 0].T)
+    np.testing.assert_array_equal(made[:, :, Made._fields.index("position")], encoder)
+    assert np.ptp(encoder) > 0.2
+    assert len(np.unique(fleet.column("z.dead_time"))) > 1
+
+
+def test_a_thousand_machines_and_moments_have_the_derivative_that_differences_have():
+    """Central differences of the whole roll-out along random directions of what it is given, extrapolated (Richardson);
+    moments at which a limit, a sign or a comparison changes sides between them have no derivative and are few."""
+    random, n, count = np.random.default_rng(5), 1000, 12
+    roll = Rollout(n, follows, Gains, Sent, 3)
+    drives = [drawn(random) for _ in range(n)]
+    start = random.uniform(0.5, 3.0, n)
+    before = random.normal(0.0, 60.0, (n, 7))
+    speed, acceleration = random.normal(0.0, 60.0, n), random.normal(0.0, 2000.0, n)
+    memory = np.stack([random.normal(0, 60, (n, count)), random.normal(0, 0.3, (n, count)), random.uniform(1, 6, (n, count))], 2)
+    weights = random.normal(size=(n, count, 3)) * [1.0, 1e-3, 1.0]
+    direction = random.normal(size=(n, count, 3)) * [60.0, 0.3, 0.0]
+    course = periods(n, count, surface=random.normal(0, 0.1, (n, count)))
+    for i, p in enumerate(drives):
+        roll.put_drive(i, p)
+
+    def rolled(at, kp=0.0):
+        for i in range(n):
+            roll.put_law(i, Gains(kp=85.0 + kp), Sent(*before[i, 1:6]))
+            roll.put_head(i, start[i], Felt(start[i], 0.0, 1.0, before[i, 0]))
+        for k in range(7):
+            roll.set(f"drive.c{k}", np.arange(n), before[:, k])
+        roll.set("motion.velocity", np.arange(n), speed)
+        roll.set("motion.acceleration", np.arange(n), acceleration)
+        return (roll.forward(course, at) * weights).sum(axis=(1, 2))
+
+    def central(function, h):
+        return (function(h) - function(-h)) / (2.0 * h)
+
+    rolled(memory)
+    bars = roll.backward(weights)
+    mine, mine_kp = (bars * direction).sum(axis=(1, 2)), roll.law_adjoints()[:, 0]
+    for ours, along in ((mine, lambda h: rolled(memory + h * direction)), (mine_kp, lambda h: rolled(memory, 85.0 * h) / 85.0)):
+        wide, narrow, finest = central(along, 4e-5), central(along, 2e-5), central(along, 1e-5)
+        theirs = (4.0 * finest - narrow) / 3.0
+        smooth = np.abs(narrow - wide) <= 1e-5 * np.abs(theirs)  # where no side changes, they differ by h² alone
+        error = np.abs(ours - theirs) / np.abs(theirs)
+        assert smooth.sum() > 700
+        assert np.quantile(error[smooth], 0.99) < 1e-6
+        assert error[smooth].max() < 1e-5
+
+
+def test_backwards_a_drive_without_limits_is_the_transpose_of_its_impulse_response():
+    """Independent of all parts: a second-order velocity loop in SciPy, its steps as the drive has them."""
+    p = z_axis.Params(
+        speed=1e6, acceleration=1e9, jerk=1e15, dead_time=1.0, dac=0.0, encoder=0.0, friction=0.0, backlash=0.0,
+        compliance=0.0, low=-1e9, high=1e9,
+    )  # fmt: skip
+    count = 60
+    roll = Rollout(1, obeys, Gains, Sent, 1)
+    roll.put_drive(0, p)
+    roll.put_law(0, Gains(), Sent())
+    roll.put_head(0, 0.0)
+    roll.forward(periods(1, count), np.zeros((1, count, 1)))
+    last_ = np.zeros((1, count, 3))
+    last_[0, -1, 0] = 1.0  # d(gap at the end)/d(each command)
+    bars = roll.backward(last_)[0, :, 0]
+    plant = signal.lti([p.omega**2], [1.0, 2 * p.zeta * p.omega, p.omega**2, 0.0])
+    times = np.arange(count + 1) * 1e-3
+    _, position = signal.step(plant, T=times)  # of a velocity step of 1 mm/s
+    moved = np.diff(position, prepend=0.0)[1:]  # by one command of a period
+    expected = np.concatenate([moved[:-1][::-1], [0.0]])  # a period's dead time
+    assert bars == pytest.approx(expected, rel=2e-2, abs=2e-6)
+    assert bars[:20].sum() == pytest.approx(expected[:20].sum(), rel=1e-6)
+
+
+def test_what_the_supervisor_sends_instead_has_no_derivative_of_the_law():
+    course = periods(2, 30)
+    course[0, 10:, Period._fields.index("sent")] = 5.0
+    roll = Rollout(2, follows, Gains, Sent, 3)
+    for i in range(2):
+        roll.put_drive(i, z_axis.Params(dead_time=2.0))
+        roll.put_law(i, Gains(), Sent())
+        roll.put_head(i, 1.0, Felt(1.0, 0.0, 1.0, 0.0))
+    made = roll.forward(course, np.zeros((2, 30, 3)))
+    assert (made[0, 10:, 1] == 5.0).all()
+    bars = roll.backward(np.ones((2, 30, 3)))
+    assert not bars[0, 10:].any()
+    assert bars[0, :10].any()
+    assert bars[1, 10:].any()
+
+
+def test_a_chunk_goes_on_where_the_last_one_ended():
+    random = np.random.default_rng(3)
+    memory = np.stack([random.normal(0, 50, (3, 40)), random.normal(0, 0.2, (3, 40)), np.full((3, 40), 4.2)], axis=2)
+    course = periods(3, 40, surface=random.normal(0, 0.05, (3, 40)))
+    made = []
+    for pieces in ([40], [15, 25]):
+        roll, at, found = Rollout(3, follows, Gains, Sent, 3), 0, []
+        for i in range(3):
+            roll.put_drive(i, z_axis.Params(dead_time=1.5, bristle=0.01))
+            roll.put_law(i, Gains(), Sent())
+            roll.put_head(i, 1.0, Felt(1.0, 0.0, 1.0, 0.0))
+        for length in pieces:
+            found.append(roll.forward(course[:, at : at + length], memory[:, at : at + length]))
+            roll.backward(np.ones_like(found[-1]))  # changes nothing of where the machines are
+            at += length
+        made.append(np.concatenate(found, axis=1))
+    np.testing.assert_array_equal(made[0], made[1])
+
+
+def test_shapes_that_do_not_fit_are_refused():
+    roll = Rollout(2, follows, Gains, Sent, 3)
+    with pytest.raises(InvalidInput, match=r"memory has shape \(2, 5, 4\); it must be \(2, 5, 3\)"):
+        roll.forward(periods(2, 5), np.zeros((2, 5, 4)))
+    roll.forward(periods(2, 5), np.zeros((2, 5, 3)))
+    with pytest.raises(InvalidInput, match=r"the adjoints have shape \(2, 5\); they must be \(2, 5, 3\)"):
+        roll.backward(np.zeros((2, 5)))
+
+
+def test_substeps_come_in_fives():
+    assert SUBSTEPS % 5 == 0
+    assert fields(Made) == ["gap", "command", "position"]
