@@ -8,16 +8,16 @@ and walks that graph backwards::
     r_, s_ = back(p, g, r, s, share, dt, (s_after_, head_))
 
 ``back`` is a part itself. A number's *adjoint*, written with a bar or here with an underscore, is the derivative of
-whatever one asks for by that number: ``s_after_`` and ``head_`` are those of the results, ``r_`` and ``s_`` those of the
-arguments that ``of`` names. They have the classes of what they belong to.
+whatever one asks for by that number: ``s_after_`` and ``head_`` are those of the results, ``r_`` and ``s_`` those of
+the arguments that ``of`` names. They have the classes of what they belong to.
 
-What can be read: assignments, arithmetic, comparisons, ``a if c else b``, ``if``, ``return``, loops over a ``range`` that is
-known beforehand, NamedTuples with ``_replace``, calls of other parts, arrays at indices that are known beforehand, and the
-functions in :data:`KNOWN`. Both sides of a condition are computed, and the one that does not count has an adjoint of 0.
-Anything else is refused with its file and line.
+What can be read: assignments, arithmetic, comparisons, ``a if c else b``, ``if``, ``return``, loops over a ``range``
+that is known beforehand, NamedTuples with ``_replace``, calls of other parts, arrays at indices that are known
+beforehand, and the functions in :data:`KNOWN`. Both sides of a condition are computed, and the one that does not count
+has an adjoint of 0. Anything else is refused with its file and line.
 
-Where a derivative jumps (a limit, a sign, a comparison) it is that of the side on which the numbers are. ``np.floor`` has
-none. ``np.rint`` passes the adjoint on as if it did not round: that is the mean of a converter's steps, whose own
+Where a derivative jumps (a limit, a sign, a comparison) it is that of the side on which the numbers are. ``np.floor``
+has none. ``np.rint`` passes the adjoint on as if it did not round: that is the mean of a converter's steps, whose own
 derivative of 0 would hide all that lies behind it.
 """
 
@@ -79,9 +79,8 @@ class Graph:
         return self._known[key]
 
     def _simplified(self, operation: str, arguments: tuple[Any, ...]) -> Any:
-        if operation in SYMBOLS or operation in KNOWN.values():
-            if not any(isinstance(a, Number) for a in arguments):
-                return CONSTANT[operation](*arguments)
+        if operation in CONSTANT and not any(isinstance(a, Number) for a in arguments):
+            return CONSTANT[operation](*arguments)
         x, y = (*arguments, None, None)[:2]
         if operation == "select" and (not isinstance(x, Number) or same(y, arguments[2])):
             return y if isinstance(x, Number) or x else arguments[2]
@@ -499,7 +498,7 @@ def _is_known(function: Any) -> bool:
 
 
 def _is_part(function: Any) -> bool:
-    return getattr(function, "py_func", function) in lanes.PARTS if callable(function) else False
+    return getattr(function, "py_func", function) in lanes.COMPILED if callable(function) else False
 
 
 def _is_number(value: Any) -> bool:
@@ -524,12 +523,12 @@ def _as_read(target: ast.expr) -> ast.expr:
 # ------------------------------------------------------------------------------------------- the graph, backwards
 
 
-def backwards(graph: Graph, seeds: dict[Number, Any]) -> dict[int, Any]:
+def backwards(graph: Graph, seeds: dict[int, Any]) -> dict[int, Any]:
     """Adjoints of all nodes, from those of some (reverse mode); a node without any has an adjoint of 0.
 
     The graph grows by what computes them.
     """
-    bars: dict[int, Any] = dict(seeds)
+    bars = dict(seeds)
 
     def add(x: Any, bar: Any) -> None:
         if isinstance(x, Number):
@@ -598,8 +597,9 @@ class _Writer:
     def text(self, value: Any) -> str:
         """A number, or NamedTuples of them, as an expression."""
         if isinstance(value, Struct):
-            name = f"{value.cls.__name__}_{id(value.cls)}"
-            self.space[name] = value.cls
+            name = value.cls.__name__
+            while self.space.setdefault(name, value.cls) is not value.cls:  # of another class
+                name += "_"
             return f"{name}({', '.join(map(self.text, value.values))})"
         if isinstance(value, tuple):
             return f"({', '.join(map(self.text, value))},)"
@@ -662,19 +662,19 @@ def adjoint(function: Callable[..., Any], of: Iterable[str], **kinds: Any) -> Ca
     Args:
         function: the part.
         of: names of the arguments whose adjoints are wanted.
-        kinds: of its arguments: a NamedTuple class, ``float``, ``np.ndarray`` for an array, or the value of one that is a
-            constant here.
+        kinds: of its arguments: a NamedTuple class, ``float``, ``np.ndarray`` for an array, or the value of one that
+            is a constant here.
 
     Returns:
-        a part that takes the arguments that are no constants, in order; then the adjoint of each result; then, for
-        each array, one of adjoints, shape as the array's. It returns the adjoints of ``of``: one alone or a tuple, in
+        a part that takes the arguments that are no constants, in order; then the adjoint of each result; then, for each
+        array, one of adjoints, shape as the array's. It returns the adjoints of ``of``: one alone or a tuple, in
         order. Adjoints of arrays are not returned but added to theirs, which hold those of what the part writes when
         it is called.
 
     Raises:
         InvalidInput: the part holds something whose derivative is not known; says where.
     """
-    graph, heap = Graph(), {}
+    graph, heap = Graph(), dict[tuple[str, int], Any]()
     names = list(inspect.signature(function).parameters)
     unknown = {*kinds, *of} - set(names)
     if unknown or set(names) - set(kinds):
@@ -685,7 +685,7 @@ def adjoint(function: Callable[..., Any], of: Iterable[str], **kinds: Any) -> Ca
     results = returned if isinstance(returned, tuple) else (() if returned is None else (returned,))
     arrays = [name for name, value in arguments.items() if isinstance(value, Array)]
 
-    seeds: dict[Number, Any] = {}
+    seeds: dict[int, Any] = {}
     bars = [
         given(graph, each.cls if isinstance(each, Struct) else float, f"result_{i}") for i, each in enumerate(results)
     ]
@@ -716,7 +716,7 @@ def adjoint(function: Callable[..., Any], of: Iterable[str], **kinds: Any) -> Ca
     return _made(f"{function.__name__}_adjoint", taken, lines or ["pass"], writer.space)
 
 
-def _seed(graph: Graph, seeds: dict[Number, Any], value: Any, bar: Any) -> None:
+def _seed(graph: Graph, seeds: dict[int, Any], value: Any, bar: Any) -> None:
     if isinstance(value, Struct):
         for each, its in zip(value.values, bar.values, strict=True):
             _seed(graph, seeds, each, its)

@@ -109,7 +109,7 @@ def _store(typingctx, block, at, value):
 
 
 def _array(context, builder, kind, data, count, apart=1):
-    """Instructions that take ``count`` numbers from the pointer ``data`` on, ``apart`` from each other, for an array."""
+    """Instructions that take ``count`` numbers from the pointer ``data`` on, ``apart`` from each other, as an array."""
     array, width = context.make_array(kind)(context, builder), kind.dtype.bitwidth // 8
     stride, size = (context.get_constant(types.intp, each) for each in (apart * width, width))
     populate_array(array, data=data, shape=[count], strides=[stride], itemsize=size, meminfo=None)

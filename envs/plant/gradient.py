@@ -10,8 +10,8 @@ module does that for many machines: the same parts as the machine's kernel, so t
     motion, head     = 20 × z_axis.step
     felt             = encoder over the gate, its speed, the command
 
-Backwards, adjoints run from the last period to the first (back-propagation through time, Werbos 1990). What is kept of a
-period is what it began with; its substeps are computed once more.
+Backwards, adjoints run from the last period to the first (back-propagation through time, Werbos 1990). What is kept of
+a period is what it began with; its substeps are computed once more.
 
 The dead time's fraction, the D/A and the encoder: see :mod:`envs.engine.adjoint` for what rounding passes on. A command
 acts from a substep on, so a change of the dead time below a substep changes nothing, and there is no derivative by it.
@@ -397,13 +397,13 @@ def _backward(address):
                 else:
                     _again(block, at, i * _FIVE)
                 copy(states, i * _S_FIVE, block, at + STEPS, _S_FIVE)
-            for back in range(_FIVES):
-                i = _FIVES - U1 - back
-                copy(block, at + STEPS, states, i * _S_FIVE, _S_FIVE)
+            for done in range(_FIVES):
+                five = _FIVES - U1 - done
+                copy(block, at + STEPS, states, five * _S_FIVE, _S_FIVE)
                 if deck[D.bristles] > U0:
-                    _unmove_bristly(block, at, i * _FIVE)
+                    _unmove_bristly(block, at, five * _FIVE)
                 else:
-                    _unmove(block, at, i * _FIVE)
+                    _unmove(block, at, five * _FIVE)
             _unsend(block, at, period, kept)
             copy(block, at + MOTION, kept, U0, _KEPT)
             memory, memory_ = _row(deck, D.memory, b, t, UW * size), _row(deck, D.memory_, b, t, UW * size)

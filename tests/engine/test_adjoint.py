@@ -73,9 +73,7 @@ def numbers(value):
 
 def difference(function, x, direction, size=1e-5):
     """Derivative along a direction: central differences, extrapolated once (Richardson)."""
-    central = [
-        (function(x + h * direction) - function(x - h * direction)) / (2.0 * h) for h in (size, 0.5 * size)
-    ]
+    central = [(function(x + h * direction) - function(x - h * direction)) / (2.0 * h) for h in (size, 0.5 * size)]
     return (4.0 * central[1] - central[0]) / 3.0
 
 

@@ -113,7 +113,9 @@ def test_a_thousand_machines_and_moments_have_the_derivative_that_differences_ha
     start = random.uniform(0.5, 3.0, n)
     before = random.normal(0.0, 60.0, (n, 7))
     speed, acceleration = random.normal(0.0, 60.0, n), random.normal(0.0, 2000.0, n)
-    memory = np.stack([random.normal(0, 60, (n, count)), random.normal(0, 0.3, (n, count)), random.uniform(1, 6, (n, count))], 2)
+    memory = np.stack(
+        [random.normal(0, 60, (n, count)), random.normal(0, 0.3, (n, count)), random.uniform(1, 6, (n, count))], 2
+    )
     weights = random.normal(size=(n, count, 3)) * [1.0, 1e-3, 1.0]
     direction = random.normal(size=(n, count, 3)) * [60.0, 0.3, 0.0]
     course = periods(n, count, surface=random.normal(0, 0.1, (n, count)))
@@ -136,7 +138,10 @@ def test_a_thousand_machines_and_moments_have_the_derivative_that_differences_ha
     rolled(memory)
     bars = roll.backward(weights)
     mine, mine_kp = (bars * direction).sum(axis=(1, 2)), roll.law_adjoints()[:, 0]
-    for ours, along in ((mine, lambda h: rolled(memory + h * direction)), (mine_kp, lambda h: rolled(memory, 85.0 * h) / 85.0)):
+    for ours, along in (
+        (mine, lambda h: rolled(memory + h * direction)),
+        (mine_kp, lambda h: rolled(memory, 85.0 * h) / 85.0),
+    ):
         wide, narrow, finest = central(along, 4e-5), central(along, 2e-5), central(along, 1e-5)
         theirs = (4.0 * finest - narrow) / 3.0
         smooth = np.abs(narrow - wide) <= 1e-5 * np.abs(theirs)  # where no side changes, they differ by h² alone
