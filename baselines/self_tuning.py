@@ -414,7 +414,7 @@ def _timed(s, x, m):
 
 
 @part
-def _under_way(m, tick, behind):
+def under_way(m, tick, behind):
     """mm that the commands of the last ``behind`` ms are still to move the head by."""
     moving = 0.0
     for k in range(1, RING):
@@ -473,7 +473,7 @@ def outlook(params, state, signals, memory):
         coming = clip(trend, -most, most) / PERIOD
     ahead = behind - MIDDLE
     rise = middle + slope * ahead + 0.5 * bend * ahead * ahead if ready else 0.0
-    moving = _under_way(m, s.tick, behind)
+    moving = under_way(m, s.tick, behind)
     s = s._replace(late=s.late / s.grow, power=s.power / s.grow, fastest=fastest, trend=trend)
     return s, Outlook(measured, near, middle, far, bend, slope, behind, moving, ready, trusted, most, coming, rise)
 
