@@ -68,7 +68,6 @@ class Own(NamedTuple):
     """What the law has beside the parameters of the self-tuning one."""
 
     calm: Annotated[float, Quantity("1/s", 5.0, 120.0, "gain on a straight sheet", log=True)] = 60.0
-    bow: Annotated[float, Quantity("1/s", 20.0, 120.0, "gain on a bent sheet", log=True)] = 100.0
     leave: Annotated[float, Quantity("1", 2.0, 12.0, "sigmas at which a line is left", log=True)] = 4.5
     edge: Annotated[float, Quantity("1", 0.1, 1.0, "short over long motion, above which a sheet is shaken")] = 0.3
     alike: Annotated[float, Quantity("1", 0.01, 1.0, "what a step leaves over what a cubic does", log=True)] = 0.2
@@ -79,8 +78,8 @@ class Own(NamedTuple):
 
 Params = extended(
     "Params", self_tuning.Params, Own,
-    kp=105.92, ki=0.0, feed=0.82997, lead=-1.3658, sharpen=1.0099, memory=225.07, prior=0.37823, gate=8.4708,
-    jump=0.022991, rare=11.943, hold=4, recall=71.937, reach=1.6635, smith=0.70529, lag=5.4818, trust=17.986,
+    kp=60.0, ki=0.0, feed=0.82997, lead=-1.3658, sharpen=1.0099, memory=225.07, prior=0.37823, gate=8.4708,
+    jump=0.022991, rare=11.943, hold=4, recall=71.937, reach=1.6635, smith=0.7, lag=5.4818, trust=17.986,
 )  # fmt: skip
 State = self_tuning.State
 
@@ -233,7 +232,7 @@ def _rules(p, m, kinds):
     shaken = 1.0 - kinds.straight - kinds.bent - kinds.step
     for k in range(_WEIGHTS):
         w[k] = 0.0
-    gain = shaken * p.kp + (kinds.bent + kinds.step) * p.bow + kinds.straight * p.calm
+    gain = shaken * p.kp + (kinds.bent + kinds.step) * AT_GAIN + kinds.straight * p.calm
     w[_FED] = shaken * p.feed
     for k in range(3 * TRENDS):
         w[_IN + k] = kinds.bent * AT_GAIN / gain * (BENT[0, k] + later * BENT[2, k])

@@ -29,6 +29,9 @@ PLACES = LAST - FIRST
 LOW = 0.03
 """mm; a lower step is left to others."""
 
+SAME, NEW = 0.8, 0.5
+"""mm by which the place of a ramp may differ from the one before; share of the newest fit then."""
+
 FAINT = 1e-7
 """mm², sum of squares of a fit that is as good as the readings' resolution."""
 
@@ -99,7 +102,7 @@ def _compare(m):
         m[SCORES + c] = m[FIT + c] * m[FIT + c] / POWER[c]
         if m[SCORES + c] > m[SCORES + best]:
             best = c
-    m[LIKE] = (max(line - m[SCORES + best], 0.0) + FAINT) / (max(cubic, 0.0) + FAINT)
+    like = (max(line - m[SCORES + best], 0.0) + FAINT) / (max(cubic, 0.0) + FAINT)
     height, place = m[FIT + best] / POWER[best], 0.0
     t0, t1 = TAKEN[best, 0], TAKEN[best, 1]
     if best > 0 and best < PLACES - 1:
@@ -110,7 +113,12 @@ def _compare(m):
         far = abs(place)
         height += far * (m[FIT + beside] / POWER[beside] - height)
         t0, t1 = t0 + far * (TAKEN[beside, 0] - t0), t1 + far * (TAKEN[beside, 1] - t1)
-    m[HEIGHT], m[PASSED] = height, PITCH * (FIRST + best + place)
+    passed = PITCH * (FIRST + best + place)
+    # The same ramp again, a sample on: the mean of the latest few says where it is.
+    same = abs(passed - m[PASSED] - PITCH) < SAME and height * m[HEIGHT] > 0.0
+    m[LIKE] += (NEW if same else 1.0) * (like - m[LIKE]) if like < m[LIKE] else NEW * (like - m[LIKE])
+    m[HEIGHT] = m[HEIGHT] + NEW * (height - m[HEIGHT]) if same else height
+    m[PASSED] = m[PASSED] + PITCH + NEW * (passed - m[PASSED] - PITCH) if same else passed
     n0, n1 = n0 - height * t0, n1 - height * t1
     m[BASE], m[INCLINE] = newest + n0 * AT[0] + n1 * AT[1], n0 * AT[2] + n1 * AT[3]
 
