@@ -414,7 +414,7 @@ def _timed(s, x, m):
 
 
 @part
-def _under_way(m, tick, behind):
+def under_way(m, tick, behind):
     """mm that the commands of the last ``behind`` ms are still to move the head by."""
     moving = 0.0
     for k in range(1, RING):
@@ -422,9 +422,27 @@ def _under_way(m, tick, behind):
     return moving
 
 
+class Outlook(NamedTuple):
+    """What a period's reading says of the sheet: how it goes on, and what that is worth."""
+
+    measured: float  # mm, the sheet, bridged or not
+    near: float  # mm by which it will have risen in NEAR, …
+    middle: float  # … MIDDLE …
+    far: float  # … and FAR periods
+    bend: float  # mm per period², of the parabola through the three
+    slope: float  # mm per period, its slope in the middle
+    behind: float  # ms, from a reading to the drive's answer to it
+    moving: float  # mm that the commands of that time are still to move the head by
+    ready: bool  # there are predictions
+    trusted: float  # share of what is predicted that is believed
+    most: float  # mm per period, the fastest that is believed
+    coming: float  # mm/s, the sheet when a command acts
+    rise: float  # mm until then
+
+
 @part
-def control(params, state, signals, tables, memory):
-    """Head velocity, mm/s: read, learn, predict."""
+def outlook(params, state, signals, memory):
+    """Reads, learns, predicts; returns the state and the :class:`Outlook`. The integral is left to the caller."""
     p, x, m = params, signals, memory
     if x.fresh:
         for i in range(MEMORY):
@@ -455,9 +473,18 @@ def control(params, state, signals, tables, memory):
         coming = clip(trend, -most, most) / PERIOD
     ahead = behind - MIDDLE
     rise = middle + slope * ahead + 0.5 * bend * ahead * ahead if ready else 0.0
-    error = x.head_position - measured - x.set_height + p.smith * (_under_way(m, s.tick, behind) - rise)
+    moving = under_way(m, s.tick, behind)
+    s = s._replace(late=s.late / s.grow, power=s.power / s.grow, fastest=fastest, trend=trend)
+    return s, Outlook(measured, near, middle, far, bend, slope, behind, moving, ready, trusted, most, coming, rise)
+
+
+@part
+def control(params, state, signals, tables, memory):
+    """Head velocity, mm/s."""
+    p, x = params, signals
+    s, o = outlook(p, state, x, memory)
+    error = x.head_position - o.measured - x.set_height + p.smith * (o.moving - o.rise)
     # Nothing winds up while the supervisor moves the head. A step is over before summing it up could help.
     grown = s.integral + p.ki * PERIOD * clip(error, -LITTLE, LITTLE)
-    integral = grown if ready and not x.override else 0.0
-    s = s._replace(late=s.late / s.grow, power=s.power / s.grow, fastest=fastest, integral=integral, trend=trend)
-    return s, p.feed * coming - p.kp * error - integral
+    integral = grown if o.ready and not x.override else 0.0
+    return s._replace(integral=integral), p.feed * o.coming - p.kp * error - integral
