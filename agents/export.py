@@ -162,14 +162,14 @@ def _layers(model: Any) -> tuple[tuple[Layer, ...], str]:
     import torch
 
     name, policy = type(model).__name__, model.policy
-    if name not in ("PPO", "SAC", "TD3", "TQC", "RecurrentPPO"):
+    if name not in ("PPO", "SAC", "TD3", "TQC", "RecurrentPPO", "Gradient"):
         raise _refused(f"the algorithm {name}")
     space = model.action_space
     if not isinstance(space, gym.spaces.Box) or not (np.all(space.low == -1.0) and np.all(space.high == 1.0)):
         raise _refused(f"the action space {space}")
-    actor = policy if name in ("PPO", "RecurrentPPO") else model.actor
+    actor = model.actor if name in ("SAC", "TD3", "TQC") else policy
     extractor = getattr(actor, "pi_features_extractor", None) or actor.features_extractor
-    if type(extractor).__name__ != "FlattenExtractor":
+    if name != "Gradient" and type(extractor).__name__ != "FlattenExtractor":
         raise _refused(f"the features extractor {type(extractor).__name__}")
     found: list[Layer] = []
     if name in ("PPO", "RecurrentPPO"):
@@ -177,6 +177,8 @@ def _layers(model: Any) -> tuple[tuple[Layer, ...], str]:
             found += _lstm(policy.lstm_actor)
         modules = [*_flat(policy.mlp_extractor.policy_net), *_flat(policy.action_net)]
         output = "tanh" if policy.squash_output else "clip"
+    elif name == "Gradient":
+        modules, output = _flat(policy.net), "tanh"
     elif name == "TD3":
         modules, output = _flat(actor.mu), "tanh"
         if not isinstance(modules[-1], torch.nn.Tanh):

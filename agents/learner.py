@@ -98,6 +98,10 @@ def _spreads(spread: float | list[float], env: Any) -> np.ndarray:
 def _begin(model: Any, gain: float, log_spread: Any) -> None:
     """Scales the action's layer, and sets the spread of the first actions."""
     policy = model.policy
+    if hasattr(policy, "net"):  # gradient
+        policy.net[-1].weight.mul_(gain)
+        policy.net[-1].bias.mul_(gain)
+        return
     if hasattr(policy, "action_net"):  # PPO
         policy.action_net.weight.mul_(gain)
         if log_spread is not None:

@@ -24,6 +24,7 @@ ALGORITHMS = {
     "td3": ("stable_baselines3", "TD3"),
     "tqc": ("sb3_contrib", "TQC"),
     "recurrent-ppo": ("sb3_contrib", "RecurrentPPO"),
+    "gradient": ("kerfgym.agents.gradient", "Gradient"),
 }
 """Package and class of each algorithm: PPO (Schulman et al. 2017) with its advantages (Schulman et al. 2016), SAC
 (Haarnoja et al. 2018), TD3 (Fujimoto et al. 2018), TQC (Kuznetsov et al. 2020), PPO with memory (Hochreiter and

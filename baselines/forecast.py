@@ -36,7 +36,7 @@ import numpy as np
 from kerfgym.baselines import drive_bank, ramps, self_tuning, trends
 from kerfgym.envs.engine.lanes import clip, extended, logarithm, part
 from kerfgym.envs.engine.quantity import Quantity
-from kerfgym.envs.plant.controller import PERIOD
+from kerfgym.envs.plant.controller import PERIOD, Weight
 
 TRENDS = trends.TRENDS
 
@@ -112,10 +112,8 @@ _SPANS = (
     30.0, 0.3,
 )  # fmt: skip
 
-WEIGHTS = tuple(zip(
-    (*(f"speed: {each}" for each in SPEEDS), *(f"place: {each}" for each in PLACES), "gain", "moving"), _SPANS,
-    strict=True,
-))  # fmt: skip
+_NAMES = (*(f"speed: {each}" for each in SPEEDS), *(f"place: {each}" for each in PLACES), "gain", "moving")
+WEIGHTS = tuple(Weight(name, span, "1/s" if name == "gain" else "1") for name, span in zip(_NAMES, _SPANS, strict=True))
 """Names and spans of the weights: of speeds, of places, the gain (1/s) and the share of commands on their way."""
 
 SPANS = np.array(_SPANS)
@@ -350,3 +348,33 @@ def control(params, state, signals, tables, memory):
     grown = s.integral + p.ki * PERIOD * clip(error, -self_tuning.LITTLE, self_tuning.LITTLE)
     s = s._replace(integral=grown if o.ready and not x.override else 0.0)
     return s, weigh(p, s, x, m)
+
+
+# ------------------------------------------------------------------------------------------ for learning by gradients
+
+READS = BANK
+"""Numbers of the memory that :func:`loop` reads."""
+
+
+class Loop(NamedTuple):
+    """What of the law depends on the head: commands of two and more periods ago, mm/s."""
+
+    integral: float = 0.0  # mm/s; as good as constant over what a gradient reaches
+    c2: float = 0.0
+    c3: float = 0.0
+    c4: float = 0.0
+    c5: float = 0.0
+    c6: float = 0.0
+    c7: float = 0.0
+
+
+@part
+def loop(params, state, felt, memory):
+    """:func:`weigh` where only the head and the commands on their way are not what was recorded."""
+    s, m = state, memory
+    sent = (felt.command, s.c2, s.c3, s.c4, s.c5, s.c6, s.c7)
+    moving = 0.0
+    for k in range(7):
+        moving += clip(m[BEHIND] - k - 0.5, 0.0, 1.0) * sent[k] * PERIOD
+    m[WAY] = moving
+    return Loop(s.integral, felt.command, s.c2, s.c3, s.c4, s.c5, s.c6), weigh(params, s, felt, m)

@@ -656,12 +656,16 @@ def given(graph: Graph, kind: Any, name: str) -> Any:
     return graph.make("given", name) if kind is float else kind
 
 
-def adjoint(function: Callable[..., Any], of: Iterable[str], **kinds: Any) -> Callable[..., Any]:
+def adjoint(
+    function: Callable[..., Any], of: Iterable[str], only: range | None = None, **kinds: Any
+) -> Callable[..., Any]:
     """The reverse-mode derivative of a part, as a part.
 
     Args:
         function: the part.
         of: names of the arguments whose adjoints are wanted.
+        only: places in arrays whose adjoints are wanted, one behind the other; what the part writes into arrays counts
+            then for itself alone. None: all places.
         kinds: of its arguments: a NamedTuple class, ``float``, ``np.ndarray`` for an array, or the value of one that
             is a constant here.
 
@@ -669,7 +673,7 @@ def adjoint(function: Callable[..., Any], of: Iterable[str], **kinds: Any) -> Ca
         a part that takes the arguments that are no constants, in order; then the adjoint of each result; then, for each
         array, one of adjoints, shape as the array's. It returns the adjoints of ``of``: one alone or a tuple, in
         order. Adjoints of arrays are not returned but added to theirs, which hold those of what the part writes when
-        it is called.
+        it is called. Its attribute ``text`` holds all that it computes.
 
     Raises:
         InvalidInput: the part holds something whose derivative is not known; says where.
@@ -693,7 +697,7 @@ def adjoint(function: Callable[..., Any], of: Iterable[str], **kinds: Any) -> Ca
         _seed(graph, seeds, value, bar)
     places = sorted({*reader.heap, *_read(graph, arrays)})
     for array, place in places:
-        if (array, place) in reader.heap:
+        if (array, place) in reader.heap and only is None:
             _seed(graph, seeds, reader.heap[array, place], graph.make("given", f"{array}_bar[{place}]"))
     found = backwards(graph, seeds)
 
@@ -702,11 +706,10 @@ def adjoint(function: Callable[..., Any], of: Iterable[str], **kinds: Any) -> Ca
     changes = {}
     for array, place in places:
         bar = found.get(graph.make("given", f"{array}[{place}]"), 0.0)
-        written = (array, place) in reader.heap
-        if written or not is_zero(bar):
-            changes[f"{array}_bar[{place}]"] = (
-                bar if written else graph.plus(graph.make("given", f"{array}_bar[{place}]"), bar)
-            )
+        written = (array, place) in reader.heap and only is None
+        if (only is None or place in only) and (written or not is_zero(bar)):
+            its = f"{array}_bar[{place - (only.start if only else 0)}]"
+            changes[its] = bar if written else graph.plus(graph.make("given", its), bar)
     lines = writer.lines([*wanted, *changes.values()])
     lines += [f"{place} = {writer.text(value)}" for place, value in changes.items()]
     if wanted:
@@ -747,4 +750,5 @@ def _made(name: str, arguments: list[str], lines: list[str], space: dict[str, An
     file = f"<{name} {len(text)}>"
     linecache.cache[file] = (len(text), None, text.splitlines(keepends=True), file)
     exec(compile(text, file, "exec"), {"__name__": __name__, **space}, space)
+    space[name].text = text
     return lanes.part(space[name])

@@ -32,6 +32,11 @@ declares, beside ``MEMORY``::
     def weigh(params, state, signals, memory) -> command
 
 ``control`` sets the actions to 0 and returns what ``weigh`` does; an environment puts others there and weighs again.
+For learning by gradients it also declares what of it depends on the head, see :mod:`gradient`::
+
+    Loop: NamedTuple                # what goes on from period to period, commands on their way among it
+    READS: int                      # what `loop` reads lies among so many first numbers of its memory
+    def loop(params, state, felt, memory) -> (Loop, command)
 """
 
 import hashlib
@@ -219,6 +224,9 @@ class Weighing:
     weights: tuple[Weight, ...]
     action: int
     weigh: Callable[..., Any]
+    loop: Callable[..., Any] | None = None
+    Loop: Any = None
+    reads: int = 0
 
 
 @dataclass(frozen=True)
@@ -397,7 +405,10 @@ def _weighing(space: Any, name: str, memory: int) -> Weighing | None:
             f"controller '{name}': {len(features)} features and {len(weights)} actions from {action} on do not lie one "
             f"behind the other in a MEMORY of {memory}"
         )
-    return Weighing(features, weights, action, _compiled(space.weigh))
+    loop = getattr(space, "loop", None)
+    if loop is None:
+        return Weighing(features, weights, action, _compiled(space.weigh))
+    return Weighing(features, weights, action, _compiled(space.weigh), _compiled(loop), space.Loop, int(space.READS))
 
 
 def source_of(space: Any) -> str:

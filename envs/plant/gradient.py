@@ -17,6 +17,7 @@ The dead time's fraction, the D/A and the encoder: see :mod:`envs.engine.adjoint
 acts from a substep on, so a change of the dead time below a substep changes nothing, and there is no derivative by it.
 """
 
+import hashlib
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -37,6 +38,7 @@ from ..engine.lanes import (
     column,
     copy,
     doubles,
+    fields,
     flat,
     load,
     part,
@@ -55,10 +57,10 @@ from .machine import DT, SUBSTEPS, Course, Moment, substep
 
 
 class Felt(NamedTuple):
-    """What a law's loop feels of the head."""
+    """What a law's loop feels of the head, as ``controller.Sensed`` has it."""
 
-    position: float = 0.0  # mm, encoder at the gate's centre, as ``Sensed.head_position``
-    velocity: float = 0.0  # mm/s, from the encoder over the last period
+    head_position: float = 0.0  # mm, encoder at the gate's centre
+    head_velocity: float = 0.0  # mm/s, from the encoder over the last period
     set_height: float = 0.0  # mm
     command: float = 0.0  # mm/s, what was sent to the drive last
 
@@ -116,13 +118,16 @@ class Entries(NamedTuple):
     block: int  # (blocks, ROWS, W)
     blocks: int
     periods: int
-    course: int  # (blocks, periods, Period, W)
-    memory: int  # (blocks, periods, size, W)
+    recorded: int  # periods that are recorded, …
+    first: int  # … and the first of them that counts
+    course: int  # (blocks, recorded, Period, W)
+    memory: int  # (blocks, recorded, size, W)
     size: int
     made: int  # (blocks, periods, Made, W)
     kept: int  # (blocks, periods, KEPT, W)
     made_: int  # adjoints, as `made`
-    memory_: int  # as `memory`
+    memory_: int  # (blocks, periods, wanted, W)
+    wanted: int
     loop: int  # stages
     loop_back: int
     bristles: int
@@ -192,13 +197,19 @@ def _feel(block, at, made):
         felt, encoder = _felt(p, m.gate_motor, block[a + ENCODER], block[a + OFFSET], felt.set_height, command)
         store(block, a + FELT, felt)
         block[a + ENCODER] = encoder
-        made[_GAP + lane], made[_COMMAND + lane], made[_POSITION + lane] = m.gap, command, felt.position
+        made[_GAP + lane], made[_COMMAND + lane], made[_POSITION + lane] = m.gap, command, felt.head_position
 
 
 @part
 def _row(deck, array, block, period, width):
     """Address of a period of a block in an array."""
     return deck[array] + _BYTES * width * (block * deck[D.periods] + period)
+
+
+@part
+def _recorded(deck, array, block, period, width):
+    """The same in an array of what is recorded."""
+    return deck[array] + _BYTES * width * (block * deck[D.recorded] + deck[D.first] + period)
 
 
 def _forward(address):
@@ -208,9 +219,9 @@ def _forward(address):
     for b in range(deck[D.blocks]):
         at = b * STRIDE
         for t in range(deck[D.periods]):
-            period = doubles(_row(deck, D.course, b, t, _COURSE), _ANY)
+            period = doubles(_recorded(deck, D.course, b, t, _COURSE), _ANY)
             copy(doubles(_row(deck, D.kept, b, t, _KEPT), _ANY), U0, block, at + MOTION, _KEPT)
-            call(deck[D.loop], deck[D.block], at, UW, _row(deck, D.memory, b, t, UW * size), size)
+            call(deck[D.loop], deck[D.block], at, UW, _recorded(deck, D.memory, b, t, UW * size), size)
             _send(block, at, period)
             if deck[D.bristles] > U0:
                 for k in range(U0, U(SUBSTEPS), U(5)):
@@ -286,7 +297,7 @@ def _unfeel(block, at, made_):
         a = at + lane
         felt_ = load(Felt, block, a + FELT_)
         p = load(z_axis.Params, block, a + P_Z)
-        felt_ = felt_._replace(position=felt_.position + made_[_POSITION + lane])
+        felt_ = felt_._replace(head_position=felt_.head_position + made_[_POSITION + lane])
         gate_, before_, command_ = _felt_back(p, 0.0, 0.0, 0.0, 0.0, 0.0, felt_, block[a + ENCODER_])
         block[a + GATE_], block[a + ENCODER_] = gate_, before_
         block[a + COMMAND_] = command_ + made_[_COMMAND + lane]
@@ -382,7 +393,7 @@ def _backward(address):
         at = b * STRIDE
         for later in range(deck[D.periods]):
             t = deck[D.periods] - U1 - later
-            period = doubles(_row(deck, D.course, b, t, _COURSE), _ANY)
+            period = doubles(_recorded(deck, D.course, b, t, _COURSE), _ANY)
             kept = doubles(_row(deck, D.kept, b, t, _KEPT), _ANY)
             made = doubles(_row(deck, D.made, b, t, _MADE), _ANY)
             copy(block, at + MOTION, kept, U0, _KEPT)
@@ -406,7 +417,10 @@ def _backward(address):
                     _unmove(block, at, five * _FIVE)
             _unsend(block, at, period, kept)
             copy(block, at + MOTION, kept, U0, _KEPT)
-            memory, memory_ = _row(deck, D.memory, b, t, UW * size), _row(deck, D.memory_, b, t, UW * size)
+            memory, memory_ = (
+                _recorded(deck, D.memory, b, t, UW * size),
+                _row(deck, D.memory_, b, t, UW * deck[D.wanted]),
+            )
             call(deck[D.loop_back], deck[D.block], at, memory_, memory, size)
 
 
@@ -461,27 +475,37 @@ class Rollout(Columns):
             ``felt`` is a :class:`Felt`; ``memory`` holds the numbers of the period that do not.
         Params, State: its NamedTuples, of at most :data:`PARAMS` and :data:`STATE` numbers.
         memory: numbers of a period.
+        wanted: of these, those whose adjoints are wanted; None: all.
+
+    Attributes:
+        course: fields of :class:`Period`, shape (blocks, periods, 6, W); see :meth:`lay`.
+        memory: shape (blocks, periods, memory, W).
 
     Raises:
         InvalidInput: the loop holds something whose derivative is not known, or too many numbers.
     """
 
-    def __init__(self, machines: int, loop: Callable[..., Any], Params: Any, State: Any, memory: int) -> None:
+    def __init__(
+        self, machines: int, loop: Callable[..., Any], Params: Any, State: Any, memory: int, wanted: range | None = None
+    ) -> None:
         for cls, most in ((Params, PARAMS), (State, STATE)):
             if rows(cls) > most:
                 raise InvalidInput(f"{cls.__name__} of a loop has {rows(cls)} numbers; at most {most}")
         super().__init__(machines, ROWS, _layout.parts)
-        self.Params, self.State, self.memory = Params, State, memory
-        back = adjoint(
-            loop, of=("params", "state", "felt", "memory"), params=Params, state=State, felt=Felt, memory=np.ndarray
-        )
-        name = f"{loop.__module__}.{loop.__qualname__}".replace(".", "_").replace("<", "").replace(">", "")
+        self.Params, self.State, self.size_of_memory = Params, State, memory
+        self.wanted = wanted if wanted is not None else range(memory)
+        kinds = {"params": Params, "state": State, "felt": Felt, "memory": np.ndarray}
+        back: Any = adjoint(loop, of=kinds, only=self.wanted, **kinds)
+        # The same loop may have other constants behind it, or other adjoints may be wanted of it: the text tells.
+        digest = hashlib.sha256(back.text.encode()).hexdigest()[:12]
+        name = f"{loop.__module__}.{loop.__qualname__}.{digest}".replace(".", "_").replace("<", "").replace(">", "")
         filled = {"_Params": Params, "_State": State, "_OWN": U(rows(Params))}
-        self._close = specialise(_close, name, source_of(loop), _loop=loop, **filled)
-        self._unclose = specialise(_unclose, name, source_of(loop), _loop_back=back, **filled)
+        self._close = specialise(_close, name, source_of(loop) + back.text, _loop=loop, **filled)
+        self._unclose = specialise(_unclose, name, back.text, _loop_back=back, **filled)
         self.deck = Deck(Entries, block=self._block, blocks=self.blocks, size=memory)
         self.deck["loop"], self.deck["loop_back"] = self._close.address, self._unclose.address
-        self.periods = 0
+        self.deck["wanted"] = len(self.wanted)
+        self.course = self.memory = np.zeros(0)
 
     def put_drive(self, machines: Any, p: z_axis.Params) -> None:
         """Writes a drive, and what follows from it."""
@@ -494,11 +518,15 @@ class Rollout(Columns):
         self._put_rows(int(LAW) // W, machines, flat(params))
         self._put_rows(int(LOOP) // W, machines, flat(state))
 
+    def put_loop(self, field: str, values: np.ndarray) -> None:
+        """Writes one number of what the loop begins with, for all machines."""
+        self._write(np.arange(self.size), {int(LOOP) // W + fields(self.State).index(field): values})
+
     def put_head(self, machines: Any, position: float, felt: Felt | None = None) -> None:
         """The heads stand still at ``position``, mm, with nothing on its way."""
         self.put("motion", machines, z_axis.at_rest(position))
         self.put("drive", machines, z_axis.Drive())
-        self.put("felt", machines, felt or Felt(position=position))
+        self.put("felt", machines, felt or Felt(head_position=position))
         self._put_rows(int(OFFSET) // W, machines, [0.0])
         self._put_rows(int(ENCODER) // W, machines, [position])
 
@@ -510,57 +538,87 @@ class Rollout(Columns):
                 self.set(f"{name}.{field}", every, read(f"{name}.{field}")[: self.size])
         gains = fleet._view[:, int(machine.GAINS) // W :][:, : rows(z_axis.Gains)]
         self._view[:, int(GAINS) // W :][:, : rows(z_axis.Gains)] = gains
-        names = {
-            "position": "head_position",
-            "velocity": "head_velocity",
-            "set_height": "set_height",
-            "command": "command",
-        }
-        for mine, its in names.items():
-            self.set(f"felt.{mine}", every, read(f"signals.{its}"))
+        for name in Felt._fields:
+            self.set(f"felt.{name}", every, read(f"signals.{name}"))
         self._write(every, {int(OFFSET) // W: read("supervisor.offset"), int(ENCODER) // W: read("tally.encoder")})
         self.deck["bristles"] = int((read("z.bristle") > 0.0).any())
 
-    def forward(self, course: np.ndarray, memory: np.ndarray) -> np.ndarray:
-        """Goes on from where the machines are.
+    def lay(self, periods: int) -> None:
+        """Makes room for what is recorded of so many periods, in :attr:`course` and :attr:`memory`."""
+        self.course = np.zeros((self.blocks, periods, len(Period._fields), W))
+        self.memory = np.zeros((self.blocks, periods, self.size_of_memory, W))
+        self.deck["course"], self.deck["memory"], self.deck["recorded"] = self.course, self.memory, periods
 
-        Args:
-            course: fields of :class:`Period`, shape (machines, periods, 6).
-            memory: shape (machines, periods, memory).
+    def put_memory(self, period: int, values: np.ndarray) -> None:
+        """The memory of a period, shape (machines, memory)."""
+        _put_lanes(self.memory[:, period], values)
 
-        Returns:
-            fields of :class:`Made`, shape (machines, periods, 3).
-        """
-        self.periods = periods = course.shape[1]
-        shapes = {"course": (course, len(Period._fields)), "memory": (memory, self.memory)}
+    def put_course(self, period: int, values: list[np.ndarray]) -> None:
+        """The fields of :class:`Period` of a period, each of shape (machines,)."""
+        _put_lanes(self.course[:, period], np.stack(values, axis=1))
+
+    def put_wanted(self, first: int, values: np.ndarray) -> None:
+        """What is wanted of the memory, from period ``first`` on, shape (machines, periods, wanted)."""
+        where = slice(self.wanted.start, self.wanted.stop)
+        self.memory[:, first : first + values.shape[1], where] = packed(values)
+
+    def snapshot(self) -> np.ndarray:
+        """Where the machines are, for :meth:`restore`."""
+        return self._view.copy()
+
+    def restore(self, snapshot: np.ndarray) -> None:
+        """The machines are where they were."""
+        self._view[:] = snapshot
+
+    def put_recorded(self, course: np.ndarray, memory: np.ndarray) -> None:
+        """What is recorded: fields of :class:`Period`, shape (machines, periods, 6); (machines, periods, memory)."""
+        periods = course.shape[1] if course.ndim == 3 else 0
+        shapes = {"course": (course, len(Period._fields)), "memory": (memory, self.size_of_memory)}
         for name, (array, width) in shapes.items():
             if array.shape != (self.size, periods, width):
                 raise InvalidInput(f"{name} has shape {array.shape}; it must be {(self.size, periods, width)}")
-            self.deck[name] = _packed(array)
-        self.deck["periods"] = periods
-        self.deck["kept"] = np.empty((self.blocks, periods, KEPT, W))
-        made = np.zeros((self.blocks, periods, rows(Made), W))
+        self.lay(periods)
+        self.course[:], self.memory[:] = packed(course), packed(memory)
+
+    def forward(self, first: int = 0, periods: int | None = None) -> np.ndarray:
+        """Goes on from where the machines are, by ``periods`` recorded periods from ``first`` on; None: all.
+
+        Returns:
+            fields of :class:`Made`, shape (machines, periods, 3).
+
+        Raises:
+            InvalidInput: not so many are recorded.
+        """
+        recorded = self.deck["recorded"]
+        count = recorded - first if periods is None else periods
+        if not 0 <= first < first + count <= recorded:
+            raise InvalidInput(f"periods {first} to {first + count} are asked for; {recorded} are recorded")
+        self.deck["first"], self.deck["periods"] = first, count
+        self.deck["kept"] = np.empty((self.blocks, count, KEPT, W))
+        made = np.zeros((self.blocks, count, rows(Made), W))
         self.deck["made"] = made
         forward(self.deck)
-        return _unpacked(made, self.size)
+        return unpacked(made, self.size)
 
     def backward(self, made_: np.ndarray) -> np.ndarray:
-        """Adjoints of the memory, shape (machines, periods, memory), from those of what :meth:`forward` returned last.
+        """Adjoints of what is wanted of the memory, shape (machines, periods, wanted), from those of what
+        :meth:`forward` returned last, shape (machines, periods, 3).
 
         The adjoints at the last period's end are 0. :meth:`law_adjoints` and :meth:`start_adjoints` then have those of
-        the law's parameters and of what the machines began with.
+        the law's parameters and of what the machines began with. The machines stand where they stood.
         """
-        wanted = (self.size, self.periods, rows(Made))
+        periods = self.deck["periods"]
+        wanted = (self.size, periods, rows(Made))
         if made_.shape != wanted:
             raise InvalidInput(f"the adjoints have shape {made_.shape}; they must be {wanted}")
-        here = self._view.copy()
-        self._view[:, int(MOTION_) // W :] = 0.0
-        memory_ = np.zeros((self.blocks, self.periods, self.memory, W))
-        self.deck["made_"], self.deck["memory_"] = _packed(made_), memory_
-        backward(self.deck)
         first = int(MOTION_) // W
-        self._view[:, :first] = here[:, :first]  # the machines stand where they stood
-        return _unpacked(memory_, self.size)
+        here = self._view[:, :first].copy()
+        self._view[:, first:] = 0.0
+        memory_ = np.zeros((self.blocks, periods, len(self.wanted), W))
+        self.deck["made_"], self.deck["memory_"] = packed(made_), memory_
+        backward(self.deck)
+        self._view[:, :first] = here
+        return unpacked(memory_, self.size)
 
     def law_adjoints(self) -> np.ndarray:
         """Adjoints of the loop's parameters, shape (machines, parameters)."""
@@ -577,7 +635,7 @@ class Rollout(Columns):
         return self._view[:, first : first + count].transpose(0, 2, 1).reshape(-1, count)[: self.size].copy()
 
 
-def _packed(array: np.ndarray) -> np.ndarray:
+def packed(array: np.ndarray) -> np.ndarray:
     """(machines, periods, width) to (blocks, periods, width, W)."""
     machines, periods, width = array.shape
     blocks = -(-machines // W)
@@ -586,7 +644,15 @@ def _packed(array: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(whole.reshape(blocks, W, periods, width).transpose(0, 2, 3, 1))
 
 
-def _unpacked(array: np.ndarray, machines: int) -> np.ndarray:
-    """The inverse of :func:`_packed`."""
+def unpacked(array: np.ndarray, machines: int) -> np.ndarray:
+    """The inverse of :func:`packed`."""
     blocks, periods, width, _ = array.shape
     return array.transpose(0, 3, 1, 2).reshape(blocks * W, periods, width)[:machines]
+
+
+def _put_lanes(blocks: np.ndarray, values: np.ndarray) -> None:
+    """Writes (machines, width) into (blocks, width, W)."""
+    whole, rest = divmod(len(values), W)
+    blocks[:whole] = values[: whole * W].reshape(whole, W, -1).transpose(0, 2, 1)
+    if rest:
+        blocks[whole, :, :rest] = values[whole * W :].T

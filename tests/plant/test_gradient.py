@@ -40,7 +40,7 @@ def follows(params, state, felt, memory):
     moving = clip(behind - 0.5, 0.0, 1.0) * felt.command + clip(behind - 1.5, 0.0, 1.0) * s.c1
     moving += clip(behind - 2.5, 0.0, 1.0) * s.c2 + clip(behind - 3.5, 0.0, 1.0) * s.c3
     moving += clip(behind - 4.5, 0.0, 1.0) * s.c4 + clip(behind - 5.5, 0.0, 1.0) * s.c5
-    error = felt.position - memory[1] - felt.set_height + params.share * 1e-3 * moving
+    error = felt.head_position - memory[1] - felt.set_height + params.share * 1e-3 * moving
     return Sent(felt.command, s.c1, s.c2, s.c3, s.c4), memory[0] - params.kp * error
 
 
@@ -97,7 +97,8 @@ def test_forwards_it_is_the_machine_to_the_bit(axis):
             course[:, t, Period._fields.index(name)] = fleet.column(f"course.{name}")
         course[:, t, Period._fields.index("sent")] = fleet.column("signals.command")
         encoder[:, t] = fleet.column("signals.head_position")
-    made = mine.forward(course, np.zeros((40, 400, 1)))
+    mine.put_recorded(course, np.zeros((40, 400, 1)))
+    made = mine.forward()
     np.testing.assert_array_equal(np.float32(made[:, :, Made._fields.index("gap")]), record[:, 0].T)
     np.testing.assert_array_equal(made[:, :, Made._fields.index("position")], encoder)
     assert np.ptp(encoder) > 0.2
@@ -130,7 +131,8 @@ def test_a_thousand_machines_and_moments_have_the_derivative_that_differences_ha
             roll.set(f"drive.c{k}", np.arange(n), before[:, k])
         roll.set("motion.velocity", np.arange(n), speed)
         roll.set("motion.acceleration", np.arange(n), acceleration)
-        return (roll.forward(course, at) * weights).sum(axis=(1, 2))
+        roll.put_recorded(course, at)
+        return (roll.forward() * weights).sum(axis=(1, 2))
 
     def central(function, h):
         return (function(h) - function(-h)) / (2.0 * h)
@@ -162,7 +164,8 @@ def test_backwards_a_drive_without_limits_is_the_transpose_of_its_impulse_respon
     roll.put_drive(0, p)
     roll.put_law(0, Gains(), Sent())
     roll.put_head(0, 0.0)
-    roll.forward(periods(1, count), np.zeros((1, count, 1)))
+    roll.put_recorded(periods(1, count), np.zeros((1, count, 1)))
+    roll.forward()
     last_ = np.zeros((1, count, 3))
     last_[0, -1, 0] = 1.0  # d(gap at the end)/d(each command)
     bars = roll.backward(last_)[0, :, 0]
@@ -183,7 +186,8 @@ def test_what_the_supervisor_sends_instead_has_no_derivative_of_the_law():
         roll.put_drive(i, z_axis.Params(dead_time=2.0))
         roll.put_law(i, Gains(), Sent())
         roll.put_head(i, 1.0, Felt(1.0, 0.0, 1.0, 0.0))
-    made = roll.forward(course, np.zeros((2, 30, 3)))
+    roll.put_recorded(course, np.zeros((2, 30, 3)))
+    made = roll.forward()
     assert (made[0, 10:, 1] == 5.0).all()
     bars = roll.backward(np.ones((2, 30, 3)))
     assert not bars[0, 10:].any()
@@ -202,8 +206,9 @@ def test_a_chunk_goes_on_where_the_last_one_ended():
             roll.put_drive(i, z_axis.Params(dead_time=1.5, bristle=0.01))
             roll.put_law(i, Gains(), Sent())
             roll.put_head(i, 1.0, Felt(1.0, 0.0, 1.0, 0.0))
+        roll.put_recorded(course, memory)
         for length in pieces:
-            found.append(roll.forward(course[:, at : at + length], memory[:, at : at + length]))
+            found.append(roll.forward(at, length))
             roll.backward(np.ones_like(found[-1]))  # changes nothing of where the machines are
             at += length
         made.append(np.concatenate(found, axis=1))
@@ -213,8 +218,11 @@ def test_a_chunk_goes_on_where_the_last_one_ended():
 def test_shapes_that_do_not_fit_are_refused():
     roll = Rollout(2, follows, Gains, Sent, 3)
     with pytest.raises(InvalidInput, match=r"memory has shape \(2, 5, 4\); it must be \(2, 5, 3\)"):
-        roll.forward(periods(2, 5), np.zeros((2, 5, 4)))
-    roll.forward(periods(2, 5), np.zeros((2, 5, 3)))
+        roll.put_recorded(periods(2, 5), np.zeros((2, 5, 4)))
+    roll.put_recorded(periods(2, 5), np.zeros((2, 5, 3)))
+    with pytest.raises(InvalidInput, match="periods 3 to 6 are asked for; 5 are recorded"):
+        roll.forward(3, 3)
+    roll.forward()
     with pytest.raises(InvalidInput, match=r"the adjoints have shape \(2, 5\); they must be \(2, 5, 3\)"):
         roll.backward(np.zeros((2, 5)))
 
@@ -222,3 +230,20 @@ def test_shapes_that_do_not_fit_are_refused():
 def test_substeps_come_in_fives():
     assert SUBSTEPS % 5 == 0
     assert fields(Made) == ["gap", "command", "position"]
+
+
+def test_adjoints_of_some_places_are_those_of_all():
+    random = np.random.default_rng(8)
+    memory = np.stack([random.normal(0, 50, (3, 20)), random.normal(0, 0.2, (3, 20)), np.full((3, 20), 4.2)], axis=2)
+    found = []
+    for wanted in (None, range(1, 2)):
+        roll = Rollout(3, follows, Gains, Sent, 3, wanted)
+        for i in range(3):
+            roll.put_drive(i, z_axis.Params())
+            roll.put_law(i, Gains(), Sent())
+            roll.put_head(i, 1.0, Felt(1.0, 0.0, 1.0, 0.0))
+        roll.put_recorded(periods(3, 20), memory)
+        roll.forward()
+        found.append(roll.backward(np.ones((3, 20, 3))))
+    assert found[1].shape == (3, 20, 1)
+    np.testing.assert_allclose(found[1][:, :, 0], found[0][:, :, 1], rtol=1e-12)
