@@ -51,7 +51,7 @@ def axis(position: Array) -> SimpleNamespace:
         position=position.copy(),
         issued=position.copy(),
         summed=position.copy(),
-        drawn=zero.copy(),
+        pace=zero.copy(),
         parts=np.zeros((2, *position.shape)),
         command=zero.copy(),
         step=zero.copy(),
