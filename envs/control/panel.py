@@ -39,10 +39,17 @@ _FAR = 2.0
 COMMANDS = ("stop", "home", "centre", "move", "calibrate", "follow", "hold", "protect")
 
 CHANNELS = {
-    "gap": "signals.gap", "height": "signals.height", "set_height": "signals.set_height", "head": "signals.head",
-    "command": "supervisor.command", "velocity": "signals.velocity", "mode": "supervisor.mode",
-    "alarm": "supervisor.alarm", "distance": "journey.here", "frequency": "signals.frequency",
-}  # fmt: skip
+    "gap": "signals.gap",
+    "height": "signals.height",
+    "set_height": "signals.set_height",
+    "head": "signals.head",
+    "command": "supervisor.command",
+    "velocity": "signals.velocity",
+    "mode": "supervisor.mode",
+    "alarm": "supervisor.alarm",
+    "distance": "journey.here",
+    "frequency": "signals.frequency",
+}
 """What the log keeps of each period: mm, mm/s, Hz, indices into ``supervisor.MODES`` and ``supervisor.ALARMS``."""
 
 
@@ -67,9 +74,13 @@ class Panel:
     """
 
     def __init__(
-        self, stack: str | Stack = "observer", scenario: Scenario = LEVEL, seed: int = 0, gap: float | None = None,
+        self,
+        stack: str | Stack = "observer",
+        scenario: Scenario = LEVEL,
+        seed: int = 0,
+        gap: float | None = None,
         coast: float = 0.0,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.stack = resolve(stack)
         if self.stack.slot != "z" or self.stack.python:
             raise InvalidInput(f"a panel needs a compiled controller of the slot z; '{self.stack.name}' is none")

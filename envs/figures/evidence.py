@@ -59,11 +59,16 @@ RANGES = {"c45-10": C45}
 """Settings by material; of all others the coefficients are assumed."""
 
 _WORDS = {
-    "feed": ("feed", "{:.3g} mm/s"), "power": ("power", "{:.0%}"), "frequency": ("dither frequency", "{:.0f} Hz"),
-    "amplitude": ("dither amplitude", "{:.3g} mm"), "ellipse": ("dither x against y", "{:.3g} mm"),
-    "depth": ("focus dither", "{:.3g} mm"), "focus": ("focus", "{:.3g} mm"), "standoff": ("standoff", "{:.3g} mm"),
+    "feed": ("feed", "{:.3g} mm/s"),
+    "power": ("power", "{:.0%}"),
+    "frequency": ("dither frequency", "{:.0f} Hz"),
+    "amplitude": ("dither amplitude", "{:.3g} mm"),
+    "ellipse": ("dither x against y", "{:.3g} mm"),
+    "depth": ("focus dither", "{:.3g} mm"),
+    "focus": ("focus", "{:.3g} mm"),
+    "standoff": ("standoff", "{:.3g} mm"),
     "pressure": ("gas pressure", "{:.0%}"),
-}  # fmt: skip
+}
 ASSUMED = "coefficients assumed, nothing calibrated"
 _PLAIN = {"material": ASSUMED, "shape": "dither shape"}
 

@@ -93,9 +93,11 @@ def contour_max(jobs: Jobs) -> np.ndarray:
 
 
 @metric(
-    "µm", pooled="rms", shown=Shown("gap RMS", "{:.1f}", "", GAP, "RMS", brief=True, manual=True),
+    "µm",
+    pooled="rms",
+    shown=Shown("gap RMS", "{:.1f}", "", GAP, "RMS", brief=True, manual=True),
     called=Called("standoff error", "closer", "standoff error, RMS", "following error"),
-)  # fmt: skip
+)
 def gap_rms(jobs: Jobs) -> np.ndarray:
     """RMS of the true standoff error while cutting"""
     return 1e3 * np.sqrt(jobs.mean("gap2"))

@@ -18,18 +18,13 @@ metric, get = METRICS.metric, METRICS.named
 ERROR, CUT = "true gap error", "cut of thin sheet"
 P99 = Shown("P99", "{:.1f}", "p99", ERROR, brief=True, said="99th percentile of the true error's magnitude, {over}")
 MAX = Shown("max", "{:.0f}", "max", ERROR, brief=True, said="largest true error of all scored runs that did not fail")
-REPORTED = Shown(
-    "reported", "{:.2f}", "reported", "reported", "RMS", brief=True, compared=True,
-    said="the same as the score, had one believed the measured and filtered height",
-)  # fmt: skip
+BELIEVED = "the same as the score, had one believed the measured and filtered height"
+REPORTED = Shown("reported", "{:.2f}", "reported", "reported", "RMS", brief=True, compared=True, said=BELIEVED)
 DROSS = Shown("dross", "{:.4f}", "", CUT, brief=True, said="height of the dross (proxy), {over}")
-ROUGHNESS = Shown(
-    "Rz", "{:.2f}", "", CUT, brief=True,
-    said="roughness (proxy), {over}, and its range after ISO 9013; 1 is the finest",
-)  # fmt: skip
-JITTER = Shown(
-    "jitter", "{:.2f}", "", "command", brief=True, titled=False, manual=True, compared=True, said="{summary}, {over}",
-)  # fmt: skip
+RANGED = "roughness (proxy), {over}, and its range after ISO 9013; 1 is the finest"
+ROUGHNESS = Shown("Rz", "{:.2f}", "", CUT, brief=True, said=RANGED)
+PLAIN = "{summary}, {over}"
+JITTER = Shown("jitter", "{:.2f}", "", "command", brief=True, titled=False, manual=True, compared=True, said=PLAIN)
 
 
 def evaluate(recording: Recording) -> dict[str, np.ndarray]:

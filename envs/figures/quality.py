@@ -94,10 +94,8 @@ def travelled(channels: npt.NDArray[np.float32], optics: spot.Params, power: flo
         dx, dy = x, y
     else:
         dx, dy = x * tx + y * ty, y * tx - x * ty
-    return Trajectory(
-        1e-3 / per, at("s") + dx, at("error") + dy, at("speed"), at("gap_error"), z + focus,
-        power * at("command_power"), dx,
-    )  # fmt: skip
+    along, across, watts = at("s") + dx, at("error") + dy, power * at("command_power")
+    return Trajectory(1e-3 / per, along, across, at("speed"), at("gap_error"), z + focus, watts, dx)
 
 
 @dataclass(frozen=True)
@@ -190,10 +188,8 @@ def evaluate(trajectory: Trajectory, p: cut.Params, span: float = 0.6) -> Qualit
     burnt = p.upturn * np.maximum(0.0, mean - p.upturn_from)
     rough = np.sqrt(melted**2 + written**2 + (p.follow * felt) ** 2 + burnt**2)
     dross = p.dross * np.cbrt(kerf.mean(axis=1) / WIDTH) * np.sqrt(FLOW / flow) * np.exp(-0.5 * log_g)
-    return Quality(
-        np.asarray(start + CELL * np.arange(cells), np.float64), margin, np.maximum(rough, p.floor), dross, top, low,
-        0.5 * np.abs(top - low),
-    )  # fmt: skip
+    place = np.asarray(start + CELL * np.arange(cells), np.float64)
+    return Quality(place, margin, np.maximum(rough, p.floor), dross, top, low, 0.5 * np.abs(top - low))
 
 
 def _blown(p: cut.Params, v: Floats, margin: Floats, kerf: Floats, widening: Floats) -> tuple[Floats, Floats]:

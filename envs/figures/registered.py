@@ -140,9 +140,16 @@ class Registry(dict[str, Metric]):
     """Metrics by name, in the order in which they were registered."""
 
     def metric(
-        self, unit: str, better: str = "lower", *, pooled: str = "mean", zero: bool = False, always: bool = False,
-        shown: Shown | None = Shown(), called: Called = Called(),
-    ) -> Callable:  # fmt: skip
+        self,
+        unit: str,
+        better: str = "lower",
+        *,
+        pooled: str = "mean",
+        zero: bool = False,
+        always: bool = False,
+        shown: Shown | None = Shown(),
+        called: Called = Called(),
+    ) -> Callable:
         """Registers a function under its name; the first line of its docstring says what it is.
 
         Arguments are those of :class:`Metric`.

@@ -22,10 +22,10 @@ JOIN_RANGE = (0.0, 10.0)
 """mm, of gaps that may be joined."""
 
 UNITS = {
-    "mm": 1.0, "cm": 10.0, "m": 1000.0, "inches": 25.4, "feet": 304.8, "yards": 914.4, "mils": 0.0254, "microns": 1e-3,
-    "dm": 100.0, "dam": 1e4, "hm": 1e5, "km": 1e6, "miles": 1609344.0, "microinches": 25.4e-6,
-    "US survey feet": 1200e3 / 3937, "US survey inches": 100e3 / 3937, "US survey yards": 3600e3 / 3937,
-}  # fmt: skip
+    **{"mm": 1.0, "cm": 10.0, "m": 1000.0, "inches": 25.4, "feet": 304.8, "yards": 914.4, "mils": 0.0254},
+    **{"microns": 1e-3, "dm": 100.0, "dam": 1e4, "hm": 1e5, "km": 1e6, "miles": 1609344.0, "microinches": 25.4e-6},
+    **{"US survey feet": 1200e3 / 3937, "US survey inches": 100e3 / 3937, "US survey yards": 3600e3 / 3937},
+}
 """mm of each unit that a file can be drawn in."""
 
 SHORT = {"in": "inches", "inch": "inches", "ft": "feet", "mil": "mils", "thou": "mils", "um": "microns", "yd": "yards"}

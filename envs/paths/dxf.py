@@ -17,9 +17,10 @@ from .dxf_fills import FILLS, TEXTS
 from .dxf_walk import Place, Walk
 
 INSUNITS = {
-    1: "inches", 2: "feet", 3: "miles", 4: "mm", 5: "cm", 6: "m", 7: "km", 8: "microinches", 9: "mils", 10: "yards",
-    13: "microns", 14: "dm", 15: "dam", 16: "hm", 21: "US survey feet", 22: "US survey inches", 23: "US survey yards",
-}  # fmt: skip
+    **{1: "inches", 2: "feet", 3: "miles", 4: "mm", 5: "cm", 6: "m", 7: "km", 8: "microinches", 9: "mils"},
+    **{10: "yards", 13: "microns", 14: "dm", 15: "dam", 16: "hm"},
+    **{21: "US survey feet", 22: "US survey inches", 23: "US survey yards"},
+}
 """Code of $INSUNITS: name of the unit."""
 
 

@@ -12,9 +12,14 @@ from ..engine.quantity import InvalidInput, in_order
 from .collected import MOST_ENTITIES, some
 
 SUBCLASS = {
-    "LWPOLYLINE": "AcDbPolyline", "SPLINE": "AcDbSpline", "MTEXT": "AcDbMText", "MESH": "AcDbSubMesh",
-    "MLINE": "AcDbMLine", "LEADER": "AcDbLeader", "MULTILEADER": "AcDbMLeader",
-}  # fmt: skip
+    "LWPOLYLINE": "AcDbPolyline",
+    "SPLINE": "AcDbSpline",
+    "MTEXT": "AcDbMText",
+    "MESH": "AcDbSubMesh",
+    "MLINE": "AcDbMLine",
+    "LEADER": "AcDbLeader",
+    "MULTILEADER": "AcDbMLeader",
+}
 """The marker without which ezdxf does not read an entity; some programs leave it out."""
 
 COMMON = {"5", "330", "102", "100", "8", "6", "48", "60", "62", "67", "370", "420", "430", "440", "410", "1001"}

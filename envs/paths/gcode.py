@@ -18,6 +18,9 @@ from .drawing import Drawing, drawing, unit
 from .gcode_beam import Piece, repeats
 from .gcode_machine import Machine
 
+CUTS = "G1, G2, G3 and splines while the beam is on: M3 or M4 with S not 0, or M62 to M68, or no such word"
+"""What is cut, for messages."""
+
 
 def read_gcode(path: str | Path, asked: Reading = Reading()) -> Drawing:  # noqa: B008
     """The cuts of a G-code programme as they stand in it: neither joined nor put into another order.
@@ -45,12 +48,10 @@ def read_gcode(path: str | Path, asked: Reading = Reading()) -> Drawing:  # noqa
     _tell(machine, pieces)
     feeds = [piece.mean_feed for piece in pieces]
     notes = [f"{text} (line {some(map(str, lines), 3, ', ')})" for text, lines in machine.listed.items()]
-    found = drawing(
-        file, file.stem, [piece.curve for piece in pieces], " and ".join(machine.used) or machine.modes.units,
-        skipped=machine.skipped, feeds=feeds if np.isfinite(feeds).any() else None,
-        warnings=notes + machine.programme.parameters.unused(),
-        cuts="G1, G2, G3 and splines while the beam is on: M3 or M4 with S not 0, or M62 to M68, or no such word",
-    )  # fmt: skip
+    curves, units = [piece.curve for piece in pieces], " and ".join(machine.used) or machine.modes.units
+    warnings = notes + machine.programme.parameters.unused()
+    known = feeds if np.isfinite(feeds).any() else None
+    found = drawing(file, file.stem, curves, units, None, machine.skipped, known, warnings, CUTS)
     return replace(found, programmed=True, leg_feeds=[piece.feeds for piece in pieces] if found.feeds else None)
 
 

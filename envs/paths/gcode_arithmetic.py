@@ -20,27 +20,38 @@ def _modulo(a: float, b: float) -> float:
 
 LEVELS: tuple[dict[str, Callable[[float, float], float]], ...] = (
     {
-        "and": lambda a, b: float(a != 0.0 and b != 0.0), "or": lambda a, b: float(a != 0.0 or b != 0.0),
+        "and": lambda a, b: float(a != 0.0 and b != 0.0),
+        "or": lambda a, b: float(a != 0.0 or b != 0.0),
         "xor": lambda a, b: float((a != 0.0) != (b != 0.0)),
     },
     {
-        "eq": lambda a, b: float(abs(a - b) < EQUAL), "ne": lambda a, b: float(abs(a - b) >= EQUAL),
-        "gt": lambda a, b: float(a > b), "ge": lambda a, b: float(a >= b), "lt": lambda a, b: float(a < b),
+        "eq": lambda a, b: float(abs(a - b) < EQUAL),
+        "ne": lambda a, b: float(abs(a - b) >= EQUAL),
+        "gt": lambda a, b: float(a > b),
+        "ge": lambda a, b: float(a >= b),
+        "lt": lambda a, b: float(a < b),
         "le": lambda a, b: float(a <= b),
     },
     {"+": lambda a, b: a + b, "-": lambda a, b: a - b},
     {"*": lambda a, b: a * b, "/": lambda a, b: a / b, "mod": _modulo},
     {"**": lambda a, b: a**b},
-)  # fmt: skip
+)
 """Operators from the loosest to the tightest; each from left to right."""
 
 FUNCTIONS: dict[str, Callable[[float], float]] = {
-    "abs": abs, "sqrt": math.sqrt, "exp": math.exp, "ln": math.log, "fix": math.floor, "fup": math.ceil,
+    "abs": abs,
+    "sqrt": math.sqrt,
+    "exp": math.exp,
+    "ln": math.log,
+    "fix": math.floor,
+    "fup": math.ceil,
     "round": lambda a: math.copysign(math.floor(abs(a) + 0.5), a),
-    "sin": lambda a: math.sin(math.radians(a)), "asin": lambda a: math.degrees(math.asin(a)),
-    "cos": lambda a: math.cos(math.radians(a)), "acos": lambda a: math.degrees(math.acos(a)),
+    "sin": lambda a: math.sin(math.radians(a)),
+    "asin": lambda a: math.degrees(math.asin(a)),
+    "cos": lambda a: math.cos(math.radians(a)),
+    "acos": lambda a: math.degrees(math.acos(a)),
     "tan": lambda a: math.tan(math.radians(a)),
-}  # fmt: skip
+}
 
 
 def angle(y: float, x: float) -> float:

@@ -10,11 +10,14 @@ from .gcode_frames import Frames
 from .gcode_parameters import Key
 
 SET_BY: dict[str, tuple[str, Any]] = {
-    **{name: ("plane", name) for name in ("G17", "G18", "G19")}, "G20": ("units", "inches"), "G21": ("units", "mm"),
-    "G90": ("absolute", True), "G91": ("absolute", False), "G90.1": ("absolute_centre", True),
-    "G91.1": ("absolute_centre", False), "G98": ("retract_old", True), "G99": ("retract_old", False),
-    "G7": ("diameter", True), "G8": ("diameter", False), "G80": ("motion", ""),
-}  # fmt: skip
+    **{name: ("plane", name) for name in ("G17", "G18", "G19")},
+    **{"G20": ("units", "inches"), "G21": ("units", "mm")},
+    **{"G90": ("absolute", True), "G91": ("absolute", False)},
+    **{"G90.1": ("absolute_centre", True), "G91.1": ("absolute_centre", False)},
+    **{"G98": ("retract_old", True), "G99": ("retract_old", False)},
+    **{"G7": ("diameter", True), "G8": ("diameter", False)},
+    "G80": ("motion", ""),
+}
 """What each word makes of which mode."""
 
 
@@ -49,24 +52,37 @@ class Modes:
             return {5400: self.tool, 5420: x, 5421: y, 5422: z}.get(key)
         name = key[1:-1]
         flags = {
-            "_imperial": self.units == "inches", "_metric": self.units != "inches", "_absolute": self.absolute,
-            "_incremental": not self.absolute, "_inverse_time": self.feed_mode == "G93",
-            "_units_per_minute": self.feed_mode == "G94", "_units_per_rev": self.feed_mode == "G95",
-            "_ijk_absolute_mode": self.absolute_centre, "_lathe_diameter_mode": self.diameter,
-            "_lathe_radius_mode": not self.diameter, "_retract_old_z": self.retract_old,
-            "_retract_r_plane": not self.retract_old, "_spindle_on": 0 in self.switches.spindles,
-            "_ccomp": False, "_task": False, "_spindle_rpm_mode": True, "_spindle_css_mode": False,
-        }  # fmt: skip
+            "_imperial": self.units == "inches",
+            "_metric": self.units != "inches",
+            "_absolute": self.absolute,
+            "_incremental": not self.absolute,
+            "_inverse_time": self.feed_mode == "G93",
+            "_units_per_minute": self.feed_mode == "G94",
+            "_units_per_rev": self.feed_mode == "G95",
+            "_ijk_absolute_mode": self.absolute_centre,
+            "_lathe_diameter_mode": self.diameter,
+            "_lathe_radius_mode": not self.diameter,
+            "_retract_old_z": self.retract_old,
+            "_retract_r_plane": not self.retract_old,
+            "_spindle_on": 0 in self.switches.spindles,
+            "_spindle_rpm_mode": True,
+            **dict.fromkeys(("_ccomp", "_task", "_spindle_css_mode"), False),
+        }
         if name in flags:
             return float(flags[name])
         numbers = {
-            "_x": x, "_y": y, "_z": z, **dict.fromkeys(("_a", "_b", "_c", "_u", "_v", "_w"), 0.0),
-            "_abs_x": frames.at.xy.real / self.size, "_abs_y": frames.at.xy.imag / self.size,
+            "_x": x,
+            "_y": y,
+            "_z": z,
+            **dict.fromkeys(("_a", "_b", "_c", "_u", "_v", "_w"), 0.0),
+            "_abs_x": frames.at.xy.real / self.size,
+            "_abs_y": frames.at.xy.imag / self.size,
             "_abs_z": frames.at.z / self.size,
             "_feed": 0.0 if math.isnan(self.feed) else self.feed / (1.0 if self.feed_mode == "G93" else self.size),
             "_rpm": 0.0 if math.isnan(self.switches.speed) else self.switches.speed,
             "_coord_system": 530.0 + 10.0 * frames.system if frames.system < 7 else 584.0 + frames.system,
-            "_plane": 10.0 * float(self.plane[1:]), "_motion_mode": 10.0 * float(self.motion[1:] or -0.1),
+            "_plane": 10.0 * float(self.plane[1:]),
+            "_motion_mode": 10.0 * float(self.motion[1:] or -0.1),
             "_current_tool": self.tool,
-        }  # fmt: skip
+        }
         return numbers.get(name)

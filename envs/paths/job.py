@@ -264,9 +264,7 @@ def _job(
     speed_room = settings.most_speed / np.maximum(speed, 1e-3)
     acceleration_room = np.sqrt(settings.most_acceleration / np.maximum(acceleration, 1e-3))
     most = np.clip(np.minimum(speed_room, acceleration_room), 1.0, 3.0)
-    return PlannedJob(
-        drawing.name, at[:, 0].copy(), at[:, 1].copy(), np.cumsum(steps), np.cumsum(np.where(cutting, steps, 0.0)),
-        speed,
-        t[:, 0].copy(), t[:, 1].copy(), beam, phase, lift, most, contours, settings, list(drawing.pieces),
-        [*drawing.notes, *route.warnings, *warnings], route, feed,
-    )  # fmt: skip
+    x, y, tx, ty = at[:, 0].copy(), at[:, 1].copy(), t[:, 0].copy(), t[:, 1].copy()
+    samples = x, y, np.cumsum(steps), np.cumsum(np.where(cutting, steps, 0.0)), speed, tx, ty, beam, phase, lift, most
+    warnings = [*drawing.notes, *route.warnings, *warnings]
+    return PlannedJob(drawing.name, *samples, contours, settings, list(drawing.pieces), warnings, route, feed)

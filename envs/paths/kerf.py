@@ -62,10 +62,8 @@ def compensated(drawing: Drawing, kerf: float) -> Drawing:
     told.setdefault(f"is nearer to another than the kerf of {kerf:g} mm: one cuts into the other", []).extend(close)
     warnings = [line for what, those in told.items() for line in named(drawing, sorted(set(those)), what)]
     kept = [drawing.corners[i] if r is drawing.pieces[i] else corners_of(r) for i, r in zip(origin, moved, strict=True)]
-    return replace(
-        drawing, pieces=moved, closed=closed, corners=kept, warnings=[*drawing.warnings, *warnings],
-        numbers=[drawing.number(i) for i in origin],
-    )  # fmt: skip
+    numbers, warnings = [drawing.number(i) for i in origin], [*drawing.warnings, *warnings]
+    return replace(drawing, pieces=moved, closed=closed, corners=kept, warnings=warnings, numbers=numbers)
 
 
 def _moved(shape: Any, piece: Points, away: float) -> tuple[list[Points], str]:

@@ -107,8 +107,13 @@ def rosette(diameter: float = 60.0, petals: int = 5) -> list[Points]:
 
 
 PARTS: dict[str, Callable[..., list[Points]]] = {
-    "square": square, "circle": circle, "slot-plate": slot_plate, "gear": gear, "corners": corners, "rosette": rosette,
-}  # fmt: skip
+    "square": square,
+    "circle": circle,
+    "slot-plate": slot_plate,
+    "gear": gear,
+    "corners": corners,
+    "rosette": rosette,
+}
 
 
 def sizes(name: str) -> list[str]:

@@ -12,9 +12,7 @@ from .choice import Reading, Rules
 from .drawing import Drawing
 from .joining import GAP
 
-FORMATS = {
-    ".dxf": "dxf", ".svg": "svg", ".ngc": "gcode", ".nc": "gcode", ".gcode": "gcode", ".tap": "gcode", ".cnc": "gcode",
-}  # fmt: skip
+FORMATS = {".dxf": "dxf", ".svg": "svg", **dict.fromkeys((".ngc", ".nc", ".gcode", ".tap", ".cnc"), "gcode")}
 """Suffix: the module that reads it; they are imported when they are needed, for their libraries are slow."""
 
 PROGRAMMES = ("gcode",)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..engine.quantity import InvalidInput
+from ..engine.quantity import InvalidInput, in_order
 from . import svg_style
 from .choice import Choice, Reading, merged
 from .collected import Collected
@@ -22,11 +22,11 @@ from .svg_tree import DEEPEST, PIXEL, Mistake, Node, tree
 
 GROUPS = ("g", "a", "svg", "switch", "use")
 
-NOT_DRAWN = (
-    "defs", "symbol", "clipPath", "mask", "marker", "pattern", "linearGradient", "radialGradient", "filter", "style",
-    "script", "metadata", "title", "desc", "view", "cursor", "animate", "animateTransform", "animateMotion", "set",
-    "animateColor", "font", "font-face", "color-profile", "solidColor", "meshgradient", "tspan", "textPath",
-)  # fmt: skip
+NOT_DRAWN = in_order(
+    "defs symbol clipPath mask marker pattern linearGradient radialGradient filter style script metadata title desc "
+    "view cursor animate animateTransform animateMotion set animateColor font font-face color-profile solidColor "
+    "meshgradient tspan textPath"
+)
 """Elements that show nothing where they stand."""
 
 IGNORED = {

@@ -9,6 +9,7 @@ from collections import defaultdict
 from dataclasses import dataclass, replace
 from itertools import count
 
+from ..engine.quantity import in_order
 from .svg_tree import Node
 
 SELECTOR = re.compile(r"(\*|[a-zA-Z][\w-]*)?((?:[.#][\w-]+)*)")
@@ -16,10 +17,9 @@ SELECTOR = re.compile(r"(\*|[a-zA-Z][\w-]*)?((?:[.#][\w-]+)*)")
 LONGEST = 500_000
 """Characters of a style sheet; what is longer takes too long to read."""
 
-SHOWN = (
-    "display", "visibility", "stroke", "transform", "clip-path", "mask", "stroke-dasharray", "font-size", "font-family",
-    "text-anchor", "fill",
-)  # fmt: skip
+SHOWN = in_order(
+    "display visibility stroke transform clip-path mask stroke-dasharray font-size font-family text-anchor fill"
+)
 """Properties that matter here."""
 
 

@@ -17,8 +17,9 @@ PIXEL = 25.4 / 96.0
 """mm of a user unit that nothing else is said about. [P] CSS"""
 
 PIXELS = {
-    "": 1.0, "px": 1.0, "mm": 1 / PIXEL, "cm": 10 / PIXEL, "Q": 0.25 / PIXEL, "in": 96.0, "pt": 96 / 72, "pc": 16.0,
-}  # fmt: skip
+    **{"": 1.0, "px": 1.0, "mm": 1 / PIXEL, "cm": 10 / PIXEL, "Q": 0.25 / PIXEL},
+    **{"in": 96.0, "pt": 96 / 72, "pc": 16.0},
+}
 """Pixels of each unit of length. [P] CSS"""
 
 OF_FONT = {"em": 1.0, "rem": 1.0, "ex": 0.5, "ch": 0.5}

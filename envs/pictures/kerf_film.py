@@ -21,9 +21,8 @@ class KerfFilm:
         trail = fleet.gantries.trail(fleet.tick - 1, index)
         figures, recipe = fleet.gantries.get("figures", index), fleet.gantries.get("recipe", index)
         gap = fleet.get("signals", index).gap - recipe.standoff
-        self._rows.append((
-            trail.x, trail.y, trail.error, trail.phase, gap, figures.dross, figures.roughness, figures.margin,
-        ))  # fmt: skip
+        at = trail.x, trail.y, trail.error, trail.phase
+        self._rows.append((*at, gap, figures.dross, figures.roughness, figures.margin))
 
     def frame(self) -> np.ndarray:
         """The picture, uint8 of shape (height, width, 3)."""

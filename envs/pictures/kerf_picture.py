@@ -20,12 +20,14 @@ _SCALE = 2
 _GROUND, _INK, _QUIET, _OUTLINE, _RAPID, _SPOT = "#ffffff", "#1a1d20", "#555c63", "#d5d9dd", "#a5abb1", "#d55e00"
 _EDGE = "#8b9198"
 
+
+def _anchors(colours: str) -> Floats:
+    return np.array([list(bytes.fromhex(each)) for each in colours.split()], float)
+
+
 # Anchors of a colour scale whose lightness rises evenly (viridis, Smith and van der Walt 2015).
-EVEN = np.array([
-    [68, 1, 84], [72, 40, 120], [62, 74, 137], [49, 104, 142], [38, 130, 142], [31, 158, 137], [53, 183, 121],
-    [109, 205, 89], [180, 222, 44], [253, 231, 37],
-], float)  # fmt: skip
-DIVERGING = np.array([[179, 88, 6], [241, 163, 64], [235, 235, 235], [153, 142, 195], [84, 39, 136]], float)
+EVEN = _anchors("440154 482878 3e4a89 31688e 26828e 1f9e89 35b779 6dcd59 b4de2c fde725")
+DIVERGING = _anchors("b35806 f1a340 ebebeb 998ec3 542788")
 
 
 @dataclass(frozen=True)

@@ -67,9 +67,15 @@ WINDOW = 1.0
 """s of error shown."""
 
 MODES = {
-    "stop": "stopped", "home": "homing", "move": "moving", "calibrate": "calibrating", "follow": "following",
-    "hold": "holding", "alarm": "alarm", "protect": "protecting",
-}  # fmt: skip
+    "stop": "stopped",
+    "home": "homing",
+    "move": "moving",
+    "calibrate": "calibrating",
+    "follow": "following",
+    "hold": "holding",
+    "alarm": "alarm",
+    "protect": "protecting",
+}
 """Modes of the supervisor in words; any other stands for itself."""
 
 

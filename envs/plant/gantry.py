@@ -37,6 +37,7 @@ from ..engine.lanes import (
     store,
     words,
 )
+from ..engine.quantity import in_order
 from . import cut, machine, path, published, spot, supervisor, xy_axes
 from .controller import (
     AHEAD,
@@ -180,12 +181,11 @@ ROWS = _layout.rows
 STRIDE = U(ROWS * W)
 _TRAIL = U(rows(Trail)) * UW
 
+_OF_A_LAW = in_order("params state signals wish due")
 LAW_PLACES = {
-    "xy": {"params": P_LAW, "state": S_LAW, "signals": SIGNALS, "wish": WISH, "due": DUE},
-    "process": {
-        "params": P_PROCESS, "state": S_PROCESS, "signals": PROCESS_SIGNALS, "wish": PROCESS_WISH, "due": PROCESS_DUE,
-    },
-}  # fmt: skip
+    "xy": dict(zip(_OF_A_LAW, (P_LAW, S_LAW, SIGNALS, WISH, DUE), strict=True)),
+    "process": dict(zip(_OF_A_LAW, (P_PROCESS, S_PROCESS, PROCESS_SIGNALS, PROCESS_WISH, PROCESS_DUE), strict=True)),
+}
 
 PLACES = _layout.parts
 """Offset and class of each part that Python reads or writes."""
@@ -471,12 +471,11 @@ def head_all(g, base, n, jobs):
                 y = xy_axes.headed(p, y, between(jobs, j, s.tau, _Y) + s.dy)
             period = p.servo * PERIOD
             new_x, new_y = x.step / period, y.step / period
+            ax, ay = (new_x - vx) / period, (new_y - vy) / period
             ex, ey = xy_axes.encoded(p, x), xy_axes.encoded(p, y)
-            sensed = AxesSensed(
-                error_x=x.issued - ex, error_y=y.issued - ey, position_x=ex, position_y=ey, velocity_x=new_x,
-                velocity_y=new_y, acceleration_x=(new_x - vx) / period, acceleration_y=(new_y - vy) / period,
-                period=period, feed=between(jobs, j, s.tau, _FEED) * s.override, fresh=s.fresh,
-            )  # fmt: skip
+            feed = between(jobs, j, s.tau, _FEED) * s.override
+            lag_x, lag_y = x.issued - ex, y.issued - ey
+            sensed = AxesSensed(lag_x, lag_y, ex, ey, new_x, new_y, ax, ay, period, feed, s.fresh)
             store(g, a + X, x)
             store(g, a + Y, y)
             store(g, a + SIGNALS, sensed)

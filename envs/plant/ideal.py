@@ -41,10 +41,13 @@ def _table(fleet: Fleet, machines: Any) -> None:
 
 SERVO = {
     # With these two the drive's sampled equations are deadbeat: a step of the command is there after two substeps.
-    "omega": np.sqrt(2.0) / DT, "zeta": np.sqrt(0.125),
-    "speed": 1e4, "acceleration": 1e12, "jerk": 1e18, "dac": 0.0, "encoder": 0.0, "friction": 0.0, "backlash": 0.0,
-    "compliance": 0.0,
-}  # fmt: skip
+    "omega": np.sqrt(2.0) / DT,
+    "zeta": np.sqrt(0.125),
+    "speed": 1e4,
+    "acceleration": 1e12,
+    "jerk": 1e18,
+    **dict.fromkeys(("dac", "encoder", "friction", "backlash", "compliance"), 0.0),
+}
 """Parameters of a Z axis without fault but for its dead time."""
 
 
@@ -60,9 +63,7 @@ def _dead_time(fleet: Fleet, machines: Any) -> None:
 MATCHING = {"x_plus": 1.0, "x_minus": 1.0, "y_plus": 1.0, "y_minus": 1.0}
 """Relative gains of the directions."""
 
-AXES = {
-    "t1": 2e-6, "t2": 1e-6, "tau": 0.0, "speed": 1e4, "acceleration": 1e6, "dac": 0.0, "encoder": 0.0,
-}  # fmt: skip
+AXES = {"t1": 2e-6, "t2": 1e-6, "tau": 0.0, "speed": 1e4, "acceleration": 1e6, "dac": 0.0, "encoder": 0.0}
 """Parameters of X and Y axes without fault; the time constants are as nothing beside a control period."""
 
 
@@ -77,9 +78,14 @@ def _on_axes(values: dict[str, float]) -> Callable[[Fleet, Any], None]:
 
 
 STAGES: dict[str, Callable[[Fleet, Any], None]] = {
-    "sensor": _sensor, "table": _table, "filter": prompt.install, "servo": _servo, "dead time": _dead_time,
-    "matching": _on_axes(MATCHING), "axes": _on_axes(AXES),
-}  # fmt: skip
+    "sensor": _sensor,
+    "table": _table,
+    "filter": prompt.install,
+    "servo": _servo,
+    "dead time": _dead_time,
+    "matching": _on_axes(MATCHING),
+    "axes": _on_axes(AXES),
+}
 """What idealises each stage."""
 
 JOBS = tuple(STAGES)

@@ -702,16 +702,15 @@ def report_all(block, at, n, tick):
         lap, feed = way_there.lap, path.feed_at(way_there, way.here) if way_there.corner > 0.0 else way.feed
         turns = np.floor(max(way.here, 0.0) / lap) if lap > 0.0 else 0.0
         store(block, a + TALLY, t._replace(encoder=encoder))
-        signals = x._replace(
-            valid=x.frequency > 0.0, set_height=set_height, head_position=position, head_velocity=speed,
-            command=s.command, mode=s.mode, override=s.override, captured=s.captured, fresh=False, feed=feed,
-            place=way.here - turns * lap, lap=turns, surface_0=block[a + _surface(tick, U0)],
-            surface_1=block[a + _surface(tick, U1)], surface_2=block[a + _surface(tick, U2)],
-            surface_3=block[a + _surface(tick, U3)], surface_4=block[a + _surface(tick, U4)],
-            surface_5=block[a + _surface(tick, U(5))], gap=m.gap, head=m.head, velocity=z.velocity,
-            acceleration=z.acceleration,
-        )  # fmt: skip
-        store(block, a + SIGNALS, signals)
+        x = x._replace(valid=x.frequency > 0.0, set_height=set_height, head_position=position, head_velocity=speed)
+        x = x._replace(command=s.command, mode=s.mode, override=s.override, captured=s.captured, fresh=False)
+        x = x._replace(feed=feed, place=way.here - turns * lap, lap=turns)
+        s0, s1 = block[a + _surface(tick, U0)], block[a + _surface(tick, U1)]
+        s2, s3 = block[a + _surface(tick, U2)], block[a + _surface(tick, U3)]
+        s4, s5 = block[a + _surface(tick, U4)], block[a + _surface(tick, U(5))]
+        x = x._replace(surface_0=s0, surface_1=s1, surface_2=s2, surface_3=s3, surface_4=s4, surface_5=s5)
+        x = x._replace(gap=m.gap, head=m.head, velocity=z.velocity, acceleration=z.acceleration)
+        store(block, a + SIGNALS, x)
         block[a + CLOCK] = np.float64(np.int64(tick & HISTORY_LAST))
         slot = a + (tick & HISTORY_LAST) * UW
         block[slot + HEIGHTS] = x.height

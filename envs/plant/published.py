@@ -73,10 +73,14 @@ def bounded(r, feed, c):
     frequency = clip(c.frequency, r.frequency_low, r.frequency_high) if c.frequency > 0.0 else 0.0
     return Process(
         override=clip(c.override, r.feed_low / max(feed, 1e-9), fastest(r, amplitude) / max(feed, 1e-9)),
-        power=clip(c.power, r.power_low, r.power_high), frequency=frequency, x=amplitude, y=amplitude,
-        z=clip(c.z, 0.0, deepest(r, frequency)), focus=clip(c.focus, -r.focus, r.focus),
+        power=clip(c.power, r.power_low, r.power_high),
+        frequency=frequency,
+        x=amplitude,
+        y=amplitude,
+        z=clip(c.z, 0.0, deepest(r, frequency)),
+        focus=clip(c.focus, -r.focus, r.focus),
         standoff=clip(c.standoff, -r.standoff, r.standoff),
-    )  # fmt: skip
+    )
 
 
 @part

@@ -292,7 +292,7 @@ def _check(found: Any, where: str | Path) -> None:
                 raise InvalidInput(
                     f"{where}: {ascii(each)[:80]} is no text: it holds a control character, or half of one"
                 )
-        layer = [x for each in layer if isinstance(each, dict | list)
-                 for x in (each.values() if isinstance(each, dict) else each)]  # fmt: skip
+        within = [each.values() if isinstance(each, dict) else each for each in layer if isinstance(each, dict | list)]
+        layer = [x for those in within for x in those]
     if layer:
         raise _too_deep(where)

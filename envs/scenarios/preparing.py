@@ -91,10 +91,17 @@ GANTRIES = {
     "wu": xy_axes.Params(),
     # A machine of today: servo and interpolation every millisecond, 100 m/min, 1.5 g [A].
     "modern": xy_axes.Params(
-        servo=1.0, interpolation=1.0, t1=0.003, t2=0.001, gain=1.0, speed=1666.7, acceleration=15000.0,
-        dac=1666.7 / 32768.0, encoder=1e-3,
+        servo=1.0,
+        interpolation=1.0,
+        t1=0.003,
+        t2=0.001,
+        gain=1.0,
+        speed=1666.7,
+        acceleration=15000.0,
+        dac=1666.7 / 32768.0,
+        encoder=1e-3,
     ),
-}  # fmt: skip
+}
 """Axes by name."""
 
 

@@ -86,9 +86,14 @@ class Reading(Section):
         from ..paths.read import read as read_path
 
         return read_path(
-            file, layers=self.layers or None, units=self.units, colours=self.colours or None, join=self.join,
-            text=self.text, hatches=self.hatches,
-        )  # fmt: skip
+            file,
+            layers=self.layers or None,
+            units=self.units,
+            colours=self.colours or None,
+            join=self.join,
+            text=self.text,
+            hatches=self.hatches,
+        )
 
 
 PLAIN = Reading()

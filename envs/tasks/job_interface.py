@@ -208,10 +208,15 @@ def act(block_address, at, n, io_address, first):
                 q, j = load(published.Range, g, a + gantry.P_PUBLISHED), load(Journey, g, a + gantry.P_JOURNEY)
                 # From nothing to the most that the optics and the recipe allow; 0 is the middle.
                 h = Process(
-                    0.5 * (u0 + 1.0) * r.most_override, 0.5 * (u1 + 1.0) * r.most_power,
-                    0.5 * (u2 + 1.0) * p.highest, 0.5 * (u3 + 1.0) * p.galvo_range, 0.5 * (u4 + 1.0) * p.galvo_range,
-                    0.5 * (u5 + 1.0) * p.piezo_range, u6 * p.piezo_range, u7 * r.most_standoff,
-                )  # fmt: skip
+                    0.5 * (u0 + 1.0) * r.most_override,
+                    0.5 * (u1 + 1.0) * r.most_power,
+                    0.5 * (u2 + 1.0) * p.highest,
+                    0.5 * (u3 + 1.0) * p.galvo_range,
+                    0.5 * (u4 + 1.0) * p.galvo_range,
+                    0.5 * (u5 + 1.0) * p.piezo_range,
+                    u6 * p.piezo_range,
+                    u7 * r.most_standoff,
+                )
                 if q.bounded:
                     # The same within the settings that were published of the material.
                     hertz = between_ends(q.frequency_low, min(q.frequency_high, p.highest), u2)
@@ -227,9 +232,15 @@ def act(block_address, at, n, io_address, first):
                     )
             else:
                 h = Process(
-                    RESIDUAL.override * u0, RESIDUAL.power * u1, RESIDUAL.frequency * u2, RESIDUAL.x * u3,
-                    RESIDUAL.y * u4, RESIDUAL.z * u5, RESIDUAL.focus * u6, RESIDUAL.standoff * u7,
-                )  # fmt: skip
+                    RESIDUAL.override * u0,
+                    RESIDUAL.power * u1,
+                    RESIDUAL.frequency * u2,
+                    RESIDUAL.x * u3,
+                    RESIDUAL.y * u4,
+                    RESIDUAL.z * u5,
+                    RESIDUAL.focus * u6,
+                    RESIDUAL.standoff * u7,
+                )
             store(g, a + gantry.HAND, Hand(0.0, 0.0, 0.0 if io[IO.control] == U1 else 1.0, h))
 
 

@@ -98,12 +98,21 @@ def _programme(
 
     plan_of, steel, limits = Axes(*axes), _material(job), scenarios.GANTRIES[gantry.preset]
     settings = Settings(
-        feed=feed or job.feed or steel.feed, rapid=limits.speed, speed=limits.speed, acceleration=plan_of.acceleration,
-        jerk=plan_of.jerk, jump=plan_of.corner_jump, corners=plan_of.corners > 0.5,
-        as_programmed=not (feed or job.feed), pierce=steel.pierce if job.pierce else (), standoff=steel.standoff,
-        clearance=job.clearance, frog_leap=job.frog_leap, most_speed=limits.speed,
+        feed=feed or job.feed or steel.feed,
+        rapid=limits.speed,
+        speed=limits.speed,
+        acceleration=plan_of.acceleration,
+        jerk=plan_of.jerk,
+        jump=plan_of.corner_jump,
+        corners=plan_of.corners > 0.5,
+        as_programmed=not (feed or job.feed),
+        pierce=steel.pierce if job.pierce else (),
+        standoff=steel.standoff,
+        clearance=job.clearance,
+        frog_leap=job.frog_leap,
+        most_speed=limits.speed,
         most_acceleration=limits.acceleration,
-    )  # fmt: skip
+    )
     if plan_of.acceleration > limits.acceleration:
         raise InvalidInput(
             f"plan.acceleration = {plan_of.acceleration:g} mm/s² is beyond the axes' {limits.acceleration:g} mm/s²"
