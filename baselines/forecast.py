@@ -6,8 +6,8 @@ it is. Rules give each signal a weight from the features, and the command is::
 
     u = Σ wᵢ·bᵢ + G·(measured + Σ vⱼ·sⱼ + set height − encoder − H·moving)
 
-with bᵢ in mm/s, sⱼ in mm, ``moving`` the mm that the commands on their way are still to move the head by. The rules know
-four kinds of sheet, each with a share; the shares sum to one:
+with bᵢ in mm/s, sⱼ in mm, ``moving`` the mm that the commands on their way are still to move the head by. The rules
+know four kinds of sheet, each with a share; the shares sum to one:
 
 - **straight**: a line through all readings since the sheet was last seen to leave one (:mod:`trends`). Noise and
   impulses hardly move it, and its gain is lower.
@@ -18,13 +18,13 @@ four kinds of sheet, each with a share; the shares sum to one:
 
 The drive's dead time and lag come from a bank of models (:mod:`drive_bank`).
 
-The weights of a bent sheet are those of least squares in closed loop [C]: with the drive as a linear model the error is
-linear in the weights, so the sum of the logarithms of mean squares over recorded sheets, and of the command's changes,
-has one minimum. Recorded were sheets of the suite's bent kinds at 100, 200 and 400 mm/s on tune seeds.
+The weights of a bent sheet are those of least squares in closed loop [C]: with the drive as a linear model the error
+is linear in the weights, so the sum of the logarithms of mean squares over recorded sheets, and of the command's
+changes, has one minimum. Recorded were sheets of the suite's bent kinds at 100, 200 and 400 mm/s on tune seeds.
 
 A **policy** adds to the rules: ``weight = rule + span·action`` with actions from −1 to 1 (:data:`WEIGHTS`), so that no
-action at all is this law. :func:`weigh` makes the command of what lies in the memory and changes nothing; whoever writes
-an action there may call it again.
+action at all is this law. :func:`weigh` makes the command of what lies in the memory and changes nothing; whoever
+writes an action there may call it again.
 
 A **shield** bounds every command, see :func:`shielded`.
 """

@@ -7,7 +7,8 @@ what they hold of a sheet is the same at any feed: its level, slope and bend ove
 **Noise** is estimated from third differences of the readings, of which a sheet has little.
 
 **Bent or shaken.** The sensor's plate is 11 mm wide and hardly sees shorter waves. So what differs between the two
-shortest trends is noise or vibration, and what differs between the two longest is the sheet's shape. Their ratio tells.
+shortest trends is noise or vibration, and what differs between the two longest is the sheet's shape. Their ratio
+tells.
 
 **The straight line** is fitted by least squares to all readings since the sheet was last seen to leave it, at most
 ``LONGEST``. It is left when a mean of the newest innovations, or one of more of them, exceeds what noise makes of it.

@@ -112,7 +112,7 @@ def test_a_wave_is_no_step():
 
 @pytest.mark.parametrize(("hertz", "zeta", "dead"), [(60.0, 0.7, 1.2), (90.0, 0.9, 2.4), (110.0, 0.65, 2.8)])
 def test_the_drives_dead_time_and_lag_are_found(hertz, zeta, dead):
-    """A drive by scipy at a hundredth of a period; the encoder is read an eighth of a period back, as on the machine."""
+    """A drive by scipy at a hundredth of a period; the encoder is read an eighth of one back, as on the machine."""
     rng, fine = np.random.default_rng(5), 100
     time = np.arange(1500) * PERIOD
     told = 8 * np.sin(2 * np.pi * 4 * time) + 4 * np.sin(2 * np.pi * 13 * time) + rng.normal(size=1500)
