@@ -41,15 +41,18 @@ from kerfgym.envs.plant.controller import PERIOD
 TRENDS = trends.TRENDS
 
 BENT = np.array([
-    [26.34, 1.558, -57.12, -20.81, -0.08623, -0.3126, -4.312, -0.1227, 0.2672, -1.154, -0.07264, 0.6599],
-    [-3.023, 0.3436, 17.83, 4.261, 0.3913, -4.645, -0.9201, 0.04684, 1.291, 0.6251, -0.04582, -0.2053],
-    [-0.7122, 0.1198, 0.1128, 0.239, 0.08129, 0.4929, 0.4413, -0.04843, -0.4619, -0.1223, -0.004901, 0.05783],
-    [-0.8106, -0.06861, 2.6, 1.069, 0.131, -1.047, -0.1871, -3.51e-05, 0.2481, 0.1153, -0.02225, -0.01444],
+    [20.99, 1.284, -46.25, -17.71, -0.01639, 2.313, -2.214, -0.1085, -0.4782, -0.9593, -0.0603, 0.5081],
+    [-3.676, 0.266, 17.36, 4.895, 0.3282, -4.401, -0.8467, 0.07812, 1.24, 0.5986, -0.03787, -0.1971],
+    [0.08029, 0.1313, -1.407, -0.6015, 0.07162, 0.8202, 0.3721, -0.03185, -0.226, -0.003663, -0.01297, 0.008531],
+    [-0.696, -0.04331, 2.377, 0.9178, 0.09063, -0.8673, -0.1328, 0.002336, 0.1729, 0.08011, -0.01687, -0.004782],
+    [1.397, 0.06047, -2.255, -2.946, -0.1484, 3.783, 1.121, 0.03234, 0.6799, 0.5946, 0.009405, -0.3458],
+    [-0.7877, 0.1197, -0.7518, 0.5249, -0.2789, 0.8881, 0.1908, 0.02811, -0.3561, -0.1698, 0.03594, 0.05188],
 ])  # fmt: skip
 """Weights of a bent sheet's signals, level, slope and bend of each trend: of those in mm and those in mm/s at a lag of
-``USUAL`` ms and a gain of ``AT_GAIN`` 1/s, and what to add for each ms of lag more."""
+``USUAL`` ms, a noise of ``HUSHED`` and a gain of ``AT_GAIN`` 1/s; what to add to both for each ms of lag more; and for each factor
+e of noise more."""
 
-USUAL, AT_GAIN = 5.5, 100.0
+USUAL, HUSHED, AT_GAIN = 5.5, 1.5e-3, 100.0
 
 SLOW_FEED, QUICK_FEED = 20.0, 420.0
 """mm/s; beyond, the weights of a bent sheet are those at these feeds."""
@@ -69,7 +72,7 @@ class Own(NamedTuple):
 
     calm: Annotated[float, Quantity("1/s", 5.0, 120.0, "gain on a straight sheet", log=True)] = 60.0
     leave: Annotated[float, Quantity("1", 2.0, 12.0, "sigmas at which a line is left", log=True)] = 4.5
-    edge: Annotated[float, Quantity("1", 0.1, 1.0, "short over long motion, above which a sheet is shaken")] = 0.3
+    edge: Annotated[float, Quantity("1", 0.1, 1.0, "short over long motion, above which a sheet is shaken")] = 0.55
     alike: Annotated[float, Quantity("1", 0.01, 1.0, "what a step leaves over what a cubic does", log=True)] = 0.2
     friction: Annotated[float, Quantity("mm/s²", 0.0, 2000.0, "Coulomb friction of the drive over mass")] = 600.0
     margin: Annotated[float, Quantity("mm", 0.0, 0.3, "that the shield keeps from the sheet")] = 0.05
@@ -78,7 +81,7 @@ class Own(NamedTuple):
 
 Params = extended(
     "Params", self_tuning.Params, Own,
-    kp=60.0, ki=0.0, feed=0.82997, lead=-1.3658, sharpen=1.0099, memory=225.07, prior=0.37823, gate=8.4708,
+    kp=66.0, ki=0.0, feed=0.82997, lead=-1.3658, sharpen=1.0099, memory=225.07, prior=0.37823, gate=8.4708,
     jump=0.022991, rare=11.943, hold=4, recall=71.937, reach=1.6635, smith=0.7, lag=5.4818, trust=17.986,
 )  # fmt: skip
 State = self_tuning.State
@@ -229,14 +232,15 @@ def _signals(p, x, m, o, coming, rise):
 def _rules(p, m, kinds):
     """Writes the weights of the rules."""
     w, later = m[RULE:SIGNAL], m[BEHIND] - USUAL
+    louder = clip(logarithm(m[TREND + trends.NOISE] / HUSHED), -1.5, 2.5)
     shaken = 1.0 - kinds.straight - kinds.bent - kinds.step
     for k in range(_WEIGHTS):
         w[k] = 0.0
     gain = shaken * p.kp + (kinds.bent + kinds.step) * AT_GAIN + kinds.straight * p.calm
     w[_FED] = shaken * p.feed
     for k in range(3 * TRENDS):
-        w[_IN + k] = kinds.bent * AT_GAIN / gain * (BENT[0, k] + later * BENT[2, k])
-        w[_OF + k] = kinds.bent * (BENT[1, k] + later * BENT[3, k])
+        w[_IN + k] = kinds.bent * AT_GAIN / gain * (BENT[0, k] + later * BENT[2, k] + louder * BENT[4, k])
+        w[_OF + k] = kinds.bent * (BENT[1, k] + later * BENT[3, k] + louder * BENT[5, k])
     w[_TILT] = kinds.straight
     w[_STEP] = kinds.step
     w[_RISE] = shaken * p.smith
@@ -328,8 +332,10 @@ def control(params, state, signals, tables, memory):
         for k in range(BANK):
             m[k] = 0.0
     drive_bank.update(d, x.fresh, x.head_position, x.command, p.friction)
-    trends.update(t, x.fresh, s.known, o.measured, x.head_position - x.raw_height, x.feed, p.leave)
-    ramps.update(m[RAMP:TREND], s.known, o.measured, x.feed)
+    # What is no reading of the sheet, and the first that is one again.
+    lost = x.fresh or not x.captured or s.held or state.held
+    trends.update(t, x.fresh, lost, o.measured, x.head_position - x.raw_height, x.feed, p.leave)
+    ramps.update(m[RAMP:TREND], lost, o.measured, x.feed)
     behind = d[drive_bank.DEAD_TIME] + d[drive_bank.LAG]
     m[MEASURED], m[BEHIND], m[WAY] = o.measured, behind, self_tuning.under_way(q, s.tick, behind)
     coming, rise = _ahead(p, o, behind)

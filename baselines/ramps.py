@@ -124,16 +124,16 @@ def _compare(m):
 
 
 @part
-def update(m, known, measured, feed):
+def update(m, lost, measured, feed):
     """Takes in a reading.
 
     Args:
         m: this module's memory.
-        known: periods since the readings are the sheet's.
+        lost: what was read before says nothing of the sheet.
         measured: mm, the sheet, impulses bridged.
         feed: mm/s.
     """
-    if known < 2.0:
+    if lost:
         m[FILLED], m[SINCE], m[LIKE], m[HEIGHT], m[LATEST] = 0.0, PITCH, 1.0, 0.0, measured
     way = feed * 1e-3
     m[SINCE] += way
