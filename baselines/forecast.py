@@ -52,6 +52,13 @@ BENT = np.array([
 ``USUAL`` ms, a noise of ``HUSHED`` and a gain of ``AT_GAIN`` 1/s; what to add to both for each ms of lag more; and for each factor
 e of noise more."""
 
+SHAKEN = np.array([
+    [0.8689, 0.5188, 0.4221, -3.718, 0.1673, 5.121, 3.527, 0.0343, -0.886, 0.07459, 0.01852, -0.2322, -0.08981, 0.01635, 0.01039],
+    [0.03976, -0.06185, 0.9242, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0],
+])  # fmt: skip
+"""Weights of a shaken sheet's signals: what is learnt of its rise (mm), slope and bend (mm/s), then of each trend (mm) at
+the same lag and gain; and what to add for each ms of lag more."""
+
 USUAL, HUSHED, AT_GAIN = 5.5, 1.5e-3, 100.0
 
 SLOW_FEED, QUICK_FEED = 20.0, 420.0
@@ -62,6 +69,9 @@ PATIENCE = 100.0
 
 GROWN = 25.0, 45.0
 """ms after which trends begin to count, and count in full."""
+
+UNLEARNT = 1.0
+"""``edge`` until there are predictions."""
 
 KICKS = 1.0
 """mm/s, speed at which friction has grown to its full value."""
@@ -81,7 +91,7 @@ class Own(NamedTuple):
 
 Params = extended(
     "Params", self_tuning.Params, Own,
-    kp=66.0, ki=0.0, feed=0.82997, lead=-1.3658, sharpen=1.0099, memory=225.07, prior=0.37823, gate=8.4708,
+    kp=66.0, ki=0.0, feed=1.0, lead=-1.3658, sharpen=1.0099, memory=225.07, prior=0.37823, gate=8.4708,
     jump=0.022991, rare=11.943, hold=4, recall=71.937, reach=1.6635, smith=0.7, lag=5.4818, trust=17.986,
 )  # fmt: skip
 State = self_tuning.State
@@ -171,13 +181,15 @@ def _ln(x):
 
 
 @part
-def _kinds(p, x, m, known):
+def _kinds(p, x, m, ready):
     """The :class:`Shares`."""
     t, r = m[TREND:LEARNT], m[RAMP:TREND]
     step = ramps.likely(r, x.feed, p.alike)
     straight = (1.0 - step) * trends.straight(t, PATIENCE)
     grown = clip((t[trends.AGE] - GROWN[0]) / (GROWN[1] - GROWN[0]), 0.0, 1.0)
-    bent = grown * clip(10.0 * (p.edge - trends.shaken(t)), 0.0, 1.0) * (1.0 - straight - step)
+    # As long as nothing has been learnt of a shaken sheet, trends are the best there is.
+    edge = p.edge if ready else max(p.edge, UNLEARNT)
+    bent = grown * clip(10.0 * (edge - trends.shaken(t)), 0.0, 1.0) * (1.0 - straight - step)
     return Shares(straight, bent, step)
 
 
@@ -208,8 +220,8 @@ def _signals(p, x, m, o, coming, rise):
     t, r, b = m[TREND:LEARNT], m[RAMP:TREND], m[SIGNAL:MEASURED]
     behind, travel = m[BEHIND], x.feed * PERIOD
     b[_FED] = coming
-    b[_FED + 1] = o.trusted * o.slope / PERIOD if o.ready else 0.0
-    b[_FED + 2] = o.trusted * o.bend / PERIOD if o.ready else 0.0
+    b[_FED + 1] = o.trusted * clip(o.slope, -o.most, o.most) / PERIOD if o.ready else 0.0
+    b[_FED + 2] = o.trusted * clip(o.bend, -o.most, o.most) / PERIOD if o.ready else 0.0
     fed = clip(x.feed, SLOW_FEED, QUICK_FEED)
     for k in range(TRENDS):
         length = trends.LENGTHS[k]
@@ -229,7 +241,7 @@ def _signals(p, x, m, o, coming, rise):
 
 
 @part
-def _rules(p, m, kinds):
+def _rules(p, m, kinds, ready):
     """Writes the weights of the rules."""
     w, later = m[RULE:SIGNAL], m[BEHIND] - USUAL
     louder = clip(logarithm(m[TREND + trends.NOISE] / HUSHED), -1.5, 2.5)
@@ -237,13 +249,16 @@ def _rules(p, m, kinds):
     for k in range(_WEIGHTS):
         w[k] = 0.0
     gain = shaken * p.kp + (kinds.bent + kinds.step) * AT_GAIN + kinds.straight * p.calm
-    w[_FED] = shaken * p.feed
+    w[_FED] = 0.0 if ready else shaken * p.feed
+    w[_FED + 1] = shaken * p.feed * (SHAKEN[0, 1] + later * SHAKEN[1, 1])
+    w[_FED + 2] = shaken * p.feed * (SHAKEN[0, 2] + later * SHAKEN[1, 2])
     for k in range(3 * TRENDS):
-        w[_IN + k] = kinds.bent * AT_GAIN / gain * (BENT[0, k] + later * BENT[2, k] + louder * BENT[4, k])
+        bent = BENT[0, k] + later * BENT[2, k] + louder * BENT[4, k]
+        w[_IN + k] = AT_GAIN / gain * (kinds.bent * bent + (shaken * SHAKEN[0, 3 + k] if ready else 0.0))
         w[_OF + k] = kinds.bent * (BENT[1, k] + later * BENT[3, k] + louder * BENT[5, k])
     w[_TILT] = kinds.straight
     w[_STEP] = kinds.step
-    w[_RISE] = shaken * p.smith
+    w[_RISE] = shaken * AT_GAIN / gain * (SHAKEN[0, 0] + later * SHAKEN[1, 0])
     w[_LINE] = kinds.straight
     w[_LINES] = kinds.straight * p.smith
     w[_STEPS] = kinds.step
@@ -340,8 +355,8 @@ def control(params, state, signals, tables, memory):
     m[MEASURED], m[BEHIND], m[WAY] = o.measured, behind, self_tuning.under_way(q, s.tick, behind)
     coming, rise = _ahead(p, o, behind)
     _signals(p, x, m, o, coming, rise)
-    kinds = _kinds(p, x, m, s.known)
-    _rules(p, m, kinds)
+    kinds = _kinds(p, x, m, o.ready)
+    _rules(p, m, kinds, o.ready)
     _described(p, x, s, m, o, kinds, rise)
     for k in range(_WEIGHTS):
         m[ACTION + k] = 0.0
