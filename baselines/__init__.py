@@ -47,7 +47,10 @@ _CATALOGUE: dict[str, tuple[str, str, dict, str]] = {
         "self_tuning", "self-tuning predictor: learns how the sheet goes on by recursive least squares, tuned",
         {**_BRIDGED, "filter.jump": 0.031}, "self-tuning",
     ),
-    "forecast": ("forecast", "forecast", {**_BRIDGED, "filter.jump": 0.031}, ""),
+    "forecast": (
+        "forecast", "knows what the plate makes of bends, steps and lines, and which drive it commands; learns the rest",
+        {**_BRIDGED, "filter.jump": 0.031}, "",
+    ),
     "preview-5ms": ("preview", "knows the sheet 5 ms ahead, tuned: 1 on a report's scale", {}, "preview-5ms"),
     "patent2022": (
         "patent2022", "Patent2022 as printed: lift, hold, lower with factors of 0.01, planned descent", {}, "",

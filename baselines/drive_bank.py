@@ -1,11 +1,11 @@
 """Which drive it is: sixteen models of the drive run side by side, weighted by how well each explains the encoder.
 
-Each model is a velocity loop of second order behind a dead time, ``ω²·(u(t − dead) − v) − 2ζω·a``, with Coulomb friction
-that the loop must overcome whenever the axis turns back. They differ in dead time and in lag 2ζ/ω. All get the commands
-that were sent; each is drawn slowly to the encoder, so that it is judged by how the head has moved of late, not by where
-it is. The estimate is the mean of the models, weighted with a power of the least mean square over the model's own
-(multiple-model estimation: Bar-Shalom, Li and Kirubarajan 2001, ch. 11; the power stands in for a likelihood, since what
-is left is friction and backlash rather than white noise).
+Each model is a velocity loop of second order behind a dead time, ``ω²·(u(t − dead) − v) − 2ζω·a``, with Coulomb
+friction that the loop must overcome whenever the axis turns back. They differ in dead time and in lag 2ζ/ω. All get
+the commands that were sent; each is drawn slowly to the encoder, so that it is judged by how the head has moved of
+late, not by where it is. The estimate is the mean of the models, weighted with a power of the least mean square over
+the model's own (multiple-model estimation: Bar-Shalom, Li and Kirubarajan 2001, ch. 11; the power stands in for a
+likelihood, since what is left is friction and backlash rather than white noise).
 """
 
 import numpy as np

@@ -6,8 +6,8 @@ it is. Rules give each signal a weight from the features, and the command is::
 
     u = Σ wᵢ·bᵢ + G·(measured + Σ vⱼ·sⱼ + set height − encoder − H·moving)
 
-with bᵢ in mm/s, sⱼ in mm, ``moving`` the mm that the commands on their way are still to move the head by. The rules know
-four kinds of sheet, each with a share; the shares sum to one:
+with bᵢ in mm/s, sⱼ in mm, ``moving`` the mm that the commands on their way are still to move the head by. The rules
+know four kinds of sheet, each with a share; the shares sum to one:
 
 - **straight**: a line through all readings since the sheet was last seen to leave one (:mod:`trends`). Noise and
   impulses hardly move it, and its gain is lower.
@@ -18,13 +18,13 @@ four kinds of sheet, each with a share; the shares sum to one:
 
 The drive's dead time and lag come from a bank of models (:mod:`drive_bank`).
 
-The weights of a bent sheet are those of least squares in closed loop [C]: with the drive as a linear model the error is
-linear in the weights, so the sum of the logarithms of mean squares over recorded sheets, and of the command's changes,
-has one minimum. Recorded were sheets of the suite's bent kinds at 100, 200 and 400 mm/s on tune seeds.
+The weights of a bent sheet are those of least squares in closed loop [C]: with the drive as a linear model the error
+is linear in the weights, so the sum of the logarithms of mean squares over recorded sheets, and of the command's
+changes, has one minimum. Recorded were sheets of the suite's bent kinds at 100, 200 and 400 mm/s on tune seeds.
 
 A **policy** adds to the rules: ``weight = rule + span·action`` with actions from −1 to 1 (:data:`WEIGHTS`), so that no
-action at all is this law. :func:`weigh` makes the command of what lies in the memory and changes nothing; whoever writes
-an action there may call it again.
+action at all is this law. :func:`weigh` makes the command of what lies in the memory and changes nothing; whoever
+writes an action there may call it again.
 
 A **shield** bounds every command, see :func:`shielded`.
 """
@@ -41,15 +41,25 @@ from kerfgym.envs.plant.controller import PERIOD, Weight
 TRENDS = trends.TRENDS
 
 BENT = np.array([
-    [26.34, 1.558, -57.12, -20.81, -0.08623, -0.3126, -4.312, -0.1227, 0.2672, -1.154, -0.07264, 0.6599],
-    [-3.023, 0.3436, 17.83, 4.261, 0.3913, -4.645, -0.9201, 0.04684, 1.291, 0.6251, -0.04582, -0.2053],
-    [-0.7122, 0.1198, 0.1128, 0.239, 0.08129, 0.4929, 0.4413, -0.04843, -0.4619, -0.1223, -0.004901, 0.05783],
-    [-0.8106, -0.06861, 2.6, 1.069, 0.131, -1.047, -0.1871, -3.51e-05, 0.2481, 0.1153, -0.02225, -0.01444],
+    [20.99, 1.284, -46.25, -17.71, -0.01639, 2.313, -2.214, -0.1085, -0.4782, -0.9593, -0.0603, 0.5081],
+    [-3.676, 0.266, 17.36, 4.895, 0.3282, -4.401, -0.8467, 0.07812, 1.24, 0.5986, -0.03787, -0.1971],
+    [0.08029, 0.1313, -1.407, -0.6015, 0.07162, 0.8202, 0.3721, -0.03185, -0.226, -0.003663, -0.01297, 0.008531],
+    [-0.696, -0.04331, 2.377, 0.9178, 0.09063, -0.8673, -0.1328, 0.002336, 0.1729, 0.08011, -0.01687, -0.004782],
+    [1.397, 0.06047, -2.255, -2.946, -0.1484, 3.783, 1.121, 0.03234, 0.6799, 0.5946, 0.009405, -0.3458],
+    [-0.7877, 0.1197, -0.7518, 0.5249, -0.2789, 0.8881, 0.1908, 0.02811, -0.3561, -0.1698, 0.03594, 0.05188],
 ])  # fmt: skip
 """Weights of a bent sheet's signals, level, slope and bend of each trend: of those in mm and those in mm/s at a lag of
-``USUAL`` ms and a gain of ``AT_GAIN`` 1/s, and what to add for each ms of lag more."""
+``USUAL`` ms, a noise of ``HUSHED`` and a gain of ``AT_GAIN`` 1/s; what to add to both for each ms of lag more; and for each factor
+e of noise more."""
 
-USUAL, AT_GAIN = 5.5, 100.0
+SHAKEN = np.array([
+    [0.8689, 0.5188, 0.4221, -3.718, 0.1673, 5.121, 3.527, 0.0343, -0.886, 0.07459, 0.01852, -0.2322, -0.08981, 0.01635, 0.01039],
+    [0.03976, -0.06185, 0.9242, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0],
+])  # fmt: skip
+"""Weights of a shaken sheet's signals: what is learnt of its rise (mm), slope and bend (mm/s), then of each trend (mm) at
+the same lag and gain; and what to add for each ms of lag more."""
+
+USUAL, HUSHED, AT_GAIN = 5.5, 1.5e-3, 100.0
 
 SLOW_FEED, QUICK_FEED = 20.0, 420.0
 """mm/s; beyond, the weights of a bent sheet are those at these feeds."""
@@ -60,6 +70,9 @@ PATIENCE = 100.0
 GROWN = 25.0, 45.0
 """ms after which trends begin to count, and count in full."""
 
+UNLEARNT = 1.0
+"""``edge`` until there are predictions."""
+
 KICKS = 1.0
 """mm/s, speed at which friction has grown to its full value."""
 
@@ -69,7 +82,7 @@ class Own(NamedTuple):
 
     calm: Annotated[float, Quantity("1/s", 5.0, 120.0, "gain on a straight sheet", log=True)] = 60.0
     leave: Annotated[float, Quantity("1", 2.0, 12.0, "sigmas at which a line is left", log=True)] = 4.5
-    edge: Annotated[float, Quantity("1", 0.1, 1.0, "short over long motion, above which a sheet is shaken")] = 0.3
+    edge: Annotated[float, Quantity("1", 0.1, 1.0, "short over long motion, above which a sheet is shaken")] = 0.55
     alike: Annotated[float, Quantity("1", 0.01, 1.0, "what a step leaves over what a cubic does", log=True)] = 0.2
     friction: Annotated[float, Quantity("mm/s²", 0.0, 2000.0, "Coulomb friction of the drive over mass")] = 600.0
     margin: Annotated[float, Quantity("mm", 0.0, 0.3, "that the shield keeps from the sheet")] = 0.05
@@ -78,7 +91,7 @@ class Own(NamedTuple):
 
 Params = extended(
     "Params", self_tuning.Params, Own,
-    kp=60.0, ki=0.0, feed=0.82997, lead=-1.3658, sharpen=1.0099, memory=225.07, prior=0.37823, gate=8.4708,
+    kp=66.0, ki=0.0, feed=1.0, lead=-1.3658, sharpen=1.0099, memory=225.07, prior=0.37823, gate=8.4708,
     jump=0.022991, rare=11.943, hold=4, recall=71.937, reach=1.6635, smith=0.7, lag=5.4818, trust=17.986,
 )  # fmt: skip
 State = self_tuning.State
@@ -166,13 +179,15 @@ def _ln(x):
 
 
 @part
-def _kinds(p, x, m, known):
+def _kinds(p, x, m, ready):
     """The :class:`Shares`."""
     t, r = m[TREND:LEARNT], m[RAMP:TREND]
     step = ramps.likely(r, x.feed, p.alike)
     straight = (1.0 - step) * trends.straight(t, PATIENCE)
     grown = clip((t[trends.AGE] - GROWN[0]) / (GROWN[1] - GROWN[0]), 0.0, 1.0)
-    bent = grown * clip(10.0 * (p.edge - trends.shaken(t)), 0.0, 1.0) * (1.0 - straight - step)
+    # As long as nothing has been learnt of a shaken sheet, trends are the best there is.
+    edge = p.edge if ready else max(p.edge, UNLEARNT)
+    bent = grown * clip(10.0 * (edge - trends.shaken(t)), 0.0, 1.0) * (1.0 - straight - step)
     return Shares(straight, bent, step)
 
 
@@ -203,8 +218,8 @@ def _signals(p, x, m, o, coming, rise):
     t, r, b = m[TREND:LEARNT], m[RAMP:TREND], m[SIGNAL:MEASURED]
     behind, travel = m[BEHIND], x.feed * PERIOD
     b[_FED] = coming
-    b[_FED + 1] = o.trusted * o.slope / PERIOD if o.ready else 0.0
-    b[_FED + 2] = o.trusted * o.bend / PERIOD if o.ready else 0.0
+    b[_FED + 1] = o.trusted * clip(o.slope, -o.most, o.most) / PERIOD if o.ready else 0.0
+    b[_FED + 2] = o.trusted * clip(o.bend, -o.most, o.most) / PERIOD if o.ready else 0.0
     fed = clip(x.feed, SLOW_FEED, QUICK_FEED)
     for k in range(TRENDS):
         length = trends.LENGTHS[k]
@@ -224,20 +239,24 @@ def _signals(p, x, m, o, coming, rise):
 
 
 @part
-def _rules(p, m, kinds):
+def _rules(p, m, kinds, ready):
     """Writes the weights of the rules."""
     w, later = m[RULE:SIGNAL], m[BEHIND] - USUAL
+    louder = clip(logarithm(m[TREND + trends.NOISE] / HUSHED), -1.5, 2.5)
     shaken = 1.0 - kinds.straight - kinds.bent - kinds.step
     for k in range(_WEIGHTS):
         w[k] = 0.0
     gain = shaken * p.kp + (kinds.bent + kinds.step) * AT_GAIN + kinds.straight * p.calm
-    w[_FED] = shaken * p.feed
+    w[_FED] = 0.0 if ready else shaken * p.feed
+    w[_FED + 1] = shaken * p.feed * (SHAKEN[0, 1] + later * SHAKEN[1, 1])
+    w[_FED + 2] = shaken * p.feed * (SHAKEN[0, 2] + later * SHAKEN[1, 2])
     for k in range(3 * TRENDS):
-        w[_IN + k] = kinds.bent * AT_GAIN / gain * (BENT[0, k] + later * BENT[2, k])
-        w[_OF + k] = kinds.bent * (BENT[1, k] + later * BENT[3, k])
+        bent = BENT[0, k] + later * BENT[2, k] + louder * BENT[4, k]
+        w[_IN + k] = AT_GAIN / gain * (kinds.bent * bent + (shaken * SHAKEN[0, 3 + k] if ready else 0.0))
+        w[_OF + k] = kinds.bent * (BENT[1, k] + later * BENT[3, k] + louder * BENT[5, k])
     w[_TILT] = kinds.straight
     w[_STEP] = kinds.step
-    w[_RISE] = shaken * p.smith
+    w[_RISE] = shaken * AT_GAIN / gain * (SHAKEN[0, 0] + later * SHAKEN[1, 0])
     w[_LINE] = kinds.straight
     w[_LINES] = kinds.straight * p.smith
     w[_STEPS] = kinds.step
@@ -326,14 +345,16 @@ def control(params, state, signals, tables, memory):
         for k in range(BANK):
             m[k] = 0.0
     drive_bank.update(d, x.fresh, x.head_position, x.command, p.friction)
-    trends.update(t, x.fresh, s.known, o.measured, x.head_position - x.raw_height, x.feed, p.leave)
-    ramps.update(m[RAMP:TREND], s.known, o.measured, x.feed)
+    # What is no reading of the sheet, and the first that is one again.
+    lost = x.fresh or not x.captured or s.held or state.held
+    trends.update(t, x.fresh, lost, o.measured, x.head_position - x.raw_height, x.feed, p.leave)
+    ramps.update(m[RAMP:TREND], lost, o.measured, x.feed)
     behind = d[drive_bank.DEAD_TIME] + d[drive_bank.LAG]
     m[MEASURED], m[BEHIND], m[WAY] = o.measured, behind, self_tuning.under_way(q, s.tick, behind)
     coming, rise = _ahead(p, o, behind)
     _signals(p, x, m, o, coming, rise)
-    kinds = _kinds(p, x, m, s.known)
-    _rules(p, m, kinds)
+    kinds = _kinds(p, x, m, o.ready)
+    _rules(p, m, kinds, o.ready)
     _described(p, x, s, m, o, kinds, rise)
     for k in range(_WEIGHTS):
         m[ACTION + k] = 0.0

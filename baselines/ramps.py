@@ -1,11 +1,11 @@
 """A step of the sheet, recognised while the sensor's plate is getting over it.
 
-The plate is wider than the nozzle's tip: it begins to see an edge some 6 mm before the tip's middle has come to it, and
-the tip only moves for the last 2 mm. What the plate sees of a step is known but for its height and where it lies
+The plate is wider than the nozzle's tip: it begins to see an edge some 6 mm before the tip's middle has come to it,
+and the tip only moves for the last 2 mm. What the plate sees of a step is known but for its height and where it lies
 (:func:`kerfgym.envs.plant.sheet.share`). So the latest 14 mm of readings, one each 0.4 mm, are compared with a line
-plus such a ramp, for each place where it may have begun, by generalised likelihood ratio (Willsky and Jones 1976). It is
-a step when this leaves far less than a cubic does, which has as many free numbers. Then the tip's way is known before it
-begins.
+plus such a ramp, for each place where it may have begun, by generalised likelihood ratio (Willsky and Jones 1976). It
+is a step when this leaves far less than a cubic does, which has as many free numbers. Then the tip's way is known
+before it begins.
 
 Everything is counted in mm of travel, so a step looks the same at any feed up to 0.4 mm a period.
 """
@@ -124,16 +124,16 @@ def _compare(m):
 
 
 @part
-def update(m, known, measured, feed):
+def update(m, lost, measured, feed):
     """Takes in a reading.
 
     Args:
         m: this module's memory.
-        known: periods since the readings are the sheet's.
+        lost: what was read before says nothing of the sheet.
         measured: mm, the sheet, impulses bridged.
         feed: mm/s.
     """
-    if known < 2.0:
+    if lost:
         m[FILLED], m[SINCE], m[LIKE], m[HEIGHT], m[LATEST] = 0.0, PITCH, 1.0, 0.0, measured
     way = feed * 1e-3
     m[SINCE] += way
@@ -151,7 +151,7 @@ def update(m, known, measured, feed):
 
 @part
 def likely(m, feed, alike):
-    """Share to which a ramp is believed: 1 where it leaves less than three quarters of ``alike`` times what a cubic does."""
+    """Share to which a ramp is believed: 1 where it leaves less than 3/4 of ``alike`` times what a cubic does."""
     fits = clip(4.0 * (1.0 - m[LIKE] / alike), 0.0, 1.0)
     return fits if m[FILLED] >= SAMPLES and abs(m[HEIGHT]) > LOW and feed < 1e3 * PITCH * 1.05 else 0.0
 

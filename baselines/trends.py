@@ -7,7 +7,8 @@ what they hold of a sheet is the same at any feed: its level, slope and bend ove
 **Noise** is estimated from third differences of the readings, of which a sheet has little.
 
 **Bent or shaken.** The sensor's plate is 11 mm wide and hardly sees shorter waves. So what differs between the two
-shortest trends is noise or vibration, and what differs between the two longest is the sheet's shape. Their ratio tells.
+shortest trends is mostly noise or vibration, and what differs between the second and the third is mostly the sheet's
+shape. Their ratio tells.
 
 **The straight line** is fitted by least squares to all readings since the sheet was last seen to leave it, at most
 ``LONGEST``. It is left when a mean of the newest innovations, or one of more of them, exceeds what noise makes of it.
@@ -60,7 +61,7 @@ BEFORE = BEND + TRENDS  # the last three readings, mm
 NOISE = BEFORE + 3  # mm, standard deviation of a reading
 AGE = NOISE + 1  # periods since the sheet is known
 SHORT = AGE + 1  # mm², mean square of the difference of the shortest trends, …
-LONG = SHORT + 1  # … and of the longest
+LONG = SHORT + 1  # … and of the next two
 LINE = LONG + 1  # mm, the line here
 TILT = LINE + 1  # mm/mm
 COUNT = TILT + 1  # readings in it
@@ -126,20 +127,20 @@ def _straighten(m, seen, measured, way, test):
 
 
 @part
-def update(m, fresh, known, measured, seen, feed, test):
+def update(m, fresh, lost, measured, seen, feed, test):
     """Takes in a reading.
 
     Args:
         m: this module's memory.
         fresh: an episode begins.
-        known: periods since the readings are the sheet's.
+        lost: what was read before says nothing of the sheet.
         measured, seen: mm, the sheet: impulses bridged, and as it was read.
         feed: mm/s.
         test: standard deviations at which the line is left.
     """
     if fresh:
         m[NOISE] = 3e-3
-    if fresh or known < 2.0:
+    if fresh or lost:
         _begin(m, measured)
         return
     stray = abs(measured - 3.0 * m[BEFORE] + 3.0 * m[BEFORE + 1] - m[BEFORE + 2]) / STRAY
@@ -148,7 +149,7 @@ def update(m, fresh, known, measured, seen, feed, test):
         m[NOISE] = max(m[NOISE] + PACE * (min(stray, 4.0 * m[NOISE]) - m[NOISE]), FAINT)
     way = max(feed, SLOWEST) * 1e-3
     _follow(m, measured, way)
-    short, long = m[LEVEL] - m[LEVEL + 1], m[LEVEL + TRENDS - 2] - m[LEVEL + TRENDS - 1]
+    short, long = m[LEVEL] - m[LEVEL + 1], m[LEVEL + 1] - m[LEVEL + 2]
     m[SHORT] += RECENT * (short * short - m[SHORT])
     m[LONG] += RECENT * (long * long - m[LONG])
     _straighten(m, seen, measured, way, test)
@@ -156,8 +157,8 @@ def update(m, fresh, known, measured, seen, feed, test):
 
 @part
 def shaken(m):
-    """Root mean square of what differs in the short over that in the long: 0.02 to 0.3 for a bent sheet, 0.5 to 2 for
-    one that vibrates, about 2 for noise."""
+    """Root mean square of what differs in the short over that in the long: 0.1 to 0.5 for a bent sheet, 0.5 to 1.5 for
+    one that vibrates, about 1.4 for noise."""
     return np.sqrt((m[SHORT] + 1e-16) / (m[LONG] + 1e-16))
 
 

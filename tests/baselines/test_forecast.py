@@ -16,7 +16,7 @@ def followed(readings, feed=200.0, test=4.5):
     """Memory of the trends after the readings, one a period."""
     m = np.zeros(trends.MEMORY)
     for k, z in enumerate(readings):
-        trends.update(m, k == 0, float(k), z, z, feed, test)
+        trends.update(m, k == 0, k < 2, z, z, feed, test)
     return m
 
 
@@ -91,7 +91,7 @@ def test_a_step_is_known_before_the_tip_is_on_it(feed, height):
     s, plate, tip = stepped(feed, height)
     m = np.zeros(ramps.MEMORY)
     for k, z in enumerate(plate):
-        ramps.update(m, float(k), z, feed)
+        ramps.update(m, k < 2, z, feed)
         if 40.0 - sheet.FOOTPRINT - 0.5 < s[k] < 40.0 + 4.0:
             assert ramps.likely(m, feed, 0.2) == 1.0
             assert m[ramps.HEIGHT] == pytest.approx(height, rel=0.05)
@@ -103,7 +103,7 @@ def test_a_wave_is_no_step():
     x = np.arange(2000) * 0.2
     m = np.zeros(ramps.MEMORY)
     for k, z in enumerate(0.5 * np.sin(2 * np.pi * x / 60.0)):
-        ramps.update(m, float(k), z, 200.0)
+        ramps.update(m, k < 2, z, 200.0)
         assert ramps.likely(m, 200.0, 0.2) == 0.0
 
 
@@ -112,7 +112,7 @@ def test_a_wave_is_no_step():
 
 @pytest.mark.parametrize(("hertz", "zeta", "dead"), [(60.0, 0.7, 1.2), (90.0, 0.9, 2.4), (110.0, 0.65, 2.8)])
 def test_the_drives_dead_time_and_lag_are_found(hertz, zeta, dead):
-    """A drive by scipy at a hundredth of a period; the encoder is read an eighth of a period back, as on the machine."""
+    """A drive by scipy at a hundredth of a period; the encoder is read an eighth of one back, as on the machine."""
     rng, fine = np.random.default_rng(5), 100
     time = np.arange(1500) * PERIOD
     told = 8 * np.sin(2 * np.pi * 4 * time) + 4 * np.sin(2 * np.pi * 13 * time) + rng.normal(size=1500)

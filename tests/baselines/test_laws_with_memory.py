@@ -11,7 +11,7 @@ from kerfgym.envs.scenarios import load
 from kerfgym.experiments.measure.rollout import fleet_for
 
 # The bounds of the last are met all the time.
-SPECS = ["lqg", "mpc", "mpc:law.acceleration=300,law.fastest=5"]
+SPECS = ["lqg", "mpc", "mpc:law.acceleration=300,law.fastest=5", "forecast"]
 PERIODS = 400
 GAP, WISH = machine.CHANNELS.index("gap"), machine.CHANNELS.index("wish")
 
