@@ -30,6 +30,9 @@ ALGORITHMS = {
 (Haarnoja et al. 2018), TD3 (Fujimoto et al. 2018), TQC (Kuznetsov et al. 2020), PPO with memory (Hochreiter and
 Schmidhuber 1997)."""
 
+LEARNS = {"gradient": ("kerfgym/HeightFollowing-v0",)}
+"""Environments of an algorithm that does not learn all of them."""
+
 PROVENANCE = "provenance"
 """Table of a settings file that tells where it comes from."""
 
@@ -271,6 +274,8 @@ def preset_file(name: str, env: str) -> Path:
     """
     check_choice(name, ALGORITHMS, "algorithm")
     check_choice(env, TASKS, "environment")
+    if env not in LEARNS.get(name, TASKS):
+        raise InvalidInput(f"{name} learns {', '.join(LEARNS[name])} alone; of {env} it has no derivatives")
     return PRESETS / f"{TASKS[env].name}-{name}.toml"
 
 

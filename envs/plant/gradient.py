@@ -653,6 +653,6 @@ def unpacked(array: np.ndarray, machines: int) -> np.ndarray:
 def _put_lanes(blocks: np.ndarray, values: np.ndarray) -> None:
     """Writes (machines, width) into (blocks, width, W)."""
     whole, rest = divmod(len(values), W)
-    blocks[:whole] = values[: whole * W].reshape(whole, W, -1).transpose(0, 2, 1)
+    blocks[:whole] = values[: whole * W].reshape(whole, W, values.shape[1]).transpose(0, 2, 1)
     if rest:
         blocks[whole, :, :rest] = values[whole * W :].T

@@ -68,6 +68,12 @@ KNOBS = {
     "sac": (*EVERY, *OFF_POLICY),
     "td3": (*EVERY, *OFF_POLICY, Knob("algorithm.noise", 0.01, 0.3)),
     "tqc": (*EVERY, *OFF_POLICY),
+    "gradient": (
+        Knob("algorithm.learning_rate", 3e-4, 1e-2),
+        Knob("algorithm.horizon", 0.25, 2.0, "times"),
+        Knob("algorithm.epochs", 1, 6, "whole"),
+        Knob("algorithm.jitter", 0.01, 1.0),
+    ),
 }
 
 NETWORK = "policy.net_arch"

@@ -64,15 +64,17 @@ def tiny(name, env=HEIGHT, **changes):
     return settings.preset(name, env, {**more, **{key.replace("__", "."): value for key, value in changes.items()}})
 
 
-@pytest.mark.parametrize("env", list(settings.TASKS))
-@pytest.mark.parametrize("name", list(settings.ALGORITHMS))
+LEARNT = [(name, env) for name in settings.ALGORITHMS for env in settings.LEARNS.get(name, settings.TASKS)]
+
+
+@pytest.mark.parametrize(("name", "env"), LEARNT)
 def test_a_preset_stands_for_every_algorithm_on_every_environment_and_is_accepted(name, env):
     given = settings.preset(name, env)
     if env == HEIGHT or name == "ppo":  # the algorithms' arguments are the same elsewhere; environments take long
         given = given.varied({"environment.num_envs": 16})
         model = learner(given, environment(given), seed=0)
         assert type(model).__name__.lower() == name.replace("-", "")
-        assert model.gamma == given.algorithm["gamma"]
+        assert name == "gradient" or model.gamma == given.algorithm["gamma"]
     text = settings.preset_file(name, env).read_text(encoding="utf-8")
     bare = [line for line in text.splitlines() if "=" in line and "#" not in line]
     assert not [line for line in bare if not line.startswith(("steps", "num_envs", "n_quantiles"))], bare  # reasons

@@ -73,8 +73,10 @@ def told(folder):
 # -------------------------------------------------------------------------------------------------------------- space
 
 
-@pytest.mark.parametrize("env", list(settings.TASKS))
-@pytest.mark.parametrize("name", list(settings.ALGORITHMS))
+LEARNT = [(name, env) for name in settings.ALGORITHMS for env in settings.LEARNS.get(name, settings.TASKS)]
+
+
+@pytest.mark.parametrize(("name", "env"), LEARNT)
 def test_the_search_begins_at_the_preset(name, env):
     base = settings.preset(name, env)
     hyper = Hyper(base)
@@ -84,7 +86,7 @@ def test_the_search_begins_at_the_preset(name, env):
             assert value == pytest.approx(base.value(key), rel=1e-6, abs=1e-6), key
         else:
             assert value == mine[key], key
-    assert {knob.key for knob in hyper.knobs} >= {"algorithm.learning_rate", "algorithm.gamma"}
+    assert {knob.key for knob in hyper.knobs} >= {KNOBS[name][0].key, KNOBS[name][1].key}
     assert len(hyper.space.axes) >= len(KNOBS[name])  # all of them, or all but a spread for each action
 
 

@@ -1,0 +1,141 @@
+"""The learner by gradients: it lives through what the machines did, to the bit, and gets better."""
+
+import numpy as np
+import pytest
+
+from kerfgym.agents import settings
+from kerfgym.agents.export import BOUND, export
+from kerfgym.agents.gradient import Pass
+from kerfgym.agents.learner import environment, learner
+from kerfgym.agents.policy import Policy
+from kerfgym.agents.train import train
+from kerfgym.agents.vec_env import HeightFollowingVecEnv
+from kerfgym.envs.control import stack
+from kerfgym.envs.engine.quantity import InvalidInput
+from kerfgym.experiments.measure import rollout
+
+HEIGHT = "kerfgym/HeightFollowing-v0"
+TINY = {
+    "steps": 500_000,
+    "environment.scenario": "wavy",
+    "environment.max_steps": 600,
+    "environment.num_envs": 32,
+    "checkpoint.every": 250_000,
+    "evaluation.scenario": "wavy",
+    "evaluation.episodes": 16,
+    "evaluation.max_steps": 600,
+    "evaluation.every": 250_000,
+    "policy.net_arch": [16],
+}
+
+
+def tiny(**changes):
+    return settings.preset("gradient", HEIGHT, {**TINY, **changes})
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    """A short training, and its folder."""
+    folder = tmp_path_factory.mktemp("gradient")
+    return train(tiny(), folder), folder
+
+
+@pytest.mark.parametrize("scenario", ["rough", "step-flutter", "holes"])
+def test_drive_and_loop_alone_do_what_the_machines_did_to_the_bit(scenario):
+    """With a policy that acts at random, so weights are anything; over holes the supervisor commands."""
+    given = tiny(**{"environment.scenario": scenario, "environment.num_envs": 40})
+    env = environment(given)
+    passed, seen, random = Pass(env.batch, 200), env.reset(), np.random.default_rng(0)
+    passed.begin()
+    gaps, commands = np.zeros((40, 600)), np.zeros((40, 600))
+    acted = np.float32(random.uniform(-0.3, 0.3, (40, 600, env.action_space.shape[0])))
+    for t in range(600):
+        passed.before(t, seen, acted[:, t])
+        seen, _, dones, _ = env.step(acted[:, t])
+        passed.after(t, dones)
+        gaps[:, t] = env.batch.infos[env.batch.task.info.index("true_gap")]
+        commands[:, t] = env.batch.fleet.column("signals.command")
+    passed.restart()
+    lived = passed.lived[:, :-1]
+    assert lived.mean() > 0.8
+    for first in (0, 200, 400):
+        passed.decide(first, acted[:, first : first + 200].reshape(-1, acted.shape[2]))
+        made = passed.roll.forward(first, 200)
+        for column, theirs in ((0, gaps), (1, commands)):
+            mine = made[:, : 200 if first < 400 else 199, column]
+            length = slice(first, first + mine.shape[1])
+            np.testing.assert_array_equal(np.where(lived[:, length], mine - theirs[:, length], 0.0), 0.0)
+
+
+def test_it_gets_better_than_its_base(trained):
+    found, folder = trained
+    base = learner(tiny(**{"policy.output_gain": 1e-9}), environment(tiny()), 0)
+    from kerfgym.agents.evaluation import Evaluator
+
+    assert found.score < 0.99 * Evaluator(tiny())(base).score
+    assert found.ledger["training_steps"] == found.model.num_timesteps >= 500_000
+    assert (folder / "evaluations.csv").is_file()
+
+
+def test_the_loss_changes_along_its_gradient_as_its_adjoints_say():
+    """The squares of a piece, on both sides of the actions along their adjoints."""
+    given = tiny(**{"environment.scenario": "step", "policy.output_gain": 0.5})
+    model = learner(given, environment(given), 0)
+    model._setup_learn(1)
+    passed = model._live()
+    passed.restart()
+    seen = passed.observations[:, :200]
+    flat = seen.reshape(-1, seen.shape[2])
+
+    passed.counts[:] = True
+    passed.decide(0, model.decided(flat))
+    errors, _ = passed.rolled(0)
+    made_ = np.zeros((*errors.shape, 3))
+    made_[:, :, 0] = 2.0 * errors
+    bars = passed.roll.backward(made_)
+    step = 3e-3 / np.abs(bars).max() * bars.reshape(len(flat), -1)  # beyond the converter's steps
+    moved = []
+    for side in (1.0, -1.0):
+        passed.restart()
+        passed.decide(0, model.decided(flat) + side * step)
+        moved.append(float((passed.rolled(0)[0] ** 2).sum()))
+    assert 0.5 * (moved[0] - moved[1]) == pytest.approx((step * bars.reshape(step.shape)).sum(), rel=0.03)
+
+
+def test_its_policy_is_exported_and_runs_compiled(trained, tmp_path):
+    found, _ = trained
+    exported = export(found.model, tmp_path / "policy", onnx=False)
+    assert exported.difference <= BOUND
+    assert Policy.load(tmp_path / "policy").document.control == "weights"
+    wavy = rollout.roll(
+        HeightFollowingVecEnv(1, scenario="wavy").batch.scenarios[0], stack.resolve(str(tmp_path / "policy")), [3]
+    )
+    assert not wavy.collided.any()
+
+
+def test_a_training_goes_on_with_the_same_bits(trained, tmp_path):
+    whole, _ = trained
+
+    class Stop(Exception):
+        pass
+
+    def told(done, of, word):
+        if done >= 250_000:
+            raise Stop
+
+    with pytest.raises(Stop):
+        train(tiny(), tmp_path, told=told)
+    again = train(tiny(), tmp_path, resume=True)
+    assert [row["score"] for row in again.evaluations] == [row["score"] for row in whole.evaluations]
+
+
+@pytest.mark.parametrize("change", [{"control": "residual"}, {"observation": "features"}])
+def test_other_environments_are_refused(change):
+    with pytest.raises(InvalidInput, match='gradient learns with control = "weights"'):
+        learner(
+            tiny(**{f"environment.{key}": value for key, value in change.items()}),
+            environment(tiny(**{f"environment.{key}": value for key, value in change.items()})),
+            0,
+        )
+    with pytest.raises(InvalidInput, match="gradient learns kerfgym/HeightFollowing-v0 alone"):
+        settings.preset("gradient", "kerfgym/Cutting-v0")
