@@ -20,7 +20,7 @@ The drive's dead time and lag come from a bank of models (:mod:`drive_bank`).
 
 The weights of a bent sheet are those of least squares in closed loop [C]: with the drive as a linear model the error
 is linear in the weights, so the sum of the logarithms of mean squares over recorded sheets, and of the command's
-changes, has one minimum. Recorded were sheets of the suite's bent kinds at 100, 200 and 400 mm/s on tune seeds.
+changes, has one minimum. Recorded were sheets of the suite's bent kinds at 100, 200 and 400 mm/s, and at more noise, on tune seeds.
 
 A **policy** adds to the rules: ``weight = rule + span·action`` with actions from −1 to 1 (:data:`WEIGHTS`), so that no
 action at all is this law. :func:`weigh` makes the command of what lies in the memory and changes nothing; whoever
@@ -49,13 +49,16 @@ BENT = np.array([
     [-0.7877, 0.1197, -0.7518, 0.5249, -0.2789, 0.8881, 0.1908, 0.02811, -0.3561, -0.1698, 0.03594, 0.05188],
 ])  # fmt: skip
 """Weights of a bent sheet's signals, level, slope and bend of each trend: of those in mm and those in mm/s at a lag of
-``USUAL`` ms, a noise of ``HUSHED`` and a gain of ``AT_GAIN`` 1/s; what to add to both for each ms of lag more; and for each factor
-e of noise more."""
+``USUAL`` ms, a noise of ``HUSHED`` and a gain of ``AT_GAIN`` 1/s; what to add to both for each ms of lag more; and for
+each factor e of noise more."""
 
 USUAL, HUSHED, AT_GAIN = 5.5, 1.5e-3, 100.0
 
+QUIETEST, LOUDEST = -1.5, 2.5
+"""Bounds of the logarithm of noise over ``HUSHED`` in them."""
+
 SLOW_FEED, QUICK_FEED, BEYOND = 20.0, 420.0, 480.0
-"""mm/s; between the first two the weights of a bent sheet are used as they are, below 0 and above the last not at all."""
+"""mm/s; between the first two a bent sheet has its weights as they are, at rest and above the last none."""
 
 PATIENCE = 100.0
 """ms that a sheet must be straight before it counts as such."""
@@ -84,7 +87,7 @@ class Own(NamedTuple):
 
 Params = extended(
     "Params", self_tuning.Params, Own,
-    kp=67.0, ki=0.0, feed=0.82997, lead=-1.3658, sharpen=1.0099, memory=225.07, prior=0.37823, gate=8.4708,
+    kp=67.0, ki=0.0, feed=0.79, lead=-1.7, sharpen=1.7, memory=225.07, prior=0.37823, gate=8.4708,
     jump=0.022991, rare=11.943, hold=4, recall=71.937, reach=1.6635, smith=0.7, lag=5.4818, trust=17.986,
 )  # fmt: skip
 State = self_tuning.State
@@ -239,7 +242,7 @@ def _signals(p, x, m, o, coming, rise):
 def _rules(p, m, kinds):
     """Writes the weights of the rules."""
     w, later = m[RULE:SIGNAL], m[BEHIND] - USUAL
-    louder = clip(logarithm(m[TREND + trends.NOISE] / HUSHED), -1.5, 2.5)
+    louder = clip(logarithm(m[TREND + trends.NOISE] / HUSHED), QUIETEST, LOUDEST)
     shaken = 1.0 - kinds.straight - kinds.bent - kinds.step
     for k in range(_WEIGHTS):
         w[k] = 0.0
