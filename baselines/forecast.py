@@ -20,7 +20,8 @@ The drive's dead time and lag come from a bank of models (:mod:`drive_bank`).
 
 The weights of a bent sheet are those of least squares in closed loop [C]: with the drive as a linear model the error
 is linear in the weights, so the sum of the logarithms of mean squares over recorded sheets, and of the command's
-changes, has one minimum. Recorded were sheets of the suite's bent kinds at 100, 200 and 400 mm/s, and at more noise, on tune seeds.
+changes, has one minimum. Recorded were sheets of the suite's bent kinds at 100, 200 and 400 mm/s, and at more noise,
+on tune seeds.
 
 A **policy** adds to the rules: ``weight = rule + span·action`` with actions from −1 to 1 (:data:`WEIGHTS`), so that no
 action at all is this law. :func:`weigh` makes the command of what lies in the memory and changes nothing; whoever
