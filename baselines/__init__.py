@@ -48,7 +48,7 @@ _CATALOGUE: dict[str, tuple[str, str, dict, str]] = {
         {**_BRIDGED, "filter.jump": 0.031}, "self-tuning",
     ),
     "forecast": (
-        "forecast", "knows what the plate makes of bends, steps and lines, and which drive it commands; learns the rest",
+        "forecast", "knows what the plate makes of bends and steps, and which drive it commands; learns the rest",
         {**_BRIDGED, "filter.jump": 0.031}, "",
     ),
     "preview-5ms": ("preview", "knows the sheet 5 ms ahead, tuned: 1 on a report's scale", {}, "preview-5ms"),

@@ -65,7 +65,7 @@ def test_noise_is_estimated_whatever_the_sheet():
 
 @pytest.mark.parametrize(
     ("wave", "hertz", "noise", "low", "high"),
-    [(60.0, 0.0, 1e-5, 0.0, 0.1), (25.0, 0.0, 1e-5, 0.0, 0.3), (0.0, 60.0, 1e-5, 1.0, 4.0), (0.0, 0.0, 3e-3, 1.0, 4.0)],
+    [(60.0, 0.0, 1e-6, 0.1, 0.2), (25.0, 0.0, 1e-6, 0.1, 0.4), (0.0, 60.0, 1e-5, 1.0, 4.0), (0.0, 0.0, 3e-3, 1.0, 4.0)],
 )
 def test_a_bent_sheet_differs_in_long_trends_and_a_shaken_one_in_short_ones(wave, hertz, noise, low, high):
     rng, t = np.random.default_rng(2), np.arange(1500) * PERIOD
@@ -73,6 +73,12 @@ def test_a_bent_sheet_differs_in_long_trends_and_a_shaken_one_in_short_ones(wave
     z += 0.1 * np.sin(2 * np.pi * 200.0 * t / wave) if wave else 0.0
     z += 0.01 * np.sin(2 * np.pi * hertz * t) if hertz else 0.0
     assert low < trends.shaken(followed(z)) < high
+
+
+def test_on_a_cubic_the_short_differs_by_an_eighth_of_the_long():
+    """A trend of second order lags a cubic by the cube of its length, and each is twice as long as the one before."""
+    x = np.arange(0.0, 400.0, 0.02)
+    assert trends.shaken(followed(1e-7 * x**3, feed=20.0)) == pytest.approx(1.0 / 8.0, rel=0.02)
 
 
 # -------------------------------------------------------------------------------------------------------- ramps
