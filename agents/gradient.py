@@ -2,7 +2,7 @@
 
 A policy with ``control="weights"`` chooses weights of its base's signals. What it sees of the sheet does not depend on
 what it does, so the error that a weight will have caused some milliseconds later has a derivative that can be computed:
-drive and loop are the machine's own parts, run backwards (:mod:`envs.plant.gradient`). One pass:
+drive and loop are the machine's own parts, run backwards (:mod:`envs.plant.derivatives`). One pass:
 
 1. All machines live through an episode under the present policy. What their law's loop reads is kept.
 2. Drive and loop alone live through it again, ``epochs`` times, by the policy as it is then, in pieces of ``horizon``
@@ -29,7 +29,7 @@ from stable_baselines3.common.torch_layers import create_mlp
 from torch import nn
 
 from ..envs.engine.quantity import InvalidInput
-from ..envs.plant.gradient import Made, Period, Rollout
+from ..envs.plant.derivatives import Made, Period, Rollout
 from ..envs.tasks.task import SHEET, WEIGHTS
 
 FADE = 0.15

@@ -32,7 +32,7 @@ declares, beside ``MEMORY``::
     def weigh(params, state, signals, memory) -> command
 
 ``control`` sets the actions to 0 and returns what ``weigh`` does; an environment puts others there and weighs again.
-For learning by gradients it also declares what of it depends on the head, see :mod:`gradient`::
+For learning by gradients it also declares what of it depends on the head, see :mod:`derivatives`::
 
     Loop: NamedTuple                # what goes on from period to period, commands on their way among it
     READS: int                      # what `loop` reads lies among so many first numbers of its memory

@@ -15,9 +15,9 @@ import tyro
 
 from ...envs.control import stack
 from ...envs.plant import z_axis
-from ...envs.plant.gradient import Felt, Period, Rollout
-from ...envs.plant.gradient import backward as backwards
-from ...envs.plant.gradient import forward as forwards
+from ...envs.plant.derivatives import Felt, Period, Rollout
+from ...envs.plant.derivatives import backward as backwards
+from ...envs.plant.derivatives import forward as forwards
 
 PERIODS = 200
 ASKED = 4.0

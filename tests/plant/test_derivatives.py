@@ -11,7 +11,7 @@ from kerfgym.envs.control import stack
 from kerfgym.envs.engine.lanes import clip, fields, part
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.plant import z_axis
-from kerfgym.envs.plant.gradient import Felt, Made, Period, Rollout
+from kerfgym.envs.plant.derivatives import Felt, Made, Period, Rollout
 from kerfgym.envs.plant.machine import SUBSTEPS
 from kerfgym.envs.tasks import workshop
 
