@@ -50,6 +50,7 @@ class Struct:
         self.cls, self.values = cls, tuple(values)
 
     def field(self, name: str) -> Any:
+        """What a field holds."""
         return self.values[self.cls._fields.index(name)]
 
 
@@ -92,11 +93,13 @@ class Graph:
     # What adds nothing to a derivative is left out; forward, 0·x is what the processor makes of it.
 
     def plus(self, x: Any, y: Any) -> Any:
+        """x + y."""
         if is_zero(x) or is_zero(y):
             return y if is_zero(x) else x
         return self.make("+", x, y)
 
     def times(self, x: Any, y: Any) -> Any:
+        """x·y."""
         if is_zero(x) or is_zero(y):
             return 0.0
         if same(x, 1.0) or same(y, 1.0):
@@ -106,11 +109,13 @@ class Graph:
         return self.make("*", x, y)
 
     def minus(self, x: Any) -> Any:
+        """−x."""
         if isinstance(x, Number) and self.nodes[x][0] == "neg":
             return self.nodes[x][1]
         return self.make("neg", x)
 
     def where(self, condition: Any, x: Any, y: Any) -> Any:
+        """x where the condition holds, y elsewhere."""
         return self.make("select", condition, x, y)
 
     def over(self, x: Any, y: Any) -> Any:

@@ -47,6 +47,7 @@ OWN: dict[str, tuple[str, ...]] = {
     "envs/plant/published": ("plant/test_xy_parts.py", "plant/test_xy_oracle.py", "envs/test_evidence.py"),
     "envs/plant/sensor": (*_Z, "plant/test_sensor.py", "plant/test_calibration.py"),
     "envs/plant/sheet": (*_Z, "plant/test_sheet.py"),
+    "envs/plant/derivatives": ("plant/test_derivatives.py", "agents/test_gradient.py"),
     "envs/plant/spot": (
         "plant/test_xy_parts.py",
         "plant/test_gantry.py",
