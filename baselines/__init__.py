@@ -49,7 +49,7 @@ _CATALOGUE: dict[str, tuple[str, str, dict, str]] = {
     ),
     "forecast": (
         "forecast", "knows what the plate makes of bends and steps, and which drive it commands; learns the rest",
-        {**_BRIDGED, "filter.jump": 0.031}, "",
+        {**_BRIDGED, "filter.jump": 0.031}, "forecast",
     ),
     "preview-5ms": ("preview", "knows the sheet 5 ms ahead, tuned: 1 on a report's scale", {}, "preview-5ms"),
     "patent2022": (

@@ -42,12 +42,12 @@ from kerfgym.envs.plant.controller import PERIOD, Weight
 TRENDS = trends.TRENDS
 
 BENT = np.array([
-    [20.99, 1.284, -46.25, -17.71, -0.01639, 2.313, -2.214, -0.1085, -0.4782, -0.9593, -0.0603, 0.5081],
-    [-3.676, 0.266, 17.36, 4.895, 0.3282, -4.401, -0.8467, 0.07812, 1.24, 0.5986, -0.03787, -0.1971],
-    [0.08029, 0.1313, -1.407, -0.6015, 0.07162, 0.8202, 0.3721, -0.03185, -0.226, -0.003663, -0.01297, 0.008531],
-    [-0.696, -0.04331, 2.377, 0.9178, 0.09063, -0.8673, -0.1328, 0.002336, 0.1729, 0.08011, -0.01687, -0.004782],
-    [1.397, 0.06047, -2.255, -2.946, -0.1484, 3.783, 1.121, 0.03234, 0.6799, 0.5946, 0.009405, -0.3458],
-    [-0.7877, 0.1197, -0.7518, 0.5249, -0.2789, 0.8881, 0.1908, 0.02811, -0.3561, -0.1698, 0.03594, 0.05188],
+    [21.4, 0.3464, -43.5, -17.9, 0.2629, 2.466, -2.022, -0.05944, -0.7047, -1.033, -0.03582, 0.5043],
+    [-4.428, 0.1729, 18.06, 5.455, 0.3749, -4.702, -0.9406, 0.09433, 1.242, 0.6083, -0.04599, -0.1881],
+    [-2.049, 0.05268, 2.732, 0.9737, 0.08171, 1.2, 0.9134, -0.03366, -0.4987, 0.003231, -0.004135, -0.01328],
+    [-0.7156, -0.09451, 2.125, 0.9601, 0.1022, -0.8234, -0.1253, 0.007855, 0.1833, 0.08071, -0.01604, -0.006272],
+    [0.7269, -0.2135, -0.6662, -2.765, -0.03143, 4.167, 1.473, 0.03024, 0.408, 0.54, 0.0159, -0.3309],
+    [-0.9669, -0.02605, 0.1418, 0.9776, -0.2075, 0.4567, 0.06415, 0.04296, -0.2951, -0.1456, 0.02929, 0.05057],
 ])  # fmt: skip
 """Weights of a bent sheet's signals, level, slope and bend of each trend: of those in mm and those in mm/s at a lag of
 ``USUAL`` ms, a noise of ``HUSHED`` and a gain of ``AT_GAIN`` 1/s; what to add to both for each ms of lag more; and for
@@ -77,9 +77,9 @@ KICKS = 1.0
 class Own(NamedTuple):
     """What the law has beside the parameters of the self-tuning one."""
 
-    calm: Annotated[float, Quantity("1/s", 5.0, 120.0, "gain on a straight sheet", log=True)] = 60.0
-    leave: Annotated[float, Quantity("1", 2.0, 12.0, "sigmas at which a line is left", log=True)] = 4.5
-    edge: Annotated[float, Quantity("1", 0.1, 1.0, "short over long motion, above which a sheet is shaken")] = 0.55
+    calm: Annotated[float, Quantity("1/s", 5.0, 120.0, "gain on a straight sheet", log=True)] = 30.0
+    leave: Annotated[float, Quantity("1", 2.0, 12.0, "sigmas at which a line is left", log=True)] = 5.0
+    edge: Annotated[float, Quantity("1", 0.1, 1.0, "short over long motion, above which a sheet is shaken")] = 0.6
     alike: Annotated[float, Quantity("1", 0.01, 1.0, "what a step leaves over what a cubic does", log=True)] = 0.2
     friction: Annotated[float, Quantity("mm/s²", 0.0, 2000.0, "Coulomb friction of the drive over mass")] = 600.0
     margin: Annotated[float, Quantity("mm", 0.0, 0.3, "that the shield keeps from the sheet")] = 0.05
@@ -88,7 +88,7 @@ class Own(NamedTuple):
 
 Params = extended(
     "Params", self_tuning.Params, Own,
-    kp=67.0, ki=0.0, feed=0.79, lead=-1.7, sharpen=1.7, memory=225.07, prior=0.37823, gate=8.4708,
+    kp=70.0, ki=0.0, feed=0.79, lead=-1.7, sharpen=1.7, memory=225.07, prior=0.37823, gate=8.4708,
     jump=0.022991, rare=11.943, hold=4, recall=71.937, reach=1.6635, smith=0.7, lag=5.4818, trust=17.986,
 )  # fmt: skip
 State = self_tuning.State

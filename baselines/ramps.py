@@ -26,8 +26,17 @@ FIRST, LAST = 5, 32
 
 PLACES = LAST - FIRST
 
-LOW = 0.03
-"""mm; a lower step is left to others."""
+LOW, HIGH = 0.03, 0.6
+"""mm; lower and higher steps are left to others."""
+
+STEADY = 0.3
+"""Of its height, that the next sample may change it by."""
+
+REST = 0.04
+"""Of its height, root mean square of what a step may leave: what leaves more is a ramp of another shape."""
+
+APART = 0.3
+"""Of its height, that the sheets under plate and tip can differ by at a step; it is 0.24 at most [C]."""
 
 SAME, NEW = 0.8, 0.5
 """mm by which the place of a ramp may differ from the one before; share of the newest fit then."""
@@ -102,8 +111,11 @@ def _compare(m):
         m[SCORES + c] = m[FIT + c] * m[FIT + c] / POWER[c]
         if m[SCORES + c] > m[SCORES + best]:
             best = c
-    like = (max(line - m[SCORES + best], 0.0) + FAINT) / (max(cubic, 0.0) + FAINT)
     height, place = m[FIT + best] / POWER[best], 0.0
+    left = max(line - m[SCORES + best], 0.0)
+    like = (left + FAINT) / (max(cubic, 0.0) + FAINT)
+    steady = abs(height - m[HEIGHT]) < STEADY * abs(height)
+    like = like if steady and left < SAMPLES * (REST * height) * (REST * height) else 1.0
     t0, t1 = TAKEN[best, 0], TAKEN[best, 1]
     if best > 0 and best < PLACES - 1:
         # The top of the parabola through three places lies between them.
@@ -150,14 +162,16 @@ def update(m, lost, measured, feed):
 
 
 @part
-def likely(m, feed, alike):
-    """Share to which a ramp is believed: 1 where it leaves less than 3/4 of ``alike`` times what a cubic does."""
-    fits = clip(4.0 * (1.0 - m[LIKE] / alike), 0.0, 1.0)
-    return fits if m[FILLED] >= SAMPLES and abs(m[HEIGHT]) > LOW and feed < 1e3 * PITCH * 1.05 else 0.0
-
-
-@part
 def tip(m, way):
     """mm, the sheet under the tip ``way`` mm from here."""
     on = m[SINCE] + way
     return m[BASE] + m[INCLINE] * on + m[HEIGHT] * share((m[PASSED] + on - PLATE) / FOOTPRINT)
+
+
+@part
+def likely(m, feed, alike):
+    """Share to which a ramp is believed: 1 where it leaves less than 3/4 of ``alike`` times what a cubic does."""
+    fits = clip(4.0 * (1.0 - m[LIKE] / alike), 0.0, 1.0)
+    known = m[FILLED] >= SAMPLES and feed < 1e3 * PITCH * 1.05
+    steps = abs(m[HEIGHT]) > LOW and abs(m[HEIGHT]) < HIGH
+    return fits if known and steps and abs(tip(m, 0.0) - m[LATEST]) < APART * abs(m[HEIGHT]) else 0.0

@@ -29,7 +29,7 @@ SLOWEST = 20.0
 LEAST = 0.3
 """Of the past, that a period leaves at any feed."""
 
-LONGEST = 400.0
+LONGEST = 1000.0
 """Readings of which the line is a mean."""
 
 QUICK, SLOW = 0.3, 0.05

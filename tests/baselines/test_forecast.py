@@ -105,6 +105,14 @@ def test_a_step_is_known_before_the_tip_is_on_it(feed, height):
             assert ramps.tip(m, ahead * feed * PERIOD) == pytest.approx(tip[k + ahead], abs=0.03 * abs(height))
 
 
+def test_a_ramp_of_another_shape_is_no_step():
+    """That of a plate as narrow as the tip: taken for a step of the wide one, the head would be sent astray."""
+    m = np.zeros(ramps.MEMORY)
+    for k, x in enumerate(np.arange(0.0, 60.0, 0.2)):
+        ramps.update(m, k < 2, 0.25 * sheet.share((x - 40.0) / sheet.FOOTPRINT), 200.0)
+        assert ramps.likely(m, 200.0, 0.2) == 0.0 or abs(ramps.tip(m, 0.0) - m[ramps.LATEST]) < 0.03
+
+
 def test_a_wave_is_no_step():
     x = np.arange(2000) * 0.2
     m = np.zeros(ramps.MEMORY)
