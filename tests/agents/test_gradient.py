@@ -17,11 +17,11 @@ from kerfgym.experiments.measure import rollout
 HEIGHT = "kerfgym/HeightFollowing-v0"
 TINY = {
     "steps": 500_000,
-    "environment.scenario": "wavy",
+    "environment.scenario": "tilt",
     "environment.max_steps": 600,
     "environment.num_envs": 32,
     "checkpoint.every": 250_000,
-    "evaluation.scenario": "wavy",
+    "evaluation.scenario": "tilt",
     "evaluation.episodes": 16,
     "evaluation.max_steps": 600,
     "evaluation.every": 250_000,
@@ -72,7 +72,7 @@ def test_it_gets_better_than_its_base(trained):
     base = learner(tiny(**{"policy.output_gain": 1e-9}), environment(tiny()), 0)
     from kerfgym.agents.evaluation import Evaluator
 
-    assert found.score < 0.99 * Evaluator(tiny())(base).score
+    assert found.score < 0.9 * Evaluator(tiny())(base).score
     assert found.ledger["training_steps"] == found.model.num_timesteps >= 500_000
     assert (folder / "evaluations.csv").is_file()
 

@@ -178,7 +178,7 @@ def test_no_action_is_the_law_and_an_action_adds_its_span_times_its_signal():
     assert np.array_equal(memory, before)
     assert not memory[law.ACTION :][: len(law.WEIGHTS)].any()
     gain = memory[law.RULE + len(law.WEIGHTS) - 2]
-    for k, (name, span) in enumerate(law.WEIGHTS[:-2]):
+    for k, (name, span, _) in enumerate(law.WEIGHTS[:-2]):
         memory[law.ACTION + k] = 1e-3
         changed = law.weigh(P, state, seen[-1], memory) - commands[-1]
         unit = gain if name.startswith("place") else 1.0
