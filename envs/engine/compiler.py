@@ -179,6 +179,15 @@ def _fma(typingctx, a, b, c):
     return types.float64(a, b, c), codegen
 
 
+@intrinsic
+def _choose(typingctx, test, a, b):
+    def codegen(context, builder, signature, args):
+        numbers = [context.cast(builder, args[i], signature.args[i], types.float64) for i in (1, 2)]
+        return builder.select(args[0], *numbers)
+
+    return types.float64(types.boolean, a, b), codegen
+
+
 def _same_bits(given: Any, wanted: Any, word: ir.Type) -> Any:
     """The instruction that takes the bits of one kind of number for another's."""
 
@@ -228,6 +237,7 @@ _INSTRUCTIONS = {
     lanes.store: _store,
     lanes.call: _call,
     lanes.fma: _fma,
+    lanes.choose: _choose,
     lanes.take: _take,
     lanes.scratch: _scratch,
     lanes.as_bits: _same_bits(types.float64, types.uint64, ir.IntType(64)),
