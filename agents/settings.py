@@ -330,7 +330,8 @@ def from_file(path: Path, name: str, env: str | None = None, changes: dict[str, 
 
 def _named(path: Path) -> dict[str, str]:
     """Algorithm and environment of a preset, which its file's name tells."""
-    files = {preset_file(name, env).name: {"name": name, "env": env} for name in ALGORITHMS for env in TASKS}
+    shipped = ((name, env) for name in ALGORITHMS for env in LEARNS.get(name, tuple(TASKS)))
+    files = {preset_file(name, env).name: {"name": name, "env": env} for name, env in shipped}
     return files.get(path.name, {})
 
 

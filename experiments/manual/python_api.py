@@ -32,6 +32,8 @@ PUBLIC: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
                 "PythonController",
             ),
             "envs.engine.quantity": ("Quantity", "InvalidInput"),
+            "envs.engine.lanes": ("part",),
+            "envs.plant.controller": ("Weight",),
         },
     ),
     "Roll-outs and figures": (
@@ -60,8 +62,10 @@ PUBLIC: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
             "agents.vec_env": (
                 "KernelVecEnv", "HeightFollowingVecEnv", "ContourFollowingVecEnv", "CuttingVecEnv",
             ),
-            "agents.policy": ("Policy.load", "Policy.act", "Policy.save"),
+            "agents.policy": ("Policy.load", "Policy.act", "Policy.save", "Range"),
             "agents.export": ("export",),
+            "envs.engine.adjoint": ("adjoint",),
+            "envs.plant.derivatives": ("Rollout", "Rollout.put_recorded", "Rollout.forward", "Rollout.backward"),
         },
     ),
     "Drawings and the operator's panel": (
