@@ -65,6 +65,7 @@ PUBLIC: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
             "agents.policy": ("Policy.load", "Policy.act", "Policy.save", "Range"),
             "agents.export": ("export",),
             "envs.engine.adjoint": ("adjoint",),
+            "envs.plant.z_axis": ("Params", "Drive", "accept"),
             "envs.plant.derivatives": ("Rollout", "Rollout.put_recorded", "Rollout.forward", "Rollout.backward"),
         },
     ),
