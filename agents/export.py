@@ -25,8 +25,8 @@ from .network import Layer, Memory, Network, Normaliser, run
 from .policy import FORMAT, Document, Policy, Range, check, describe, describe_base, known_of, shape_of
 
 SUPPORTED = (
-    "PPO, SAC, TD3, TQC and RecurrentPPO with one-dimensional observations; layers: linear with tanh, ReLU or no "
-    "activation, LSTM; output: tanh (squashing) or clipping to −1 … 1; VecNormalize, VecFrameStack"
+    "PPO, SAC, TD3, TQC, RecurrentPPO, gradient with one-dimensional observations; layers: linear with tanh, ReLU or "
+    "no activation, LSTM; output: tanh (squashing) or clipping to −1 … 1; VecNormalize, VecFrameStack"
 )
 """What can be exported; anything else is refused."""
 

@@ -35,6 +35,9 @@ from ..envs.tasks.task import SHEET, WEIGHTS
 FADE = 0.15
 """Share of the newest pass in what is usual."""
 
+NEAR = 1e-9
+"""mm by which drive and loop alone may lie beside the machines."""
+
 _COURSE = Period._fields[:-1]
 _GAP, _COMMAND = Made._fields.index("gap"), Made._fields.index("command")
 
@@ -79,7 +82,7 @@ class Gradient(BaseAlgorithm):
         clip: largest norm of a gradient.
 
     Raises:
-        InvalidInput: another environment, or a base whose law has no loop.
+        InvalidInput: another environment, a base whose law has no loop, or a loop that does not do what its law does.
     """
 
     policy_aliases = {"MlpPolicy": GradientPolicy}
@@ -118,6 +121,9 @@ class Gradient(BaseAlgorithm):
             self._setup_model()
 
     def _setup_model(self) -> None:
+        for name in ("horizon", "epochs"):
+            if getattr(self, name) < 1:
+                raise InvalidInput(f"algorithm.{name} = {getattr(self, name)}; a whole number, at least 1")
         batch = getattr(self.env, "batch", None)
         if batch is None or batch.control != WEIGHTS or batch.observation != SHEET:
             raise InvalidInput(
@@ -168,9 +174,9 @@ class Gradient(BaseAlgorithm):
     def _live(self) -> "Pass":
         """An episode of all machines under the present policy."""
         env: Any = self.env
-        if self.passed is None:
-            self.passed = Pass(env.batch, self.horizon)
-        passed, seen = self.passed, env.reset()
+        first = self.passed is None
+        self.passed = passed = self.passed or Pass(env.batch, self.horizon)
+        seen = env.reset()
         passed.begin()
         for t in range(passed.periods):
             actions = self.decided(seen)
@@ -179,6 +185,8 @@ class Gradient(BaseAlgorithm):
             passed.after(t, dones)
             self._update_info_buffer(infos, dones)
         self._last_obs = seen
+        if first:
+            passed.check()
         self.num_timesteps += passed.lived.size
         return passed
 
@@ -267,6 +275,7 @@ class Pass:
         self.roll.lay(self.periods)
         self.observations = np.empty((n, self.periods, len(self.law.features)), np.float32)
         self.lived, self.counts = np.zeros((n, self.periods), bool), np.zeros((n, self.periods), bool)
+        self._gaps = np.empty((n, horizon))
         self._scored = batch.task.info.index("scored")
 
     def begin(self) -> None:
@@ -285,10 +294,25 @@ class Pass:
         self.roll.restore(self._start)
         self._command = self.roll.column("felt.command")
 
+    def check(self) -> None:
+        """Drive and loop alone did in the first piece what the machines did.
+
+        Raises:
+            InvalidInput: they did not, so their derivatives would be those of something else.
+        """
+        self.restart()
+        made = self.roll.forward(0, self.horizon)[:, :, _GAP]
+        off = np.abs(np.where(self.lived[:, : self.horizon], made - self._gaps, 0.0)).max()
+        if not off <= NEAR:
+            raise InvalidInput(
+                f"the law's loop does not do what its control does: after {self.horizon} ms they are {off:.2g} mm apart"
+            )
+
     def before(self, t: int, observations: np.ndarray, actions: np.ndarray) -> None:
         """Notes what the policy sees and the law's loop reads at period ``t``."""
         self.observations[:, t] = observations
         self.roll.put_memory(t, self.batch.fleet.memories[:, : self.law.reads])
+        self.roll.put_wanted(t, actions[:, None])
 
     def after(self, t: int, dones: np.ndarray) -> None:
         """Notes the period that followed; what comes after the end of an episode does not count."""
@@ -298,6 +322,8 @@ class Pass:
         self.roll.put_course(t, [*course, np.where(overridden, fleet.column("signals.command"), np.nan)])
         self._alive &= ~dones
         self.lived[:, t] = self._alive
+        if t < self.horizon:
+            self._gaps[:, t] = fleet.column("moment.gap")
         self.counts[:, t] = self._alive & (self.batch.infos[self._scored] > 0.5) & (t >= self._settled)
 
     def decide(self, first: int, actions: np.ndarray) -> None:

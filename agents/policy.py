@@ -271,6 +271,8 @@ def _check_range(known: Range, document: Document, where: str) -> None:
         raise InvalidInput(f"{where}: range needs a low, a high and a margin for each of {len(known.names)} names")
     if not all(low <= high and m > 0 for low, high, m in zip(known.low, known.high, known.margin, strict=True)):
         raise InvalidInput(f"{where}: range holds a low above its high, or a margin that is not above 0")
+    if max(map(abs, (*known.low, *known.high, *known.margin))) > RAWEST or min(known.margin) < 1.0 / RAWEST:
+        raise InvalidInput(f"{where}: range holds numbers beyond ±{RAWEST:g}, or a margin below {1.0 / RAWEST:g}")
     if document.control not in FROM_BASE:
         raise InvalidInput(f"{where}: with control '{document.control}' no action means the base; so there is no range")
 

@@ -141,7 +141,8 @@ WAY = MEASURED + 1  # mm that commands are still to move the head by
 BEHIND = WAY + 1  # ms, the drive's dead time and lag
 SHEET = BEHIND + 1  # mm, the highest that the sheet is predicted to be until the head could stop
 SINKING = SHEET + 1  # mm/s, the speed at which it is predicted to sink, at most 0
-BANK = SINKING + 1
+INTEGRAL = SINKING + 1  # mm/s
+BANK = INTEGRAL + 1
 RAMP = BANK + drive_bank.MEMORY
 TREND = RAMP + ramps.MEMORY
 LEARNT = TREND + trends.MEMORY
@@ -327,7 +328,7 @@ def weigh(params, state, signals, memory):
         place += (m[RULE + k] + SPANS[k] * m[ACTION + k]) * m[SIGNAL + k]
     gain = max(m[RULE + _GAIN] + SPANS[_GAIN] * m[ACTION + _GAIN], 0.0)
     share = m[RULE + _MOVING] + SPANS[_MOVING] * m[ACTION + _MOVING]
-    command = speed - state.integral + gain * (place + x.set_height - x.head_position - share * m[WAY])
+    command = speed - m[INTEGRAL] + gain * (place + x.set_height - x.head_position - share * m[WAY])
     return shielded(params, x, m, command)
 
 
@@ -363,7 +364,8 @@ def control(params, state, signals, tables, memory):
     # Nothing winds up while the supervisor moves the head. A step is over before summing it up could help.
     error = x.head_position - place - x.set_height + p.smith * m[WAY]
     grown = s.integral + p.ki * PERIOD * clip(error, -self_tuning.LITTLE, self_tuning.LITTLE)
-    s = s._replace(integral=grown if o.ready and not x.override else 0.0)
+    m[INTEGRAL] = grown if o.ready and not x.override else 0.0
+    s = s._replace(integral=m[INTEGRAL])
     return s, weigh(p, s, x, m)
 
 
@@ -374,9 +376,9 @@ READS = BANK
 
 
 class Loop(NamedTuple):
-    """What of the law depends on the head: commands of two and more periods ago, mm/s."""
+    """What of the law depends on the head: commands of two and more periods ago, mm/s. The integral does, too, but
+    hardly over what a gradient reaches, so it is as it was recorded."""
 
-    integral: float = 0.0  # mm/s; as good as constant over what a gradient reaches
     c2: float = 0.0
     c3: float = 0.0
     c4: float = 0.0
@@ -394,4 +396,4 @@ def loop(params, state, felt, memory):
     for k in range(7):
         moving += clip(m[BEHIND] - k - 0.5, 0.0, 1.0) * sent[k] * PERIOD
     m[WAY] = moving
-    return Loop(s.integral, felt.command, s.c2, s.c3, s.c4, s.c5, s.c6), weigh(params, s, felt, m)
+    return Loop(felt.command, s.c2, s.c3, s.c4, s.c5, s.c6), weigh(params, s, felt, m)

@@ -442,7 +442,8 @@ def tune(
     Args:
         what: a group of parameters (gate, filter, table, law, guard; plan; read, those that the kind of the filter
             reads; all), or parameters by name, with a range or without (law.kp filter.window=3..9); several may be
-            given. Default: law. Or an algorithm: ppo, sac, td3, tqc, recurrent-ppo. With --study some of its searches.
+            given. Default: law. Or an algorithm: ppo, sac, td3, tqc, recurrent-ppo, gradient. With --study some of its
+            searches.
         controller: as for benchmark. Default: xi2023-improved; for jobs wu-tuned or huang2024-adjusting.
         study: a study file, or the name of a shipped one. It says how to search: of the options only --trials,
             --workers, --threads, --name, --allow-code, --overwrite and --resume go with it.
@@ -531,7 +532,7 @@ def train(
     """Train a policy; writes runs/<name>/ with curves, evaluations, the last checkpoint and the best policy.
 
     Args:
-        algorithm: ppo, sac, td3, tqc or recurrent-ppo.
+        algorithm: ppo, sac, td3, tqc, recurrent-ppo or gradient.
         env: id of the environment. Default: the preset's, or kerfgym/HeightFollowing-v0.
         steps: simulated steps of training. Default: the preset's.
         seed: of everything random.

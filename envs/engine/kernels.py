@@ -136,15 +136,20 @@ def _file(kernels: tuple[Kernel, ...]) -> pathlib.Path:
     return _folder(inspect.getsourcefile(first) or __file__) / f"{name}-{_machine()}-{source[:16]}.o"
 
 
-def specialise(template: Callable[..., None], name: str, extra: str = "", **filled: Any) -> Kernel:
-    """``template`` as a kernel with other globals, under a name of its own."""
+def filled(template: Callable[..., Any], name: str, **values: Any) -> Callable[..., Any]:
+    """``template`` with other globals, under a name of its own."""
     assert isinstance(template, python_types.FunctionType)
     function = python_types.FunctionType(
-        template.__code__, {**template.__globals__, **filled}, template.__name__, template.__defaults__
+        template.__code__, {**template.__globals__, **values}, template.__name__, template.__defaults__
     )
     function.__module__ = template.__module__
     function.__qualname__ = f"{template.__name__}.{name}"
-    return Kernel(function, extra)
+    return function
+
+
+def specialise(template: Callable[..., None], name: str, extra: str = "", **values: Any) -> Kernel:
+    """:func:`filled` as a kernel."""
+    return Kernel(filled(template, name, **values), extra)
 
 
 # ------------------------------------------------------------------------------------------------ on disk

@@ -26,7 +26,7 @@ import numpy as np
 from ..engine.adjoint import adjoint
 from ..engine.columns import Columns
 from ..engine.deck import Deck, places
-from ..engine.kernels import Kernel, specialise
+from ..engine.kernels import Kernel, filled, specialise
 from ..engine.lanes import (
     U0,
     U1,
@@ -53,7 +53,7 @@ from ..engine.quantity import InvalidInput
 from . import machine, z_axis
 from .controller import PERIOD, source_of
 from .fleet import Fleet
-from .machine import DT, SUBSTEPS, Course, Moment, substep
+from .machine import DT, SUBSTEPS, Course, Moment
 
 
 class Felt(NamedTuple):
@@ -87,6 +87,9 @@ class Made(NamedTuple):
 PARAMS, STATE = 32, 16
 """Numbers that a loop's Params and State may have."""
 
+LARGEST = 2**30
+"""Numbers that may be recorded, 8 GiB."""
+
 _layout = Layout()
 P_Z, GAINS, LAW = _layout.part("z", z_axis.Params), _layout.place(rows(z_axis.Gains)), _layout.place(PARAMS)
 OFFSET = _layout.place(1)
@@ -95,7 +98,7 @@ MOTION, DRIVE = _layout.part("motion", z_axis.State), _layout.part("drive", z_ax
 LOOP, FELT, ENCODER = _layout.place(STATE), _layout.part("felt", Felt), _layout.place(1)
 KEPT = (int(ENCODER) - int(MOTION)) // W + 1
 COMMAND, PACE, MOMENT = _layout.place(1), _layout.place(rows(z_axis.Pace)), _layout.place(rows(Moment))
-OPENS, WEIGHT = _layout.place(1), _layout.place(1)
+COURSE = _layout.place(rows(Course))
 STEPS = _layout.place(5 * rows(z_axis.State))
 # Adjoints.
 MOTION_, DRIVE_ = _layout.place(rows(z_axis.State)), _layout.place(rows(z_axis.Drive))
@@ -108,7 +111,9 @@ STRIDE = U(ROWS * W)
 _COURSE, _MADE = U(rows(Period) * W), U(rows(Made) * W)
 _KEPT = U(KEPT * W)
 _ANY, _BYTES = U(2**40), U(8)
-_SENT, _OPENS = row(Period, "sent"), row(Period, "opens")
+_SENT, _SURFACE = row(Period, "sent"), U((rows(Period) - 1) * W)
+assert Period._fields[:-1] == Course._fields[: rows(Period) - 1]  # so a course is copied in one go
+_OPENS, _WEIGHT = COURSE + row(Course, "opens"), COURSE + row(Course, "weight")
 _GAP, _COMMAND, _POSITION = (row(Made, name) for name in Made._fields)
 
 
@@ -155,29 +160,10 @@ def _send(block, at, period):
         store(block, a + MOMENT, Moment(0.0, 0.0, 0.0, 0.0, 1e9))
 
 
-@part
-def _course(period, lane):
-    """The course of a lane's surface."""
-    c = load(Period, period, lane)
-    return Course(c.surface, c.slope, c.bend, c.opens, c.weight, 1.0, 0.0, False, True)
-
-
-@stage
-def _move(block, at, period, first, bristles):
-    """Five substeps, as ``machine.move_all`` has them."""
-    k = np.float64(np.int64(first))
-    for lane in range(UW):
-        a = at + lane
-        p, gains = load(z_axis.Params, block, a + P_Z), load(z_axis.Gains, block, a + GAINS)
-        pace, course = load(z_axis.Pace, block, a + PACE), _course(period, lane)
-        z, m = load(z_axis.State, block, a + MOTION), load(Moment, block, a + MOMENT)
-        z, m = substep(p, gains, pace, course, z, m, (k + 1.0) / SUBSTEPS, bristles)
-        z, m = substep(p, gains, pace, course, z, m, (k + 2.0) / SUBSTEPS, bristles)
-        z, m = substep(p, gains, pace, course, z, m, (k + 3.0) / SUBSTEPS, bristles)
-        z, m = substep(p, gains, pace, course, z, m, (k + 4.0) / SUBSTEPS, bristles)
-        z, m = substep(p, gains, pace, course, z, m, (k + 5.0) / SUBSTEPS, bristles)
-        store(block, a + MOTION, z)
-        store(block, a + MOMENT, m)
+_move = stage(filled(
+    machine.move_all, "derivatives", P_Z=P_Z, GAINS=GAINS, PACE=PACE, COURSE=COURSE, S_Z=MOTION, MOMENT=MOMENT,
+))  # fmt: skip
+"""The machine's own stage of five substeps, where these rows are."""
 
 
 @part
@@ -223,12 +209,9 @@ def _forward(address):
             copy(doubles(_row(deck, D.kept, b, t, _KEPT), _ANY), U0, block, at + MOTION, _KEPT)
             call(deck[D.loop], deck[D.block], at, UW, _recorded(deck, D.memory, b, t, UW * size), size)
             _send(block, at, period)
-            if deck[D.bristles] > U0:
-                for k in range(U0, U(SUBSTEPS), U(5)):
-                    _move(block, at, period, k, True)
-            else:
-                for k in range(U0, U(SUBSTEPS), U(5)):
-                    _move(block, at, period, k, False)
+            copy(block, at + COURSE, period, U0, _SURFACE)
+            for k in range(U0, U(SUBSTEPS), U(5)):
+                _move(block, at, UW, k, deck[D.bristles] > U0)
             _feel(block, at, doubles(_row(deck, D.made, b, t, _MADE), _ANY))
 
 
@@ -243,6 +226,7 @@ _felt_back = adjoint(
     _felt, of=("gate_motor", "encoder_before", "command"), p=z_axis.Params, gate_motor=float, encoder_before=float,
     offset=float, set_height=float, command=float,
 )  # fmt: skip
+_BRISTLES = False
 _FIVE, _FIVES, _S_FIVE = U(5), U(SUBSTEPS // 5), U(5 * rows(z_axis.State) * W)
 _STATES = SUBSTEPS * rows(z_axis.State) * W
 _ONE, _TWO, _THREE, _FOUR = (U(k * rows(z_axis.State) * W) for k in (1, 2, 3, 4))
@@ -250,38 +234,17 @@ _ONE, _TWO, _THREE, _FOUR = (U(k * rows(z_axis.State) * W) for k in (1, 2, 3, 4)
 
 @stage
 def _again(block, at, first):
-    """Five substeps once more, of drives without bristles, and what each begins with."""
+    """Five substeps once more, and what each begins with."""
     k = np.float64(np.int64(first))
     for lane in range(UW):
         a = at + lane
         p, gains = load(z_axis.Params, block, a + P_Z), load(z_axis.Gains, block, a + GAINS)
         pace, z0 = load(z_axis.Pace, block, a + PACE), load(z_axis.State, block, a + MOTION)
-        z1, _ = z_axis.step(p, gains, pace, z0, (k + 1.0) / SUBSTEPS, DT, False)
-        z2, _ = z_axis.step(p, gains, pace, z1, (k + 2.0) / SUBSTEPS, DT, False)
-        z3, _ = z_axis.step(p, gains, pace, z2, (k + 3.0) / SUBSTEPS, DT, False)
-        z4, _ = z_axis.step(p, gains, pace, z3, (k + 4.0) / SUBSTEPS, DT, False)
-        z5, _ = z_axis.step(p, gains, pace, z4, (k + 5.0) / SUBSTEPS, DT, False)
-        store(block, a + STEPS, z0)
-        store(block, a + STEPS + _ONE, z1)
-        store(block, a + STEPS + _TWO, z2)
-        store(block, a + STEPS + _THREE, z3)
-        store(block, a + STEPS + _FOUR, z4)
-        store(block, a + MOTION, z5)
-
-
-@stage
-def _again_bristly(block, at, first):
-    """Five substeps once more with bristles, and what each begins with."""
-    k = np.float64(np.int64(first))
-    for lane in range(UW):
-        a = at + lane
-        p, gains = load(z_axis.Params, block, a + P_Z), load(z_axis.Gains, block, a + GAINS)
-        pace, z0 = load(z_axis.Pace, block, a + PACE), load(z_axis.State, block, a + MOTION)
-        z1, _ = z_axis.step(p, gains, pace, z0, (k + 1.0) / SUBSTEPS, DT, True)
-        z2, _ = z_axis.step(p, gains, pace, z1, (k + 2.0) / SUBSTEPS, DT, True)
-        z3, _ = z_axis.step(p, gains, pace, z2, (k + 3.0) / SUBSTEPS, DT, True)
-        z4, _ = z_axis.step(p, gains, pace, z3, (k + 4.0) / SUBSTEPS, DT, True)
-        z5, _ = z_axis.step(p, gains, pace, z4, (k + 5.0) / SUBSTEPS, DT, True)
+        z1, _ = z_axis.step(p, gains, pace, z0, (k + 1.0) / SUBSTEPS, DT, _BRISTLES)
+        z2, _ = z_axis.step(p, gains, pace, z1, (k + 2.0) / SUBSTEPS, DT, _BRISTLES)
+        z3, _ = z_axis.step(p, gains, pace, z2, (k + 3.0) / SUBSTEPS, DT, _BRISTLES)
+        z4, _ = z_axis.step(p, gains, pace, z3, (k + 4.0) / SUBSTEPS, DT, _BRISTLES)
+        z5, _ = z_axis.step(p, gains, pace, z4, (k + 5.0) / SUBSTEPS, DT, _BRISTLES)
         store(block, a + STEPS, z0)
         store(block, a + STEPS + _ONE, z1)
         store(block, a + STEPS + _TWO, z2)
@@ -315,7 +278,7 @@ def _back(p, gains, pace, z, share, pace_, z_, head_, gate):
 
 @stage
 def _unmove(block, at, first):
-    """Five substeps backwards, of drives without bristles."""
+    """Five substeps backwards."""
     k = np.float64(np.int64(first))
     for lane in range(UW):
         a = at + lane
@@ -324,7 +287,7 @@ def _unmove(block, at, first):
         z0, z1 = load(z_axis.State, block, a + STEPS), load(z_axis.State, block, a + STEPS + _ONE)
         z2, z3 = load(z_axis.State, block, a + STEPS + _TWO), load(z_axis.State, block, a + STEPS + _THREE)
         z4, z_ = load(z_axis.State, block, a + STEPS + _FOUR), load(z_axis.State, block, a + MOTION_)
-        gate = z_axis.Pace(block[a + OPENS], block[a + WEIGHT] * block[a + GATE_], 0.0)
+        gate = z_axis.Pace(block[a + _OPENS], block[a + _WEIGHT] * block[a + GATE_], 0.0)
         pace_, z_ = _back(p, gains, pace, z4, (k + 5.0) / SUBSTEPS, pace_, z_, block[a + HEAD_], gate)
         pace_, z_ = _back(p, gains, pace, z3, (k + 4.0) / SUBSTEPS, pace_, z_, 0.0, gate)
         pace_, z_ = _back(p, gains, pace, z2, (k + 3.0) / SUBSTEPS, pace_, z_, 0.0, gate)
@@ -335,40 +298,15 @@ def _unmove(block, at, first):
         store(block, a + MOTION_, z_)
 
 
-@part
-def _back_bristly(p, gains, pace, z, share, pace_, z_, head_, gate):
-    """Adjoints at a substep's beginning from those at its end; ``gate``: opens at, adjoint of a position within."""
-    z_ = z_._replace(position=z_.position + (gate.after if share > gate.before else 0.0))
-    new_, z_ = _step_bristly_back(p, gains, pace, z, share, z_, head_)
-    return z_axis.Pace(pace_.before + new_.before, pace_.after + new_.after, 0.0), z_
+# Where a drive has bristles. Two loops, because the vectoriser gives up on one with both ways in it.
+_again_bristly = stage(filled(_again, "bristly", _BRISTLES=True))
+_back_bristly = part(filled(_back, "bristly", _step_back=_step_bristly_back))
+_unmove_bristly = stage(filled(_unmove, "bristly", _back=_back_bristly))
 
 
 @stage
-def _unmove_bristly(block, at, first):
-    """Five substeps backwards with bristles."""
-    k = np.float64(np.int64(first))
-    for lane in range(UW):
-        a = at + lane
-        p, gains = load(z_axis.Params, block, a + P_Z), load(z_axis.Gains, block, a + GAINS)
-        pace, pace_ = load(z_axis.Pace, block, a + PACE), load(z_axis.Pace, block, a + PACE_)
-        z0, z1 = load(z_axis.State, block, a + STEPS), load(z_axis.State, block, a + STEPS + _ONE)
-        z2, z3 = load(z_axis.State, block, a + STEPS + _TWO), load(z_axis.State, block, a + STEPS + _THREE)
-        z4, z_ = load(z_axis.State, block, a + STEPS + _FOUR), load(z_axis.State, block, a + MOTION_)
-        gate = z_axis.Pace(block[a + OPENS], block[a + WEIGHT] * block[a + GATE_], 0.0)
-        pace_, z_ = _back_bristly(p, gains, pace, z4, (k + 5.0) / SUBSTEPS, pace_, z_, block[a + HEAD_], gate)
-        pace_, z_ = _back_bristly(p, gains, pace, z3, (k + 4.0) / SUBSTEPS, pace_, z_, 0.0, gate)
-        pace_, z_ = _back_bristly(p, gains, pace, z2, (k + 3.0) / SUBSTEPS, pace_, z_, 0.0, gate)
-        pace_, z_ = _back_bristly(p, gains, pace, z1, (k + 2.0) / SUBSTEPS, pace_, z_, 0.0, gate)
-        pace_, z_ = _back_bristly(p, gains, pace, z0, (k + 1.0) / SUBSTEPS, pace_, z_, 0.0, gate)
-        block[a + HEAD_] = 0.0
-        store(block, a + PACE_, pace_)
-        store(block, a + MOTION_, z_)
-
-
-@stage
-def _unsend(block, at, period, kept):
+def _unsend(block, at, period):
     """Adjoints of the queue before the command entered it, and of the command."""
-    queue = DRIVE - MOTION
     for lane in range(UW):
         a = at + lane
         p, drive = load(z_axis.Params, block, a + P_Z), load(z_axis.Drive, block, a + DRIVE)
@@ -377,8 +315,7 @@ def _unsend(block, at, period, kept):
             drive_.c0 + seen_.c0, drive_.c1 + seen_.c1, drive_.c2 + seen_.c2, drive_.c3 + seen_.c3,
             drive_.c4 + seen_.c4, drive_.c5 + seen_.c5, drive_.c6 + seen_.c6,
         )  # fmt: skip
-        before = load(z_axis.Drive, kept, queue + lane)
-        drive_, command_ = _accept_back(p, before, block[a + COMMAND], drive_)
+        drive_, command_ = _accept_back(p, drive, block[a + COMMAND], drive_)  # of a queue, whatever it holds
         store(block, a + DRIVE_, drive_)
         sent = period[_SENT + lane]
         block[a + COMMAND_] = block[a + COMMAND_] + command_ if sent != sent else 0.0
@@ -401,7 +338,7 @@ def _backward(address):
                 block[at + lane + COMMAND] = made[_COMMAND + lane]
             _send(block, at, period)
             _unfeel(block, at, doubles(_row(deck, D.made_, b, t, _MADE), _ANY))
-            copy(block, at + OPENS, period, _OPENS, U(2 * W))
+            copy(block, at + COURSE, period, U0, _SURFACE)
             for i in range(_FIVES):
                 if deck[D.bristles] > U0:
                     _again_bristly(block, at, i * _FIVE)
@@ -415,7 +352,7 @@ def _backward(address):
                     _unmove_bristly(block, at, five * _FIVE)
                 else:
                     _unmove(block, at, five * _FIVE)
-            _unsend(block, at, period, kept)
+            _unsend(block, at, period)
             copy(block, at + MOTION, kept, U0, _KEPT)
             memory, memory_ = (
                 _recorded(deck, D.memory, b, t, UW * size),
@@ -499,9 +436,9 @@ class Rollout(Columns):
         # The same loop may have other constants behind it, or other adjoints may be wanted of it: the text tells.
         digest = hashlib.sha256(back.text.encode()).hexdigest()[:12]
         name = f"{loop.__module__}.{loop.__qualname__}.{digest}".replace(".", "_").replace("<", "").replace(">", "")
-        filled = {"_Params": Params, "_State": State, "_OWN": U(rows(Params))}
-        self._close = specialise(_close, name, source_of(loop) + back.text, _loop=loop, **filled)
-        self._unclose = specialise(_unclose, name, back.text, _loop_back=back, **filled)
+        contract = {"_Params": Params, "_State": State, "_OWN": U(rows(Params))}
+        self._close = specialise(_close, name, source_of(loop) + back.text, _loop=loop, **contract)
+        self._unclose = specialise(_unclose, name, back.text, _loop_back=back, **contract)
         self.deck = Deck(Entries, block=self._block, blocks=self.blocks, size=memory)
         self.deck["loop"], self.deck["loop_back"] = self._close.address, self._unclose.address
         self.deck["wanted"] = len(self.wanted)
@@ -531,11 +468,17 @@ class Rollout(Columns):
         self._put_rows(int(ENCODER) // W, machines, [position])
 
     def put_state(self, fleet: Fleet) -> None:
-        """Drives, heads and what is felt of them as the machines of a fleet have them now."""
+        """Drives, heads and what is felt of them as the machines of a fleet have them now.
+
+        Raises:
+            InvalidInput: it has another number of machines.
+        """
+        if fleet.size != self.size:
+            raise InvalidInput(f"a fleet of {fleet.size} machines for a roll-out of {self.size}")
         every, read = np.arange(self.size), fleet.column
         for name in ("z", "motion", "drive"):
             for field in fleet.fields_of(name):
-                self.set(f"{name}.{field}", every, read(f"{name}.{field}")[: self.size])
+                self.set(f"{name}.{field}", every, read(f"{name}.{field}"))
         gains = fleet._view[:, int(machine.GAINS) // W :][:, : rows(z_axis.Gains)]
         self._view[:, int(GAINS) // W :][:, : rows(z_axis.Gains)] = gains
         for name in Felt._fields:
@@ -544,21 +487,36 @@ class Rollout(Columns):
         self.deck["bristles"] = int((read("z.bristle") > 0.0).any())
 
     def lay(self, periods: int) -> None:
-        """Makes room for what is recorded of so many periods, in :attr:`course` and :attr:`memory`."""
+        """Makes room for what is recorded of so many periods, in :attr:`course` and :attr:`memory`.
+
+        Raises:
+            InvalidInput: it would be more than :data:`LARGEST` numbers.
+        """
+        wanted = self.blocks * W * periods * self.size_of_memory
+        if wanted > LARGEST:
+            raise InvalidInput(
+                f"{periods:,} periods of {self.size} machines with {self.size_of_memory} numbers each are more than "
+                f"{LARGEST:,} numbers; fewer machines, or shorter episodes"
+            )
+        self.deck["periods"] = 0  # what was made of other periods is no more
         self.course = np.zeros((self.blocks, periods, len(Period._fields), W))
         self.memory = np.zeros((self.blocks, periods, self.size_of_memory, W))
         self.deck["course"], self.deck["memory"], self.deck["recorded"] = self.course, self.memory, periods
 
     def put_memory(self, period: int, values: np.ndarray) -> None:
         """The memory of a period, shape (machines, memory)."""
-        _put_lanes(self.memory[:, period], values)
+        _put_lanes(self.memory[:, period], values, (self.size, self.size_of_memory))
 
     def put_course(self, period: int, values: list[np.ndarray]) -> None:
         """The fields of :class:`Period` of a period, each of shape (machines,)."""
-        _put_lanes(self.course[:, period], np.stack(values, axis=1))
+        _put_lanes(self.course[:, period], np.stack(values, axis=1), (self.size, len(Period._fields)))
 
     def put_wanted(self, first: int, values: np.ndarray) -> None:
         """What is wanted of the memory, from period ``first`` on, shape (machines, periods, wanted)."""
+        if values.shape[::2] != (self.size, len(self.wanted)):
+            raise InvalidInput(
+                f"what is wanted has shape {values.shape}; it must be ({self.size}, n, {len(self.wanted)})"
+            )
         where = slice(self.wanted.start, self.wanted.stop)
         self.memory[:, first : first + values.shape[1], where] = packed(values)
 
@@ -650,8 +608,10 @@ def unpacked(array: np.ndarray, machines: int) -> np.ndarray:
     return array.transpose(0, 3, 1, 2).reshape(blocks * W, periods, width)[:machines]
 
 
-def _put_lanes(blocks: np.ndarray, values: np.ndarray) -> None:
-    """Writes (machines, width) into (blocks, width, W)."""
+def _put_lanes(blocks: np.ndarray, values: np.ndarray, wanted: tuple[int, int]) -> None:
+    """Writes (machines, width), which is ``wanted``, into (blocks, width, W)."""
+    if values.shape != wanted:
+        raise InvalidInput(f"what is recorded has shape {values.shape}; it must be {wanted}")
     whole, rest = divmod(len(values), W)
     blocks[:whole] = values[: whole * W].reshape(whole, W, values.shape[1]).transpose(0, 2, 1)
     if rest:

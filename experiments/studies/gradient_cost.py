@@ -7,13 +7,13 @@ Each round times both, one after the other; medians are over the rounds.
 """
 
 import time
-from collections.abc import Callable
 from typing import Annotated
 
 import numpy as np
 import tyro
 
 from ...envs.control import stack
+from ...envs.engine.kernels import Kernel
 from ...envs.plant import z_axis
 from ...envs.plant.derivatives import Felt, Period, Rollout
 from ...envs.plant.derivatives import backward as backwards
@@ -24,15 +24,16 @@ ASKED = 4.0
 """Times forward, that forward and backward may cost."""
 
 
-def ready(machines: int) -> Rollout:
-    """Drives of the standard machine that follow a moving sheet."""
+def ready(machines: int, bristle: float) -> Rollout:
+    """Drives of the standard machine, with a friction whose bristles bend by ``bristle`` mm, that follow a moving
+    sheet."""
     law = stack.get("forecast").law
     assert law.weighing
     assert law.weighing.loop
     actions = range(law.weighing.action, law.weighing.action + len(law.weighing.weights))
     roll = Rollout(machines, law.weighing.loop, law.Params, law.weighing.Loop, law.weighing.reads, actions)
     random, every = np.random.default_rng(0), np.arange(machines)
-    roll.put_drive(every, z_axis.Params())
+    roll.put_drive(every, z_axis.Params(bristle=bristle))
     roll.put_law(every, law.Params(), law.weighing.Loop())
     roll.put_head(every, 1.0, Felt(1.0, 0.0, 1.0, 0.0))
     course = np.zeros((machines, PERIODS, len(Period._fields)))
@@ -44,10 +45,10 @@ def ready(machines: int) -> Rollout:
     return roll
 
 
-def seconds(function: Callable[[], None]) -> float:
-    """CPU time of a call."""
+def seconds(kernel: Kernel, roll: Rollout) -> float:
+    """CPU time of a kernel."""
     began = time.thread_time()
-    function()
+    kernel(roll.deck)
     return time.thread_time() - began
 
 
@@ -56,15 +57,15 @@ def main(
     rounds: Annotated[int, tyro.conf.arg(help="that are timed.")] = 15,
 ) -> None:
     """Times forward, and forward with backward."""
-    roll = ready(machines)
-    found = []
-    for _ in range(rounds):
-        forward = seconds(lambda: forwards(roll.deck))
-        found.append((forward, forward + seconds(lambda: backwards(roll.deck))))
-    forward, both = (1e9 / (machines * PERIODS) * np.median(found, axis=0)).tolist()
-    ratios = np.array([b / f for f, b in found])
-    print(f"forward {forward:.0f} ns a machine and period, with backward {both:.0f} ns")
-    print(f"ratio {np.median(ratios):.2f} ({ratios.min():.2f} to {ratios.max():.2f}); asked: at most {ASKED:g}")
+    for friction, bristle in (("viscous", 0.0), ("bristles", 0.01)):
+        roll, found = ready(machines, bristle), []
+        for _ in range(rounds):
+            forward = seconds(forwards, roll)
+            found.append((forward, forward + seconds(backwards, roll)))
+        forward, both = (1e9 / (machines * PERIODS) * np.median(found, axis=0)).tolist()
+        ratios = np.array([b / f for f, b in found])
+        print(f"{friction}: forward {forward:.0f} ns a machine and period, with backward {both:.0f} ns")
+        print(f"  ratio {np.median(ratios):.2f} ({ratios.min():.2f} to {ratios.max():.2f}); asked: at most {ASKED:g}")
 
 
 if __name__ == "__main__":

@@ -110,6 +110,8 @@ def test_the_onnx_graph_hands_over_as_the_policy_does(folder, tmp_path):
         ({"low": [0.0]}, "needs a low, a high and a margin"),
         ({"low": [2.0, 0.0]}, "low above its high"),
         ({"margin": [0.0, 1.0]}, "a margin that is not above 0"),
+        ({"margin": [1e-300, 1.0]}, "a margin below 0.0001"),  # 0 in single precision
+        ({"low": [-1e300, 0.0]}, "numbers beyond ±10000"),
     ],
 )
 def test_a_range_that_says_nothing_is_refused(folder, change, said):
