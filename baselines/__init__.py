@@ -97,6 +97,10 @@ _CATALOGUE: dict[str, tuple[str, str, dict, str]] = {
     "wu-tuned": ("wu", "Wu, gain tuned to an overshoot of at most 1 %: the reference of the slot xy", {}, "wu-tuned"),
     "wu-feedforward": ("wu", "Wu with feed-forward of velocity and acceleration, tuned", {}, "wu-feedforward"),
     "wu-stiff": ("wu", "Wu with half the gain that is unstable, and feed-forward, tuned", {}, "wu-stiff"),
+    "wu-inverse": (
+        "inverse", "inverse of Wu's drive, a little late, which learns the drive's gains and time constants on the way",
+        {}, "",
+    ),
     "recipe": ("recipe", "the material's recipe: nominal feed and power, no dither", {}, ""),
     "huang2024-static-quality": (
         "recipe", "Huang2024 Table 2: static, surface quality first, 0.2 m/min", {"plan.feed": 200.0 / 60}, "",
