@@ -98,8 +98,8 @@ _CATALOGUE: dict[str, tuple[str, str, dict, str]] = {
     "wu-feedforward": ("wu", "Wu with feed-forward of velocity and acceleration, tuned", {}, "wu-feedforward"),
     "wu-stiff": ("wu", "Wu with half the gain that is unstable, and feed-forward, tuned", {}, "wu-stiff"),
     "wu-inverse": (
-        "inverse", "inverse of Wu's drive, a little late, which learns the drive's gains and time constants on the way",
-        {}, "",
+        "inverse", "inverse of Wu's drive, a little late, which learns the drive's gains and time constants, tuned",
+        {}, "wu-inverse",
     ),
     "recipe": ("recipe", "the material's recipe: nominal feed and power, no dither", {}, ""),
     "huang2024-static-quality": (

@@ -1,6 +1,6 @@
 """Inverse: position loops that ask the drive for what the path needs, and learn on the way which drive it is.
 
-A delay that both axes share leaves no contour error, so the loop follows the path a little late: the points issued after
+A delay that both axes share leaves no contour error, so the loop follows the path a little late: points issued after
 that are its preview. A quartic through five of them gives velocity v, acceleration a and jerk j of the reference, and
 the drive with two time constants T1 and T2 (Wu) follows if it is told
 
@@ -8,8 +8,9 @@ the drive with two time constants T1 and T2 (Wu) follows if it is told
 
 for half a servo period later than the position error is taken, because a command is held for a whole one. What is left
 of the error is what is not known: the gains of the drives in the four directions, and how much slower they are than the
-nominal one. A model of each drive runs beside it on the same commands; recursive least squares (Ljung 1999) draws these
-five numbers to what the encoder says. A direction that was never travelled shares what is learnt of the opposite one.
+nominal one. A model of each drive runs beside it on the same commands; these five numbers are drawn to what the encoder
+says, the gains by recursive least squares (Åström and Wittenmark 1973), the time constants by a gradient. A direction
+that was never travelled shares what is learnt of the opposite one.
 """
 
 from typing import Annotated, NamedTuple

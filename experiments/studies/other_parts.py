@@ -12,6 +12,8 @@ from .suites import benchmarked, concluded
 
 SEEDS = 4
 
+_GAINS = ("x_plus", "x_minus", "y_plus", "y_minus")
+
 AXES: dict[str, tuple[str, dict[str, Any]]] = {
     "plain": ("as in the suite", {}),
     "slower": ("drives with time constants 40 % longer", {"gantry": {"slower": 1.4}}),
@@ -20,6 +22,10 @@ AXES: dict[str, tuple[str, dict[str, Any]]] = {
         "gains 10 % off in opposite directions",
         {"gantry": {"x_plus": 1.1, "x_minus": 0.9, "y_plus": 0.9, "y_minus": 1.1}},
     ),
+    "drawn": (
+        "drawn: gains within 10 %, time constants within 20 %",
+        {"gantry": {"slower": {"uniform": [0.8, 1.2]}, **{name: {"uniform": [0.9, 1.1]} for name in _GAINS}}},
+    ),
     "half": ("half the feed", {"feed": 0.5}),
     "faster": ("one and a half times the feed", {"feed": 1.5}),
     "modern": ('the axes `gantry.preset = "modern"`', {"gantry": {"preset": "modern"}}),
@@ -27,7 +33,7 @@ AXES: dict[str, tuple[str, dict[str, Any]]] = {
 """Conditions under which contours are followed: in words, and what is changed; ``feed`` is a factor."""
 
 JOBS = ("contour-gear", "contour-corners", "contour-slots")
-CONTOUR = ("wu-tuned", "wu-feedforward", "wu-stiff", "contour-following-ppo")
+CONTOUR = ("wu-tuned", "wu-feedforward", "wu-stiff", "wu-inverse", "contour-following-ppo")
 CUTTING = ("huang2024-dynamic", "huang2024-adjusting", "huang2024-tuned", "cutting-ppo")
 OTHERS = ("gear", "rosette", "slot-plate")
 
