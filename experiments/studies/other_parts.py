@@ -13,9 +13,11 @@ from .suites import benchmarked, concluded
 SEEDS = 4
 
 _GAINS = ("x_plus", "x_minus", "y_plus", "y_minus")
+_NOMINAL = dict.fromkeys(("slower", *_GAINS), 1.0)
 
 AXES: dict[str, tuple[str, dict[str, Any]]] = {
     "plain": ("as in the suite", {}),
+    "nominal": ("the nominal drives, of which nothing is to be learnt", {"gantry": _NOMINAL}),
     "slower": ("drives with time constants 40 % longer", {"gantry": {"slower": 1.4}}),
     "stiffer": ("gains 20 % higher", {"gantry": {"x_plus": 1.2, "x_minus": 1.2, "y_plus": 1.2, "y_minus": 1.2}}),
     "unequal": (
