@@ -15,16 +15,23 @@ from kerfgym.envs.tasks import workshop
 PERIOD = 4e-3
 
 
-def travel(scenario: str, controller: str, drive: dict[str, float], seeds: int = 1, **law: float) -> Fleet:
+def travel(
+    scenario: str,
+    controller: str,
+    drive: dict[str, float],
+    seeds: int = 1,
+    preset: str = "wu",
+    law: dict[str, float] | None = None,
+) -> Fleet:
     """Machines that have done a job with drives as given."""
-    team, case = stacks.team(f"xy={controller}"), scenarios.load(scenario)
+    team, case = stacks.team(f"xy={controller}"), scenarios.load(scenario).varied(gantry={"preset": preset})
     every = np.arange(seeds)
 
     def change(fleet: Fleet) -> None:
         assert fleet.gantries
         for name, value in drive.items():
             fleet.gantries.set(f"xy.{name}", every, value)
-        for name, value in law.items():
+        for name, value in (law or {}).items():
             fleet.gantries.set_law("xy", name, every, value)
 
     fleet = workshop.fleet_for(case, team, every, change=change)
@@ -79,7 +86,7 @@ def test_it_learns_the_gains_of_four_directions_and_how_slow_the_drives_are():
 
 def test_without_learning_it_leaves_what_unequal_drives_leave():
     drive = {"x_plus": 1.04, "x_minus": 1.04, "y_plus": 0.96, "y_minus": 0.96}
-    blind = contour_rms(travel("contour-circle", "wu-inverse", drive, learn=0.0, doubt=1e6))
+    blind = contour_rms(travel("contour-circle", "wu-inverse", drive, law={"learn": 0.0, "doubt": 1e6}))
     seeing = contour_rms(travel("contour-circle", "wu-inverse", drive))
     assert seeing[0] < 1.2
     assert blind[0] > 15 * seeing[0]
@@ -89,6 +96,13 @@ def test_without_learning_it_leaves_what_unequal_drives_leave():
 def test_it_is_five_times_as_close_as_the_stiff_loop_on_drives_that_it_does_not_know(scenario):
     stiff, learning = (contour_rms(travel(scenario, name, {}, seeds=4)) for name in ("wu-stiff", "wu-inverse"))
     assert np.sqrt((learning**2).mean()) < 0.2 * np.sqrt((stiff**2).mean())
+
+
+def test_told_the_constants_of_other_axes_it_is_five_times_as_close_as_the_stiff_loop_on_them():
+    modern = {"t1": 3.0, "t2": 1.0, "gain": 1.0, "instants": 1.0}
+    stiff = contour_rms(travel("contour-gear", "wu-stiff", {}, preset="modern"))
+    assert contour_rms(travel("contour-gear", "wu-inverse", {}, preset="modern", law=modern)) < 0.2 * stiff
+    assert contour_rms(travel("contour-gear", "wu-inverse", {}, preset="modern")) > stiff
 
 
 def test_its_loop_bears_two_and_a_half_times_its_gain():
