@@ -5,9 +5,9 @@ a reading beyond the table is nothing to approach, and at an edge the reading co
 ``sensor.WIDEST`` while the sheet is where it was: who follows it there dives below the sheet, and meets the far edge.
 
 So what was last known of the sheet counts: the head stood at the set height above it. It counts until the supervisor
-takes the reading for the sheet's again, or until readings have been within the table for a way longer than an edge: then
-the sheet lies deeper there, and is approached. It counts by way, not by time, so that a slot may last as long as it
-likes, at any feed. What it takes for the sheet is level: over a slot in a sloping sheet the head does not rise with it.
+takes the reading for the sheet, or until readings have been within the table for a way longer than an edge: then the
+sheet lies deeper there, and is approached. It counts by way, not by time, so a slot may last as long as it likes, at
+any feed. What it takes for the sheet is level: over a slot in a sloping sheet the head does not rise with it.
 """
 
 from kerfgym.envs.engine.lanes import part

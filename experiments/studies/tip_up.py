@@ -3,7 +3,8 @@
 The first that tells of such a part is the sheet under the plate's rim. A controller that knows it in that very moment,
 and can do no better than climb with all that the drive has, clears the part or does not: nobody who follows at the set
 height until then can. :func:`lost` lets the machines do so. :func:`hopeless` says the same in closed form, with a drive
-that lacks nothing but acceleration and dead time.
+that lacks nothing but acceleration and dead time. Both hold for each part before which the head is back at the set
+height; for the first one that is so.
 
     python -m kerfgym.experiments.studies.tip_up [FIRST:LAST]
 """
@@ -33,6 +34,9 @@ GAIN, DOWN = 25.0, 200.0
 HIGH = 16.0
 """mm, above which it need not climb."""
 
+CLIMBER = "idle:guard.rise=5"
+"""With a guard that does not take a part's end for an edge, and so does not keep the head high until the next part."""
+
 STEP = 0.05
 """ms of the closed form."""
 
@@ -46,7 +50,7 @@ def parts(fleet: Fleet) -> np.ndarray:
 
 def lost(scenario: Scenario, seeds: np.ndarray, late: float = 0.0) -> np.ndarray:
     """Whether a run collides that climbs as soon as the plate has been over a part for ``late`` mm; shape (seeds,)."""
-    idle = stack.resolve("idle")
+    idle = stack.resolve(CLIMBER)
     fleet = rollout.fleet_for(scenario, idle, seeds)
     there, above = parts(fleet), fleet.column("job.set_height").copy()
     hands = [fleet.row("hand.residual", i) for i in range(fleet.size)]
@@ -73,7 +77,7 @@ def clearable(fleet: Fleet) -> np.ndarray:
 
 def hopeless(scenario: Scenario, seeds: np.ndarray) -> np.ndarray:
     """Whether a part is higher than what is :func:`clearable`; shape (seeds, parts)."""
-    fleet = rollout.fleet_for(scenario, stack.resolve("idle"), seeds)
+    fleet = rollout.fleet_for(scenario, stack.resolve(CLIMBER), seeds)
     return parts(fleet)[:, :, 2] > clearable(fleet)[:, None]
 
 
