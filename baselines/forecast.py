@@ -27,6 +27,8 @@ A **policy** adds to the rules: ``weight = rule + span·action`` with actions fr
 action at all is this law. :func:`weigh` makes the command of what lies in the memory and changes nothing; whoever
 writes an action there may call it again.
 
+Where there is **no sheet below**, the one that was last known is followed (:mod:`slots`).
+
 A **shield** bounds every command, see :func:`shielded`.
 """
 
@@ -34,7 +36,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from kerfgym.baselines import drive_bank, ramps, self_tuning, trends
+from kerfgym.baselines import drive_bank, ramps, self_tuning, slots, trends
 from kerfgym.envs.engine.lanes import clip, extended, logarithm, part
 from kerfgym.envs.engine.quantity import Quantity
 from kerfgym.envs.plant.controller import PERIOD, Weight
@@ -146,7 +148,8 @@ BANK = INTEGRAL + 1
 RAMP = BANK + drive_bank.MEMORY
 TREND = RAMP + ramps.MEMORY
 LEARNT = TREND + trends.MEMORY
-MEMORY = LEARNT + self_tuning.MEMORY
+GONE = LEARNT + self_tuning.MEMORY
+MEMORY = GONE + slots.MEMORY
 
 
 class Shares(NamedTuple):
@@ -236,6 +239,15 @@ def _signals(p, x, m, o, coming, rise):
         b[_STEP] = (ramps.tip(r, (behind + 0.5) * travel) - ramps.tip(r, (behind - 0.5) * travel)) / PERIOD
         b[_STEPS] = ramps.tip(r, p.smith * behind * travel) - o.measured
     b[_FRICTION] = _kick(p, o, behind, m[BANK + drive_bank.LAG])
+
+
+@part
+def _stay(m, plane):
+    """No sheet below: the one that was last known counts as measured, and as straight; signals say nothing."""
+    m[MEASURED] = plane
+    for k in range(SIGNAL, MEASURED):
+        m[k] = 0.0
+    return Shares(1.0, 0.0, 0.0)
 
 
 @part
@@ -336,7 +348,7 @@ def weigh(params, state, signals, memory):
 def control(params, state, signals, tables, memory):
     """Head velocity, mm/s: read, learn, predict; weigh by the rules alone."""
     p, x, m = params, signals, memory
-    q, d, t = m[LEARNT:MEMORY], m[BANK:RAMP], m[TREND:LEARNT]
+    q, d, t, gone = m[LEARNT:GONE], m[BANK:RAMP], m[TREND:LEARNT], m[GONE:MEMORY]
     s, o = self_tuning.outlook(p, state, x, q)
     if x.fresh:
         for k in range(BANK):
@@ -346,21 +358,24 @@ def control(params, state, signals, tables, memory):
     lost = x.fresh or not x.captured or s.held or state.held
     trends.update(t, x.fresh, lost, o.measured, x.head_position - x.raw_height, x.feed, p.leave)
     ramps.update(m[RAMP:TREND], lost, o.measured, x.feed)
+    slots.update(gone, x)
     behind = d[drive_bank.DEAD_TIME] + d[drive_bank.LAG]
     m[MEASURED], m[BEHIND], m[WAY] = o.measured, behind, self_tuning.under_way(q, s.tick, behind)
     coming, rise = _ahead(p, o, behind)
     _signals(p, x, m, o, coming, rise)
     kinds = _kinds(p, x, m, o.ready)
+    if slots.is_away(gone):
+        kinds = _stay(m, gone[slots.PLANE])
     _rules(p, m, kinds)
     _described(p, x, s, m, o, kinds, rise)
     for k in range(_WEIGHTS):
         m[ACTION + k] = 0.0
-    speed, place = 0.0, o.measured
+    speed, place = 0.0, m[MEASURED]
     for k in range(_SPEEDS):
         speed += m[RULE + k] * m[SIGNAL + k]
     for k in range(_SPEEDS, _SPEEDS + _PLACES):
         place += m[RULE + k] * m[SIGNAL + k]
-    m[SHEET], m[SINKING] = max(o.measured, place), min(speed, 0.0)
+    m[SHEET], m[SINKING] = max(m[MEASURED], place), min(speed, 0.0)
     # Nothing winds up while the supervisor moves the head. A step is over before summing it up could help.
     error = x.head_position - place - x.set_height + p.smith * m[WAY]
     grown = s.integral + p.ki * PERIOD * clip(error, -self_tuning.LITTLE, self_tuning.LITTLE)

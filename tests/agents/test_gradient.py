@@ -56,6 +56,7 @@ SLOW = {"axis": {"bandwidth": 25.0, "dead_time": 0.004, "bristle": 0.008, "stict
         ("holes", {}),  # over which the supervisor commands
         ("corners", {"environment.machine": SLOW}),
         ("rough", {"environment.base": "forecast:law.ki=1500"}),
+        ("long-hole", {"environment.base": "forecast:guard.timeout=50", "environment.machine": {"feed": 400.0}}),
     ],
 )
 def test_drive_and_loop_alone_do_what_the_machines_did_to_the_bit(scenario, change):

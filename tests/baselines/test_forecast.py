@@ -4,10 +4,13 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from kerfgym.baselines import drive_bank, ramps, trends
+from kerfgym.baselines import drive_bank, ramps, slots, trends
 from kerfgym.baselines import forecast as law
-from kerfgym.envs.plant import sheet, supervisor
+from kerfgym.envs.control import stack
+from kerfgym.envs.plant import sensor, sheet, supervisor
 from kerfgym.envs.plant.controller import PERIOD, Sensed
+from kerfgym.envs.scenarios import load
+from kerfgym.experiments.measure import rollout
 
 P = law.Params()
 
@@ -248,3 +251,76 @@ def test_under_the_shield_a_head_that_is_sent_down_stops_above_the_sheet():
         at += speed * PERIOD
         lowest = min(lowest, at)
     assert 0.05 <= lowest < 0.2
+
+
+# ------------------------------------------------------------------------------------------------ no sheet below
+
+
+def over_a_slot(length=200.0, feed=200.0, rise=0.0, seed=201, controller="forecast"):
+    """A run over a slot of ``length`` mm; with a ``rise`` below 0 the sheet goes on so much lower instead."""
+    change = {"sheet": {"holes": {"length": length, "count": 1, "jitter": 0.0}}, "feed": feed, "duration": 400.0 / feed}
+    if rise:
+        change["sheet"] = {"holes": None, "steps": {"height": rise, "spacing": 150.0, "count": 1}}
+    return rollout.roll(load("long-hole").varied(**change), stack.resolve(controller), seed)
+
+
+@pytest.mark.parametrize(("length", "feed", "sinks"), [(120.0, 200.0, 0.07), (200.0, 200.0, 0.07), (200.0, 60.0, 0.4)])
+def test_over_a_slot_that_outlasts_the_hold_the_head_stays_where_the_hold_put_it(length, feed, sinks):
+    """At low feeds the guard takes the edge for one late, and the head has come down with the reading by then."""
+    run = over_a_slot(length, feed)
+    over = (run["distance"][:, 0] > 150.0 - length / 2.0) & (run["distance"][:, 0] < 150.0 + length / 2.0)
+    assert over.sum() > 500.0, "longer than a hold"
+    assert not run.collided.any()
+    assert np.abs(run["head"][over, 0] - run.set_height[0]).max() < sinks
+    assert run["head"][-1, 0] == pytest.approx(run.set_height[0], abs=0.01), "and follows when the sheet is back"
+
+
+def test_a_follower_that_approaches_what_it_reads_there_dives_through_the_plane_of_the_sheet():
+    assert over_a_slot(controller="self-tuning")["head"].min() < 0.0
+
+
+def test_a_sheet_that_goes_on_deeper_is_approached_once_an_edge_would_be_over():
+    """3 mm down: the hold ends after 400 ms; readings within the table for 30 mm, 150 ms, are a sheet's."""
+    run = over_a_slot(rise=-3.0)
+    below, held = run["head"][:, 0] < run.set_height[0] - 0.5, run["mode"][:, 0] == supervisor.HOLD
+    assert held.any()
+    assert np.flatnonzero(below)[0] - np.flatnonzero(held)[-1] == pytest.approx(1e3 * slots.LONGER / 200.0, abs=40.0)
+    assert run["gap"][-1, 0] == pytest.approx(run.set_height[0], abs=0.02)
+    assert not run.collided.any()
+
+
+def told(**changes):
+    """Signals of a head 0.7 mm above a sheet at 0.3 mm."""
+    x = signals([0.3], [1.0], [0.0])[0]
+    return x._replace(**{"fresh": False, "raw_height": 10.0, **changes})
+
+
+def test_the_sheet_is_away_after_a_hold_that_the_supervisor_ends_without_it():
+    m = np.full(slots.MEMORY, 7.0)
+    slots.update(m, told(fresh=True, captured=False))
+    assert not slots.is_away(m), "an episode begins with an approach"
+    slots.update(m, told(mode=supervisor.HOLD))
+    assert not slots.is_away(m)
+    slots.update(m, told(captured=False))
+    assert slots.is_away(m)
+    assert m[slots.PLANE] == pytest.approx(0.3)
+    for _ in range(10_000):  # no time is too long
+        slots.update(m, told(captured=False))
+    assert slots.is_away(m)
+    back, stopped = m.copy(), m.copy()
+    slots.update(back, told(captured=True, raw_height=0.75))
+    slots.update(stopped, told(captured=False, mode=supervisor.STOP))
+    assert not slots.is_away(back)
+    assert not slots.is_away(stopped)
+
+
+@pytest.mark.parametrize("feed", [50.0, 200.0, 400.0])
+def test_only_readings_over_more_than_an_edge_are_a_sheet(feed):
+    m = np.zeros(slots.MEMORY)
+    slots.update(m, told(mode=supervisor.HOLD))
+    readings = 0
+    slots.update(m, told(captured=False, feed=feed))
+    while slots.is_away(m):
+        slots.update(m, told(captured=False, feed=feed, raw_height=4.0))
+        readings += 1
+    assert readings * feed * PERIOD == pytest.approx(2.0 * sensor.WIDEST + 6.0, abs=2.0 * feed * PERIOD)
