@@ -1,9 +1,12 @@
-"""Learns the policies of a front: one weighting of time, dross, Rz and contour error after the other.
+"""Learns the policies of a front, all of them together, on the figures of whole jobs.
 
-Every figure of a job is a sum along its path, and what the settings do to a millimetre of it is nearly a fixed map. So a
-policy needs few numbers, whole jobs are cheap, and CMA-ES on the figures themselves needs neither a reward that stands
-for them nor a critic. Each weighting starts from the best policy for it that the ones before came across. The front is
-of all that was tried, as a search for the front of rules keeps it (:func:`tune.outcome.front`).
+Every figure of a job is a sum along its path, and what the settings do to a millimetre of it is nearly a fixed map. So
+a policy needs few numbers, whole jobs are cheap, and the figures themselves are the aim: neither a reward that stands
+for them nor a critic is needed. Each trial draws a weighting at random, takes the policies that are best for it so far,
+and tries a variation of one of them. Weightings are drawn as *random hypervolume scalarisations* (Golovin and Zhang
+2020): the mean over them of the best value is the hypervolume, so every trial is asked to enlarge that. Variations are
+differences between two other good policies (differential evolution, Storn and Price 1997) and a little noise. The front
+is of all that was tried, as a search for the front of rules keeps it (``tune.outcome.front``).
 """
 
 import json
@@ -11,70 +14,37 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cmaes
 import numpy as np
+from scipy.stats import qmc
 
 from ...envs.control import stack as stacks
 from ..store import runs
 from ..tune import goals
 from ..tune.evaluate import Evaluator
 from . import policies
+from .compare import REFERENCE, WORST
 from .points import METRICS, efficient
 
 SUITE = "cutting"
-PACES = (1.2, 1.0, 0.88, 0.76, 0.64, 0.54, 0.45, 0.38)
-"""Feeds, of the planned one, at which time and Rz balance: their weights follow (:func:`weightings`)."""
-CARES = (0.02, 0.1, 0.4)
-"""Weights of the contour error, of the time's."""
-DROSS = 1.0
-"""Weight of the dross, of the roughness'."""
-SPREAD = 0.15
-POPULATION = 8
-LEAST, MOST = -1.0, 2.0
+RECORD = "learned.json"
+
+FIRST = 64
+"""Trials at the start, spread evenly over general feed, dither, and how much is slowed down before corners."""
+
+ELITES = 12
+"""Of how many of the best for a weighting one is varied, by the difference of two others."""
+
+NOISE = 0.04
+LEAST, MOST = -1.5, 3.0
+"""Standard deviation of the noise, and the bounds of a policy's numbers."""
 
 
 @dataclass(frozen=True)
 class Tried:
-    """A policy that was tried: its numbers and its figures, in the order of :data:`points.METRICS`."""
+    """A policy that was tried: its numbers, and its figures in the order of :data:`points.METRICS`."""
 
     numbers: np.ndarray
     figures: np.ndarray
-
-
-def weightings() -> list[np.ndarray]:
-    """Weights of the ratios of :data:`points.METRICS` to the base's.
-
-    Of a feed v the time is about 0.1 + 0.9/v and Rz about v^1.25; their weighted sum is least at v if 0.9·w_t/v² =
-    1.25·w_r·v^0.25.
-    """
-    found = []
-    for care in CARES:
-        for pace in PACES:
-            rough = 0.72 / pace**2.25
-            found.append(np.array([1.0, DROSS / rough, 1.0 / rough, care]))
-    return found
-
-
-class Shop:
-    """Runs policies on *tune* seeds and counts what that takes."""
-
-    def __init__(self, seeds: int, threads: int = 1) -> None:
-        self.base = policies.team(policies.policy(policies.START))
-        self.evaluator = Evaluator(self.base, SUITE, range(seeds), threads)
-        plain = Evaluator(stacks.asked(policies.BASE), SUITE, range(seeds), threads)
-        self.reference = figures(plain, stacks.asked(policies.BASE))
-        self.tried: list[Tried] = []
-
-    def run(self, numbers: np.ndarray) -> np.ndarray:
-        """The figures of a policy of these numbers, kept."""
-        found = figures(self.evaluator, policies.team(policies.policy(numbers)))
-        self.tried.append(Tried(np.array(numbers), found))
-        return found
-
-    def cost(self, figures: np.ndarray, weights: np.ndarray) -> float:
-        """The weighted sum of the ratios to the base's; of a failed policy far above all others."""
-        value = float(weights @ (figures / self.reference))
-        return value if np.isfinite(value) else goals.FAILED
 
 
 def figures(evaluator: Evaluator, team: Any) -> np.ndarray:
@@ -85,29 +55,53 @@ def figures(evaluator: Evaluator, team: Any) -> np.ndarray:
     return values if sound else np.full(len(METRICS), np.nan)
 
 
+def starts(seed: int) -> list[np.ndarray]:
+    """The first trials."""
+    found = [policies.START]
+    for u in qmc.Sobol(3, seed=seed).random(FIRST)[:-1]:
+        numbers = policies.START.copy()
+        numbers[0] = -0.75 + 1.75 * u[0]
+        numbers[1] = u[1]
+        numbers[2:-1] *= 5.0 * u[2]
+        found.append(numbers)
+    return found
+
+
+def values(points: np.ndarray, weights: np.ndarray, worst: np.ndarray) -> np.ndarray:
+    """The hypervolume scalarisation of points (n, d), the more the better; of failed ones −∞."""
+    sound = np.isfinite(points).all(axis=1)
+    span = worst - points[sound].min(axis=0)
+    return np.where(sound, ((worst - points) / span / weights).min(axis=1), -np.inf)
+
+
+def varied(tried: list[Tried], worst: np.ndarray, random: np.random.Generator) -> np.ndarray:
+    """The numbers of the next trial."""
+    weights = np.abs(random.normal(size=len(METRICS))) + 1e-3
+    worth = values(np.array([t.figures for t in tried]), weights / np.linalg.norm(weights), worst)
+    elite = np.argsort(-worth)[:ELITES]
+    at = elite[int(len(elite) * random.random() ** 2)]
+    one, other = random.choice(elite, 2, replace=False)
+    step = random.choice([0.5, 1.0]) * (tried[one].numbers - tried[other].numbers)
+    kept = random.random(policies.SIZE) < 0.7
+    numbers = tried[at].numbers + np.where(kept, step, 0.0) + NOISE * random.normal(size=policies.SIZE)
+    return np.clip(numbers, LEAST, MOST)
+
+
 def learn(folder: Path, budget: int, seeds: int = 4, seed: int = 0) -> list[Tried]:
     """Learns a front within a budget of simulated steps, and writes its policies into ``folder/front``."""
-    shop = Shop(seeds)
-    shop.run(policies.START)
-    wanted = weightings()
-    for i, weights in enumerate(wanted):
-        limit = budget * (i + 1) // len(wanted)
-        start = min(shop.tried, key=lambda t: shop.cost(t.figures, weights)).numbers
-        bounds = np.tile([LEAST, MOST], (policies.SIZE, 1))
-        search = cmaes.CMA(
-            mean=np.clip(start, LEAST + 0.01, MOST - 0.01), sigma=SPREAD, bounds=bounds, seed=seed + i,
-            population_size=POPULATION,
-        )  # fmt: skip
-        while shop.evaluator.ledger.steps < limit:
-            asked = [search.ask() for _ in range(search.population_size)]
-            search.tell([(x, shop.cost(shop.run(x), weights)) for x in asked])
-    table = np.array([t.figures for t in shop.tried])
-    kept = [shop.tried[i] for i in efficient(table)]
-    cost = shop.evaluator.ledger.entry()
-    made = {"suite": SUITE, "tune_seeds": f"0-{seeds - 1}", "tried": len(shop.tried), "sampler_seed": seed}
+    evaluator = Evaluator(policies.team(policies.policy(policies.START)), SUITE, range(seeds))
+    plain = stacks.asked(REFERENCE)
+    worst = figures(Evaluator(plain, SUITE, range(seeds)), plain) * WORST
+    random, tried, first = np.random.default_rng(seed), list[Tried](), starts(seed)
+    while evaluator.ledger.steps < budget:
+        numbers = first[len(tried)] if len(tried) < len(first) else varied(tried, worst, random)
+        tried.append(Tried(numbers, figures(evaluator, policies.team(policies.policy(numbers)))))
+    kept = [tried[i] for i in efficient(np.array([t.figures for t in tried]))]
+    cost = evaluator.ledger.entry()
+    made = {"suite": SUITE, "tune_seeds": f"0-{seeds - 1}", "tried": len(tried), "sampler_seed": seed}
     made |= {key: cost[key] for key in ("simulated_steps", "cpu_seconds")}
     for i, each in enumerate(kept, 1):
         tune = dict(zip(METRICS, each.figures.tolist(), strict=True))
         policies.policy(each.numbers, made | {"tune": tune}).save(folder / "front" / f"{i:03d}")
-    runs.write_text(folder / "learned.json", json.dumps(made | {"front": len(kept)}, indent=1) + "\n")
+    runs.write_text(folder / RECORD, json.dumps(made | {"front": len(kept)}, indent=1) + "\n")
     return kept
