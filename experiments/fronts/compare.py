@@ -102,16 +102,27 @@ def chosen(points: np.ndarray, ideal: np.ndarray, worst: np.ndarray, count: int)
     return sorted(found)
 
 
-def volumes(fronts: list[list[Member]], ideal: np.ndarray, worst: np.ndarray) -> list[Interval]:
-    """Hypervolume of each front with its interval over seeds, and behind them of the last less the first."""
+def volumes(
+    fronts: list[list[Member]], ideal: np.ndarray, worst: np.ndarray, among: tuple[int, ...] = (0, 1, 2, 3)
+) -> list[Interval]:
+    """Hypervolume of each front with its interval over seeds, and behind them of the last less the first.
+
+    Args:
+        fronts: their members.
+        ideal, worst: the box.
+        among: which of the metrics count.
+    """
+    which = list(among)
+
+    def volume(front: list[Member], kept: Any = slice(None)) -> float:
+        points = np.array([m.figures(kept) for m in front])
+        return hypervolume(points[:, which], ideal[which], worst[which])
+
     samples = []
     for front in fronts:
         n = len(front[0].values)
-        whole = hypervolume(np.array([m.figures() for m in front]), ideal, worst)
-        left = np.arange(n)
-        without = [hypervolume(np.array([m.figures(left != i) for m in front]), ideal, worst) for i in range(n)]
-        influence = (n - 1) * (np.mean(without) - np.array(without))
-        samples.append(Sample.of(whole + influence))
+        without = np.array([volume(front, np.arange(n) != i) for i in range(n)])
+        samples.append(Sample.of(volume(front) + (n - 1) * (without.mean() - without)))
     found = bootstrap.replicate(samples, bootstrap.mean)
     each = np.eye(len(fronts))
     return [found.interval(w) for w in (*each, each[-1] - each[0])]
