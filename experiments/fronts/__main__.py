@@ -101,7 +101,7 @@ HEAD = (
 )
 
 PLAIN = (0, 2, 3)
-"""The metrics without dross, which the calibrated settings hardly change, though in the box it weighs as much as each."""
+"""The metrics without dross, which the calibrated settings hardly change, though in the box it weighs as much."""
 
 
 def _cells(row: dict[str, Any]) -> list[str]:
