@@ -7,7 +7,7 @@ from kerfgym.agents.policy import Policy
 from kerfgym.baselines import recipe
 from kerfgym.envs.control import stack as stacks
 from kerfgym.envs.plant import published
-from kerfgym.experiments.fronts import bound, compare, learn, points, policies
+from kerfgym.experiments.studies.fronts import bound, comparing, learn, points, policies
 from kerfgym.experiments.tune import study_file
 from kerfgym.experiments.tune.evaluate import Evaluator
 
@@ -42,23 +42,23 @@ def test_failed_and_bettered_and_repeated_points_are_not_on_a_front():
 
 def test_thinning_keeps_what_encloses_most_as_trying_every_pair_would():
     front = np.random.default_rng(5).random((7, 4))
-    first = compare.chosen(front, ZERO, ONE, 1)
+    first = comparing.chosen(front, ZERO, ONE, 1)
     alone = [points.hypervolume(front[[i]], ZERO, ONE) for i in range(7)]
     assert first == [int(np.argmax(alone))]
-    second = [i for i in compare.chosen(front, ZERO, ONE, 2) if i not in first]
+    second = [i for i in comparing.chosen(front, ZERO, ONE, 2) if i not in first]
     pairs = [points.hypervolume(front[[first[0], i]], ZERO, ONE) for i in range(7)]
     assert second == [int(np.argmax(pairs))]
 
 
-def _member(values: np.ndarray, outside: str = "") -> compare.Member:
-    return compare.Member("m", values, outside)
+def _member(values: np.ndarray, outside: str = "") -> comparing.Member:
+    return comparing.Member("m", values, outside)
 
 
 def test_a_member_that_failed_once_or_left_the_calibrated_settings_encloses_nothing():
     values = np.full((6, 2, 4), 0.5)
     lost = values.copy()
     lost[2, 1] = np.nan
-    found = compare.volumes([[_member(values)], [_member(lost)], [_member(values, "feed by 1 mm/s")]], ZERO, ONE)
+    found = comparing.volumes([[_member(values)], [_member(lost)], [_member(values, "feed by 1 mm/s")]], ZERO, ONE)
     assert [round(each.value, 12) for each in found[:3]] == [0.0625, 0.0, 0.0]
     assert found[3].value == pytest.approx(-0.0625)
 
@@ -66,10 +66,10 @@ def test_a_member_that_failed_once_or_left_the_calibrated_settings_encloses_noth
 def test_the_interval_of_a_hypervolume_holds_it_and_is_none_where_all_seeds_are_alike():
     random = np.random.default_rng(6)
     front = [_member(0.2 + 0.5 * random.random((20, 3, 4))) for _ in range(5)]
-    found = compare.volumes([front], ZERO, ONE)[0]
+    found = comparing.volumes([front], ZERO, ONE)[0]
     assert found.value == pytest.approx(points.hypervolume(np.array([m.figures() for m in front]), ZERO, ONE))
     assert found.low < found.value < found.high
-    still = compare.volumes([[_member(np.full((6, 2, 4), 0.5))]], ZERO, ONE)[0]
+    still = comparing.volumes([[_member(np.full((6, 2, 4), 0.5))]], ZERO, ONE)[0]
     assert still.low == still.value == still.high
 
 

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...envs import scenarios
-from ...envs.control import stack as stacks
-from ...envs.figures import evidence, job_metrics
-from ...envs.plant import cut, published
-from ...envs.scenarios import Scenario
-from ...envs.tasks import workshop
-from ..results import jobs
+from ....envs import scenarios
+from ....envs.control import stack as stacks
+from ....envs.figures import evidence, job_metrics
+from ....envs.plant import cut, published
+from ....envs.scenarios import Scenario
+from ....envs.tasks import workshop
+from ...results import jobs
 from .points import METRICS, efficient
 
 FEEDS, DITHERS, DEPTHS, FOCI = 100, 25, 3, 3

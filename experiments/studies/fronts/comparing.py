@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from ...envs.control import stack as stacks
-from ...envs.control.stack import Team
-from ..statistics import bootstrap
-from ..statistics.intervals import Interval, Sample
-from ..statistics.pooling import over_scenarios, over_seeds
-from ..tune.evaluate import Evaluator
+from ....envs.control import stack as stacks
+from ....envs.control.stack import Team
+from ...statistics import bootstrap
+from ...statistics.intervals import Interval, Sample
+from ...statistics.pooling import over_scenarios, over_seeds
+from ...tune.evaluate import Evaluator
 from .points import METRICS, efficient, hypervolume
 
 WORST = np.array([2.5, 1.001, 1.001, 1.001])

@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from ...agents.compiled import Compiled
-from ...agents.network import Layer, Network
-from ...agents.policy import FORMAT, Document, Policy, describe, describe_base, shape_of
-from ...envs.control import stack as stacks
-from ...envs.control.stack import Team
-from ...envs.tasks.all_tasks import TASKS
+from ....agents.compiled import Compiled
+from ....agents.network import Layer, Network
+from ....agents.policy import FORMAT, Document, Policy, describe, describe_base, shape_of
+from ....envs.control import stack as stacks
+from ....envs.control.stack import Team
+from ....envs.tasks.all_tasks import TASKS
 
 ENVIRONMENT = "kerfgym/Cutting-v0"
 BASE = "huang2024-dynamic"

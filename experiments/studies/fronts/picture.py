@@ -3,8 +3,8 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..plots.palette import COLOURS, GRID, INK, MARKERS, QUIET
-from .compare import Member
+from ...plots.palette import COLOURS, GRID, INK, MARKERS, QUIET
+from .comparing import Member
 from .points import METRICS
 
 VIEWS = ((0, 2), (0, 3), (0, 1), (2, 3))

@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 from scipy.stats import qmc
 
-from ...envs.control import stack as stacks
-from ..store import runs
-from ..tune import goals
-from ..tune.evaluate import Evaluator
+from ....envs.control import stack as stacks
+from ...store import runs
+from ...tune import goals
+from ...tune.evaluate import Evaluator
 from . import policies
-from .compare import REFERENCE, WORST
+from .comparing import REFERENCE, WORST
 from .points import METRICS, efficient
 
 SUITE = "cutting"

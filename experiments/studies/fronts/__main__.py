@@ -1,4 +1,4 @@
-"""``python -m kerfgym.experiments.fronts``: the learned front of a cut, beside the rules' and the bound."""
+"""``python -m kerfgym.experiments.studies.fronts``: the learned front of a cut, beside the rules' and the bound."""
 
 import base64
 import html
@@ -10,20 +10,20 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ...envs import scenarios
-from ...envs.control import stack as stacks
-from ...envs.engine.quantity import InvalidInput
-from ...envs.safety import files
-from ..plots.png import png
-from ..report.terminal import TextTable
-from ..statistics.intervals import Interval
-from ..store import runs, script
-from ..studies import pages
-from . import bound, compare, learn
+from ....envs import scenarios
+from ....envs.control import stack as stacks
+from ....envs.engine.quantity import InvalidInput
+from ....envs.safety import files
+from ...plots.png import png
+from ...report.terminal import TextTable
+from ...statistics.intervals import Interval
+from ...store import runs, script
+from .. import pages
+from . import bound, comparing, learn
 from .picture import TITLES, picture
 from .points import METRICS, hypervolume
 
-MODULE = "kerfgym.experiments.fronts"
+MODULE = "kerfgym.experiments.studies.fronts"
 
 
 def main(rules: Path, name: str = "cutting-fronts", seeds: int = 20, members: int = 80, docs: bool = False) -> None:
@@ -45,21 +45,21 @@ def main(rules: Path, name: str = "cutting-fronts", seeds: int = 20, members: in
     words = ["--rules", rules, "--seeds", seeds, "--members", members]
     campaign = pages.Campaign(MODULE, words, folder)
     some = scenarios.SPLITS["test"][:seeds]
-    plain = compare.measured(compare.REFERENCE, stacks.asked(compare.REFERENCE), learn.SUITE, some)
+    plain = comparing.measured(comparing.REFERENCE, stacks.asked(comparing.REFERENCE), learn.SUITE, some)
     reference, free = plain.figures(), bound.bound(learn.SUITE, some[0])
-    ideal, worst = np.append(free[:, :3].min(axis=0), 0.0), reference * compare.WORST
+    ideal, worst = np.append(free[:, :3].min(axis=0), 0.0), reference * comparing.WORST
     folders = {"tuned rules": rules / "front", "learned": folder / "front"}
     counts, fronts = {}, {}
     for title, place in folders.items():
-        teams = compare.members(place)
-        points = np.array([compare.tuned(team) for team in teams.values()])
-        kept = [list(teams)[i] for i in compare.chosen(points, ideal, worst, members)]
+        teams = comparing.members(place)
+        points = np.array([comparing.tuned(team) for team in teams.values()])
+        kept = [list(teams)[i] for i in comparing.chosen(points, ideal, worst, members)]
         counts[title] = len(teams)
-        fronts[title] = [compare.measured(each, teams[each], learn.SUITE, some) for each in kept]
+        fronts[title] = [comparing.measured(each, teams[each], learn.SUITE, some) for each in kept]
     both = list(fronts.values())
-    *found, gain = compare.volumes(both, ideal, worst)
-    *three, gain_three = compare.volumes(both, ideal, worst, PLAIN)
-    shared = compare.joint(fronts)
+    *found, gain = comparing.volumes(both, ideal, worst)
+    *three, gain_three = comparing.volumes(both, ideal, worst, PLAIN)
+    shared = comparing.joint(fronts)
     limit = hypervolume(free, ideal, worst)
     cost = {"tuned rules": spent, "learned": files.json_(folder / learn.RECORD)}
     rows = []
@@ -78,8 +78,8 @@ def main(rules: Path, name: str = "cutting-fronts", seeds: int = 20, members: in
         part.write_bytes(png(picture(fronts, reference, free)))
     box = ", ".join(f"{TITLES[m]} {low:.4g} to {high:.4g}" for m, low, high in zip(METRICS, ideal, worst, strict=True))
     notes = [
-        f"box of the hypervolume: {box}; it ends at {' × '.join(f'{w:g}' for w in compare.WORST)} times "
-        f"{compare.REFERENCE}'s, on {seeds} test seeds. (… …): 95 % intervals over seeds.",
+        f"box of the hypervolume: {box}; it ends at {' × '.join(f'{w:g}' for w in comparing.WORST)} times "
+        f"{comparing.REFERENCE}'s, on {seeds} test seeds. (… …): 95 % intervals over seeds.",
         f"learned less tuned rules, paired: {_told(gain)}; without dross {_told(gain_three)}.",
         "bound: best calibrated settings for each mm, no following error, contour error 0; no policy reaches it.",
     ]
@@ -120,7 +120,7 @@ def _told(found: Interval) -> str:
     return f"{found.value:.4f}{ends}"
 
 
-def _table(fronts: dict[str, list[compare.Member]]) -> pd.DataFrame:
+def _table(fronts: dict[str, list[comparing.Member]]) -> pd.DataFrame:
     """Every member that was compared: its figures on test seeds, runs that failed, and what was extrapolated."""
     rows: list[dict[str, Any]] = []
     for title, front in fronts.items():
