@@ -48,7 +48,7 @@ class _Search(TypedDict, total=False):
     suite: str
     what: list[str]
     ranges: dict[str, list[float]]
-    metric: str
+    metric: str | list[str]
     relative: str
     ms: float | list[float]
     limits: dict[str, float]
@@ -173,6 +173,11 @@ def _number(key: str, given: Any, searched: set[str]) -> float:
     return found if key in searched else float(f"{found:.5g}")
 
 
+def _metrics(given: str | list[str]) -> tuple[str, ...]:
+    """One metric, or several of which a front is sought."""
+    return (given,) if isinstance(given, str) else tuple(given)
+
+
 def _task(path: Path, name: str, body: dict[str, Any], ms: float, trials: int | None) -> Task:
     """One search; what its own table says stands before what the file says of all.
 
@@ -197,7 +202,7 @@ def _task(path: Path, name: str, body: dict[str, Any], ms: float, trials: int | 
             body["controller"],
             words,
             suite,
-            (body.get("metric") or str(scenarios.rules(suite).get("score", "rms_true")),),
+            _metrics(body.get("metric") or str(scenarios.rules(suite).get("score", "rms_true"))),
             Limits(ms, tuple(Limit(key, most) for key, most in body.get("limits", {}).items())),
             body.get("seeds", 8 if with_jobs(suite) else 32),
             trials=trials if trials is not None else body.get("trials", 300),
