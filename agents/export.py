@@ -15,12 +15,13 @@ import platform
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import gymnasium as gym
 import numpy as np
 
 from ..envs.engine.quantity import InvalidInput
+from . import known_range
 from .network import Layer, Memory, Network, Normaliser, run
 from .policy import FORMAT, Document, Policy, Range, check, describe, describe_base, known_of, shape_of
 
@@ -57,7 +58,7 @@ def export(
     provenance: dict[str, Any] | None = None,
     env: Any = None,
     onnx: bool = True,
-    known: Range | None = None,
+    known: Range | Literal["measured"] | None = None,
 ) -> Exported:
     """Writes the artefact of a model.
 
@@ -68,7 +69,8 @@ def export(
             the model's own steps. Algorithm, seed, decisions, simulated steps (of 1 ms) and versions are added.
         env: environment of the model (a ``VecEnv``, or a Gymnasium environment), if not ``model.get_env()``.
         onnx: whether to write ``policy.onnx`` beside, if the package is there.
-        known: the range in which it was trained; beyond it the policy hands over to its base.
+        known: the range in which it was trained; beyond it the policy hands over to its base. "measured": what the
+            scenarios of ``env`` hold, see :mod:`agents.known_range`.
 
     Raises:
         InvalidInput: the model or its environment is not supported, or artefact and model differ.
@@ -78,6 +80,8 @@ def export(
     network = Network(batch.observation_space.shape[0], frames, normaliser, layers, output)
     if layers[0].inputs != network.size * frames:
         raise _refused(f"a network of {layers[0].inputs} inputs for {frames} frames of {network.size} numbers")
+    if known == "measured":
+        known = known_range.measured(network, batch)
     environment = batch.task.id
     observation, action = describe(environment, batch.control, batch.observation, batch.base.z.law)
     steps = int(model.num_timesteps)

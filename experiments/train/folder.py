@@ -73,7 +73,7 @@ def into(
         with bars.busy("exporting the policy, comparing it with the model"):
             origin = {"command": record["command"], "git": record["git"]}
             origin |= {"score_tune": trained.score, "ledger": trained.ledger}
-            exported = export(trained.model, folder / "policy", origin)
+            exported = export(trained.model, folder / "policy", origin, known="measured")
         if ms and short == "height-following":
             with bars.busy("Ms of the standard machine's corner plants"):
                 stack = stacks.resolve(str(exported.folder))
