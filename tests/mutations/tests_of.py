@@ -80,6 +80,8 @@ OWN: dict[str, tuple[str, ...]] = {
     "baselines/sequences": ("baselines/test_sequences.py", "baselines/test_self_tuning.py"),
     "baselines/servo": ("baselines/test_lqg.py", "baselines/test_mpc.py", *_LAWS),
     "baselines/trends": ("baselines/test_forecast.py", *_LAWS),
+    "baselines/inverse": ("baselines/test_inverse.py", *_XY),
+    "baselines/slots": ("baselines/test_forecast.py", *_LAWS),
     "baselines/wu": ("baselines/test_wu.py", *_XY),
     "baselines/xi2023": (*_Z, *_LAWS),
 }
