@@ -445,7 +445,12 @@ class Rollout(Columns):
         self.course = self.memory = np.zeros(0)
 
     def put_drive(self, machines: Any, p: z_axis.Params) -> None:
-        """Writes a drive, and what follows from it."""
+        """Writes a drive, and what follows from it.
+
+        Raises:
+            InvalidInput: its dead time is one whose commands this does not keep.
+        """
+        _check_dead_time(p.dead_time)
         self.put("z", machines, p)
         self._put_rows(int(GAINS) // W, machines, flat(z_axis.gains(p, DT)))
         self.deck["bristles"] = int(self.deck["bristles"] or p.bristle > 0.0)
@@ -471,11 +476,12 @@ class Rollout(Columns):
         """Drives, heads and what is felt of them as the machines of a fleet have them now.
 
         Raises:
-            InvalidInput: it has another number of machines.
+            InvalidInput: it has another number of machines, or a dead time whose commands this does not keep.
         """
         if fleet.size != self.size:
             raise InvalidInput(f"a fleet of {fleet.size} machines for a roll-out of {self.size}")
         every, read = np.arange(self.size), fleet.column
+        _check_dead_time(float(read("z.dead_time").max()))
         for name in ("z", "motion", "drive"):
             for field in fleet.fields_of(name):
                 self.set(f"{name}.{field}", every, read(f"{name}.{field}"))
@@ -591,6 +597,14 @@ class Rollout(Columns):
     def _rows(self, place: Any, count: int) -> np.ndarray:
         first = int(place) // W
         return self._view[:, first : first + count].transpose(0, 2, 1).reshape(-1, count)[: self.size].copy()
+
+
+def _check_dead_time(periods: float) -> None:
+    if periods > z_axis.QUEUE - 1:
+        raise InvalidInput(
+            f"dead time and latency of {periods:g} ms: gradients keep the commands of {z_axis.QUEUE - 1} ms; allowed: "
+            "a machine with less, or an algorithm without gradients, such as ppo"
+        )
 
 
 def packed(array: np.ndarray) -> np.ndarray:

@@ -139,6 +139,7 @@ FELT = _layout.place(16)  # the same for what the sheet under the plate is above
 SAMPLES, SAMPLES_LAST = _layout.place(filters.LONGEST), U(filters.LONGEST - 1)  # ring of frequencies
 HISTORY, HISTORY_LAST = 16, U(15)
 HEIGHTS, RAW_HEIGHTS, POSITIONS, COMMANDS = (_layout.place(HISTORY) for _ in range(4))  # rings, one entry a period
+LATE = _layout.place(rows(z_axis.Late))
 ROWS = _layout.rows
 STRIDE = U(ROWS * W)
 
@@ -218,8 +219,8 @@ class Entries(NamedTuple):
 D = places(Entries)
 DECK = U(len(D))
 
-F_CONTOURS, F_FEATURES, F_PROFILES, F_BULGES, F_RANKS, F_PLATES, F_RANDOM, F_BANDS, F_TURNS, F_BRISTLES = (
-    U(2**i) for i in range(10)
+F_CONTOURS, F_FEATURES, F_PROFILES, F_BULGES, F_RANKS, F_PLATES, F_RANDOM, F_BANDS, F_TURNS, F_BRISTLES, F_LATE = (
+    U(2**i) for i in range(11)
 )
 """Flags: what at least one of the machines uses; the rest is skipped, which changes no bit of the others."""
 
@@ -246,6 +247,8 @@ _PLATE, _TABLE, _WINDOW = (
 _SURFACE, _BEND_1, _BEND_2 = (COURSE + row(Course, name) for name in ("surface", "slope", "bend"))
 _UNDER = FELT - SURFACES  # from a point of the tip's surface to the plate's
 _STILL, _ALL_ON, _UNSENSED, _UNGUARDED = z_axis.Drive(), On(), sensor.State(), supervisor.State()
+_NOTHING_LATE, _OLDEST = z_axis.Late(), DRIVE + row(z_axis.Drive, z_axis.Drive._fields[-1])
+_ON_TIME = float(z_axis.QUEUE - 1)
 
 
 # ---------------------------------------------------------------------------------- stages, in the order of a period
@@ -534,6 +537,23 @@ def prepare_all(block, at, n, tick):
         store(block, a + MOMENT, m._replace(gate_gap=0.0, gate_motor=0.0, lowest=1e9))
 
 
+@stage
+def pass_on_all(block, at, n):
+    """Long dead times, before the supervisor: the oldest command of the drive's queue goes over to the late ones."""
+    for lane in range(n):
+        a = at + lane
+        store(block, a + LATE, z_axis.passed_on(load(z_axis.Late, block, a + LATE), block[a + _OLDEST]))
+
+
+@stage
+def delay_all(block, at, n):
+    """Long dead times: the pace of the period under commands of which some are late."""
+    for lane in range(n):
+        a = at + lane
+        p, drive = load(z_axis.Params, block, a + P_Z), load(z_axis.Drive, block, a + DRIVE)
+        store(block, a + PACE, z_axis.late_pace(p, drive, load(z_axis.Late, block, a + LATE)))
+
+
 @part
 def substep(p, gains, pace, course, z, m, share, bristles):
     """One substep of one machine: the Z axis moves; gap and gate add up."""
@@ -781,11 +801,15 @@ def live_all(deck, b):
     for i in range(steps):
         if deck[D.act] > U0 and i == U0:
             call(deck[D.act], deck[D.block], at, n, deck[D.io], b * UW)
+        if deck[D.flags] & F_LATE:
+            pass_on_all(block, at, n)
         supervise_all(block, at, n, tick)
         if deck[D.sent] > U0:
             call(deck[D.sent], deck[D.block], at, n, deck[D.sent_io], tick)
         travel_all(block, at, n, tick, deck)
         prepare_all(block, at, n, tick)
+        if deck[D.flags] & F_LATE:
+            delay_all(block, at, n)
         for k in range(0, SUBSTEPS, _AT_ONCE):
             move_all(block, at, n, k, has_bristles(deck))
         sense_and_control(block, at, n, tick, keys, b * UW, deck)
@@ -850,6 +874,9 @@ def _begin(deck_address, machine, key):
     mode = supervisor.FOLLOW if follows else supervisor.STOP
     store(block, at + S_GUARD, _UNGUARDED._replace(mode=mode, offset=start.coast))
     store(block, at + DRIVE, _STILL)
+    store(block, at + LATE, _NOTHING_LATE)
+    if load(z_axis.Params, block, at + P_Z).dead_time > _ON_TIME:
+        deck[D.flags] |= F_LATE
     block[at + BEAM] = 1.0
     store(block, at + S_PATH, path.State(-PERIOD, -PERIOD * feed, 0.0, 0.0, 0.0, 0.0, feed, -PERIOD * feed))
     store(block, at + ON, _ALL_ON)

@@ -37,8 +37,8 @@ from ..engine.quantity import Quantity
 GRAVITY = 9810.0
 """mm/s²"""
 
-QUEUE = 7
-"""Commands that the dead time can hold back; the longest dead time is ``QUEUE − 1`` control periods."""
+QUEUE, LONG_QUEUE = 7, 23
+"""Commands that a dead time can hold back, and a long one; the longest is that many control periods less one."""
 
 SHORTEST_BRISTLE = 1e-4
 """mm; what bends less under 1 g of friction is stiffer than substeps of 50 µs can follow."""
@@ -52,7 +52,7 @@ class Params(NamedTuple):
     speed: Annotated[float, Quantity("mm/s", 10, 2000, "limit", "lead 10 mm × 3000 rpm [S] Xi2023")] = 500.0
     acceleration: Annotated[float, Quantity("mm/s²", 500, 1e5, "limit", "[A] 1–2 g")] = 14000.0
     jerk: Annotated[float, Quantity("mm/s³", 1e4, 1e8, "limit of the drive", "[A] 1000–5000 m/s³")] = 2e6
-    dead_time: float = 1.0  # control periods, up to QUEUE − 1 [A] 1–2
+    dead_time: float = 1.0  # control periods, up to LONG_QUEUE − 1 [A] 1–2
     dac: float = 500.0 / 32768.0  # mm/s per step of the 16-bit ±10 V D/A; 0: ideal [A]
     encoder: Annotated[float, Quantity("mm", 0, 0.1, "per count; 0: ideal", "[A] 10 000 per turn of 10 mm")] = 1e-3
     friction: Annotated[float, Quantity("mm/s²", 0, 1e4, "Coulomb friction over mass", "[A] 5–10 % of rated")] = 800.0
@@ -96,6 +96,30 @@ class Drive(NamedTuple):
     c6: float = 0.0
 
 
+class Late(NamedTuple):
+    """Commands on their way that are older than those of :class:`Drive`, mm/s: the newest first.
+
+    Only dead times of more than ``QUEUE − 1`` periods have some, so that the others do not pay for them.
+    """
+
+    c7: float = 0.0
+    c8: float = 0.0
+    c9: float = 0.0
+    c10: float = 0.0
+    c11: float = 0.0
+    c12: float = 0.0
+    c13: float = 0.0
+    c14: float = 0.0
+    c15: float = 0.0
+    c16: float = 0.0
+    c17: float = 0.0
+    c18: float = 0.0
+    c19: float = 0.0
+    c20: float = 0.0
+    c21: float = 0.0
+    c22: float = 0.0
+
+
 class Gains(NamedTuple):
     """What follows from the parameters alone: coefficients of the substeps, made once per episode."""
 
@@ -129,6 +153,15 @@ def accept(p, d, command):
     u = clip(command, -p.speed, p.speed)
     u = np.rint(u / p.dac) * p.dac if p.dac > 0.0 else u
     return Drive(u, d.c0, d.c1, d.c2, d.c3, d.c4, d.c5)
+
+
+@part
+def passed_on(late, oldest):
+    """The ``oldest`` command of a :class:`Drive` goes over to the late ones, before a new one enters there."""
+    return Late(
+        oldest, late.c7, late.c8, late.c9, late.c10, late.c11, late.c12, late.c13, late.c14, late.c15, late.c16,
+        late.c17, late.c18, late.c19, late.c20, late.c21,
+    )  # fmt: skip
 
 
 @part
@@ -167,6 +200,25 @@ def pace(p, d):
     """The coming period's :class:`Pace` under the commands ``d``."""
     whole = np.floor(p.dead_time)
     older, newer = _queued(d, whole + 1.0), _queued(d, whole)
+    return Pace(before=older, after=newer, change=p.dead_time - whole + 1e-9)
+
+
+@part
+def _waited(d, late, n):
+    """The command that entered ``n`` periods ago, mm/s, among all of them."""
+    second = late.c7 if n < 8.0 else (late.c8 if n < 9.0 else (late.c9 if n < 10.0 else late.c10))
+    third = late.c11 if n < 12.0 else (late.c12 if n < 13.0 else (late.c13 if n < 14.0 else late.c14))
+    fourth = late.c15 if n < 16.0 else (late.c16 if n < 17.0 else (late.c17 if n < 18.0 else late.c18))
+    oldest = late.c19 if n < 20.0 else (late.c20 if n < 21.0 else (late.c21 if n < 22.0 else late.c22))
+    early = _queued(d, n) if n < 7.0 else (second if n < 11.0 else third)
+    return early if n < 15.0 else (fourth if n < 19.0 else oldest)
+
+
+@part
+def late_pace(p, d, late):
+    """:func:`pace` of a drive that may have a long dead time, under the commands ``d`` and the older ones ``late``."""
+    whole = np.floor(p.dead_time)
+    older, newer = _waited(d, late, whole + 1.0), _waited(d, late, whole)
     return Pace(before=older, after=newer, change=p.dead_time - whole + 1e-9)
 
 

@@ -22,7 +22,7 @@ class Axis(Section):
 
     bandwidth: Annotated[Number, Quantity("Hz", 5, 500, "velocity loop")] = Uniform(uniform=(50, 120))
     zeta: Annotated[Number, _Z["zeta"]] = Uniform(uniform=(0.6, 1.0))
-    dead_time: Annotated[Number, Quantity("s", 0, 0.004, "command to drive")] = Choice(choice=(0.001, 0.002))
+    dead_time: Annotated[Number, Quantity("s", 0, 0.02, "command to drive")] = Choice(choice=(0.001, 0.002))
     latency: Annotated[Number, Quantity("s", 0, 0.002, "of computing and field bus, beside the dead time")] = Uniform(
         uniform=(0.0001, 0.0009)
     )

@@ -839,7 +839,7 @@ def test_a_file_that_cannot_be_read_as_a_scenario_says_why(tmp_path, old, new, m
         ({"corners": {"pitch": 5}}, r"corners\.pitch = 5\.0 is out of range; allowed: 10 to 10000 mm"),
         ({"corners": {"pitch": 50}, "circle": {"radius": 30}}, "corners are for straight paths; .* exclude them"),
         ({"sheet": {"length": 10}}, r"sheet\.length = 10 is out of range; allowed: 1000 to 1e\+06 mm"),
-        ({"axis": {"dead_time": 0.005}}, r"axis\.dead_time = 0\.005 is out of range; allowed: 0 to 0\.004 s"),
+        ({"axis": {"dead_time": 0.021}}, r"axis\.dead_time = 0\.021 is out of range; allowed: 0 to 0\.02 s"),
     ],
 )
 def test_a_variation_is_validated_like_a_file(changes, message):

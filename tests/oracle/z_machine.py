@@ -196,7 +196,7 @@ class ZMachine:
         self.tick = -1
         self.lost, self.holding, self.override, self.foreign, self.captured, self.fresh = no, no, no, no, no, ~no
         self.refuge = self.held = self.command = self.apart = zero
-        self.commands = deque([zero] * 8, 8)  # newest first
+        self.commands = deque([zero] * 24, 24)  # newest first
         self.ways = [zero]  # mm along the path at each ms
         amplitude, omega, phase, _ = self.vibrations.swapaxes(0, 1)
         self.shaken = [(amplitude * np.sin(phase), amplitude * omega * np.cos(phase))]  # each half ms from −1 ms on

@@ -433,6 +433,22 @@ def test_an_axis_without_friction_has_nothing_to_bend():
     assert np.array_equal(rubbed(free._replace(bristle=0.005, stiction=2.0), commands), rubbed(free, commands))
 
 
+def test_a_command_acts_after_its_dead_time_however_long():
+    p = Params(dac=0.0)
+    for dead_time in (0.0, 0.3, 5.0, 5.9, 6.0, 6.4, 7.0, 10.5, 11.0, 14.2, 15.0, 18.9, 19.0, 21.3, 22.0):
+        drive, late, course = Drive(), z_axis.Late(), []
+        for n in range(40):
+            late = z_axis.passed_on(late, drive.c6)
+            drive = z_axis.accept(p, drive, float(n + 1))
+            pace = z_axis.late_pace(p._replace(dead_time=dead_time), drive, late)
+            course += [pace.before if (k + 1) / 20 <= pace.change else pace.after for k in range(20)]
+            if dead_time <= 6.0:
+                assert pace == z_axis.pace(p._replace(dead_time=dead_time), drive)._replace(before=pace.before)
+        first = round(20 * dead_time)
+        assert course[:first] == [0.0] * first
+        assert course[first:] == [1.0 + k // 20 for k in range(len(course) - first)]
+
+
 # ------------------------------------------------------------------------------------------------------ quantisation
 
 
