@@ -62,7 +62,7 @@ class Arguments(TypedDict, total=False):
     split: str
     reward: dict[str, float]
     base: str
-    machine: dict[str, Any]  # a scenario checks it
+    machine: str | dict[str, Any]  # a scenario or a machine checks it
     path: str
     max_steps: int
     extrapolate: bool

@@ -71,7 +71,7 @@ class ContourFollowingEnv(SingleEnv):
     | `split`       | `"train"`          | seeds: `train`, `tune`, `test`, `reserve`                                   |
     | `reward`      | `None`             | weights that differ from the default                                        |
     | `base`        | `"wu"`             | does what the action leaves open: `"z=pid,xy=wu,process=recipe"`            |
-    | `machine`     | `None`             | tables that change the scenario: `{"gantry": {"preset": "modern"}}`         |
+    | `machine`     | `None`             | a machine's name or file, or changes: `{"gantry": {"preset": "modern"}}` |
     | `max_steps`   | `None`             | shorter episodes, for training                                              |
     | `render_mode` | `None`             | `"rgb_array"`                                                               |
     | `colour`      | `"standoff"`       | of the kerf: `standoff`, `contour`, `dross`, `roughness`                    |
@@ -96,7 +96,7 @@ class ContourFollowingEnv(SingleEnv):
         split: str = "train",
         reward: dict[str, float] | None = None,
         base: Any = "wu",
-        machine: dict[str, Any] | None = None,
+        machine: Any = None,
         path: str | None = None,
         max_steps: int | None = None,
         render_mode: str | None = None,

@@ -82,7 +82,7 @@ class CuttingEnv(SingleEnv):
     | `split`       | `"train"`          | seeds: `train`, `tune`, `test`, `reserve`                                   |
     | `reward`      | `None`             | weights that differ from the default                                        |
     | `base`        | `"recipe"`         | does what the action leaves open: `"z=pid,xy=wu,process=recipe"`            |
-    | `machine`     | `None`             | tables that change the scenario: `{"gantry": {"preset": "modern"}}`         |
+    | `machine`     | `None`             | a machine's name or file, or changes: `{"gantry": {"preset": "modern"}}` |
     | `extrapolate` | `False`            | actions and base may leave the published settings                           |
     | `max_steps`   | `None`             | shorter episodes, for training                                              |
     | `render_mode` | `None`             | `"rgb_array"`                                                               |
@@ -108,7 +108,7 @@ class CuttingEnv(SingleEnv):
         split: str = "train",
         reward: dict[str, float] | None = None,
         base: Any = "recipe",
-        machine: dict[str, Any] | None = None,
+        machine: Any = None,
         path: str | None = None,
         extrapolate: bool = False,
         max_steps: int | None = None,

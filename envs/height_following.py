@@ -103,7 +103,7 @@ class HeightFollowingEnv(SingleEnv):
     | `split`       | `"train"`           | seeds: `train`, `tune`, `test`, `reserve`                                   |
     | `reward`      | `None`              | weights that differ from the default                                        |
     | `base`        | `"xi2023-improved"` | controller that `residual` and `schedule` start from; any name `kerfgym list` shows |
-    | `machine`     | `None`              | tables that change the scenario's plant: `{"axis": {"dead_time": 0.003}}`    |
+    | `machine`     | `None`              | a machine's name or file, or changes: `{"axis": {"dead_time": 0.003}}` |
     | `max_steps`   | `None`              | shorter episodes, for training                                              |
     | `render_mode` | `None`              | `"rgb_array"`                                                                |
 
@@ -127,7 +127,7 @@ class HeightFollowingEnv(SingleEnv):
         split: str = "train",
         reward: dict[str, float] | None = None,
         base: Any = "xi2023-improved",
-        machine: dict[str, Any] | None = None,
+        machine: Any = None,
         max_steps: int | None = None,
         render_mode: str | None = None,
     ) -> None:

@@ -25,10 +25,17 @@ OSCILLATORS = tuple(sensor.PRESETS)
 MEASURED = 16
 """Places for tables that users bring."""
 
-_EXACT = HEADS * len(OSCILLATORS) + MEASURED
+FAMILIES = 16
+"""Kinds of heads of users' own that a process may know, of :data:`HEADS` heads each."""
 
-POOL = calibration.Pool(_EXACT + HEADS * len(OSCILLATORS))
+_EXACT = HEADS * len(OSCILLATORS) + MEASURED
+_OWN = _EXACT + HEADS * len(OSCILLATORS)
+_EXACT_OWN = _OWN + HEADS * FAMILIES
+
+POOL = calibration.Pool(_EXACT_OWN + HEADS * FAMILIES)
 """Tables of the heads that have been calibrated so far, those that users brought, and exact ones."""
+
+_families: list[tuple[sensor.Params, ...]] = []
 
 LONGEST_RUN = 2500
 """Control periods after which a calibration run is given up."""
@@ -36,7 +43,10 @@ LONGEST_RUN = 2500
 
 @functools.cache
 def head(index: int) -> sensor.Params:
-    """Head ``index``: body capacitance ±5 %, inductance ±2 %, nozzle radius ±2 % of nominal [A]."""
+    """Head ``index``: body capacitance ±5 %, inductance ±2 %, nozzle radius ±2 % of nominal [A]; or of a family."""
+    if index >= _OWN:
+        which, number = divmod(index - _OWN, HEADS)
+        return _families[which][number]
     preset, number = divmod(index, HEADS)
     nominal = sensor.PRESETS[OSCILLATORS[preset]]
     if number == 0:
@@ -49,15 +59,34 @@ def head(index: int) -> sensor.Params:
     )
 
 
+def family(members: tuple[sensor.Params, ...]) -> int:
+    """Index of the first of :data:`HEADS` heads of a user's own; their others follow it.
+
+    Raises:
+        InvalidInput: there are too many kinds of heads.
+    """
+    if members not in _families:
+        if len(_families) == FAMILIES:
+            raise InvalidInput(f"more than {FAMILIES} kinds of heads that say nozzle or oscillator in one process")
+        _families.append(members)
+    return _OWN + HEADS * _families.index(members)
+
+
 FIELDS = ("body", "inductance", "series", "radius", "bore")
 """What differs from head to head and preset to preset; the rest of :class:`sensor.Params` are disturbances."""
 
 
-@functools.cache
 def fields() -> np.ndarray:
-    """:data:`FIELDS` of every head of the pool, shape (fields, heads)."""
-    every = [head(index) for index in range(HEADS * len(OSCILLATORS))]
-    return np.array([[getattr(params, name) for params in every] for name in FIELDS])
+    """:data:`FIELDS` of every head by its index, shape (fields, heads); NaN where there is none."""
+    return _fields(len(_families))
+
+
+@functools.cache
+def _fields(families: int) -> np.ndarray:
+    out = np.full((len(FIELDS), _OWN + HEADS * families), np.nan)
+    for index in (*range(HEADS * len(OSCILLATORS)), *range(_OWN, _OWN + HEADS * families)):
+        out[:, index] = [getattr(head(index), name) for name in FIELDS]
+    return out
 
 
 def run(params: sensor.Params, seed: int = 0, gate: sensor.Gate | None = None) -> tuple[np.ndarray, np.ndarray]:
@@ -125,11 +154,12 @@ def carried(params: np.ndarray) -> np.ndarray:
 
 def exact(index: int) -> int:
     """Index of the table that head ``index`` would have, if its calibration made no error."""
-    if _EXACT + index not in POOL:
+    place = _EXACT_OWN + index - _OWN if index >= _OWN else _EXACT + index
+    if place not in POOL:
         params, height = head(index), np.arange(1, calibration.POINTS + 1) * (calibration.SPAN / calibration.POINTS)
         frequency = [sensor.oscillator(params, sensor.capacitance(params, h, 1.0), 0.0) for h in height]
-        POOL[_EXACT + index] = calibration.Table(np.asarray(frequency), height, 0, 0, 0.0, "-")
-    return _EXACT + index
+        POOL[place] = calibration.Table(np.asarray(frequency), height, 0, 0, 0.0, "-")
+    return place
 
 
 def beyond(indices: np.ndarray) -> np.ndarray:

@@ -183,7 +183,7 @@ def _validator(kind: Any) -> Any:
 
 _PLAIN = (str, int, float, bool, type(None))
 
-_FORMS = ("str", "float", "int", "bool", "list[str]", "none")
+_FORMS = ("str", "float", "int", "bool", "list[str]", "dict[str,any]", "none")
 """What pydantic adds to a place where several kinds are allowed."""
 
 

@@ -7,12 +7,13 @@ misspelt keys and values out of range are errors that name what is allowed. :fun
 
 from .distributions import bounds
 from .hardware import Axis, Gantry, Head, Optics
+from .machines import Machine
 from .measured import MOST_HEIGHT, height_map, measured_head, profile, signal
-from .preparing import GANTRIES, prepare
+from .preparing import GANTRIES, axes_of, prepare
 from .reading import parse, read
 from .schema import Scenario, journey
 from .section import Section
-from .shipped import checked_rules, core, load, rules, suite, suites
+from .shipped import called, checked_rules, core, is_own, load, rules, suite, suites
 from .splits import PAIRS, SPLITS, noise_keys, pairs_of
 from .surface import Bulge, Holes, Map, Profile, Random, Sheet, Steps, Vibration, Wave
 from .travel import Circle, Corners, Job, Reading, Turns, contour, read_drawing
@@ -31,6 +32,7 @@ __all__ = [
     "Head",
     "Holes",
     "Job",
+    "Machine",
     "Map",
     "Optics",
     "Profile",
@@ -43,11 +45,14 @@ __all__ = [
     "Turns",
     "Vibration",
     "Wave",
+    "axes_of",
     "bounds",
+    "called",
     "checked_rules",
     "contour",
     "core",
     "height_map",
+    "is_own",
     "journey",
     "living",
     "load",

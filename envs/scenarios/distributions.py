@@ -127,6 +127,11 @@ def bounds(number: Number) -> tuple[float, float]:
     return (number, number) if isinstance(number, int | float) else number.bounds
 
 
+def middle(number: Number) -> float:
+    """The number, or the middle of what can be drawn."""
+    return sum(bounds(number)) / 2
+
+
 class Draws:
     """The uniform numbers of some seeds, shape (n,) for each label.
 

@@ -52,7 +52,7 @@ class Axis(Section):
 
 @dataclass(frozen=True, kw_only=True)
 class Head(Section):
-    """The sensor's noise and disturbances (docs/physics.md#disturbances); the head is one of the pool's."""
+    """The sensor: plate, nozzle, oscillator, noise, disturbances (docs/physics.md#disturbances); a head of the pool."""
 
     plate: Annotated[
         float, Quantity("mm", sheet.FOOTPRINT, sensor.WIDEST, "radius of the plate's footprint; the score's is 2 mm")
@@ -71,24 +71,56 @@ class Head(Section):
     burst_length: Annotated[Number, Quantity("s", 0.001, 10, "mean length of a burst")] = 0.02
     plasma: Annotated[Number, _HEAD["plasma"]] = _USUAL_HEAD.plasma
     oscillator: Literal["eq3", "eq1"] = "eq3"  # preset: without or with the series capacitors of Xi2023 eq. 1
+    face: Annotated[Number, Quantity("mm", 3, 24, "diameter of the nozzle's face, the plate that senses")] | None = None
+    bore: Annotated[Number, Quantity("mm", 0.2, 8, "diameter of the nozzle's bore")] | None = None
+    body: Annotated[Number, Quantity("pF", 1, 100, "capacitance of the head's body")] | None = None
+    inductance: Annotated[Number, Quantity("µH", 5, 5000, "of the oscillator's coil")] | None = None
     nominal: bool = False  # the nominal head, instead of one drawn from the pool
     table: str | None = None  # CSV with frequency_Hz and height_mm, in place of the head's own calibration
     signal: str | None = None  # CSV with frequency_Hz, one row each ms, in place of what the sensor would count
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        widest, narrowest = bounds(self.bore or 2 * _USUAL_HEAD.bore), bounds(self.face or 2 * _USUAL_HEAD.radius)
+        if widest[1] > 0.8 * narrowest[0]:
+            raise ValueError(
+                f"bore = {widest[1]:g} is out of range; allowed: 0.8 of the face, {0.8 * narrowest[0]:g} mm"
+            )
+
+    @property
+    def geometry(self) -> dict[str, Number]:
+        """What it says of nozzle and oscillator in place of the preset's, by key."""
+        said = {name: getattr(self, name) for name in GEOMETRY}
+        return {name: number for name, number in said.items() if number is not None}
+
+
+GEOMETRY = ("face", "bore", "body", "inductance")
+"""Keys of a head that make it one of the user's own, with tables of its own."""
+
+DISTURBANCES = (
+    *("drift", "warming", "impulses", "impulse_samples", "impulse_height", "impulse_falloff", "impulse_spread"),
+    *("bursts", "burst", "burst_length", "plasma", "signal"),
+)
+"""Keys of a head that tell what happens to it. A scenario that says them is about them, whatever machine cuts it."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Gantry(Section):
     """The X and Y axes, see ``plant/xy_axes.py``; defaults are Wu's."""
 
-    preset: Literal["wu", "modern"] = "wu"
+    preset: Literal["wu", "modern"] = "wu"  # loops, time constants and limits that are not said below
     literal: bool = False  # Wu's difference equation, which sums sampled speeds
     x_plus: Annotated[Number, _XY["x_plus"]] = _USUAL_XY.x_plus
     x_minus: Annotated[Number, _XY["x_minus"]] = _USUAL_XY.x_minus
     y_plus: Annotated[Number, _XY["y_plus"]] = _USUAL_XY.y_plus
     y_minus: Annotated[Number, _XY["y_minus"]] = _USUAL_XY.y_minus
     slower: Annotated[Number, Quantity("1", 0.2, 5, "time constants of the drives, of the nominal ones")] = 1.0
-    travel_x: Annotated[float, Quantity("mm", 10, 1e5, "", "Wu")] = 1500.0
-    travel_y: Annotated[float, Quantity("mm", 10, 1e5, "", "Wu")] = 1000.0
+    t1: Annotated[Number, Quantity("s", 1e-4, 0.5, "slower time constant of the drives")] | None = None
+    t2: Annotated[Number, Quantity("s", 5e-5, 0.5, "quicker time constant")] | None = None
+    speed: Annotated[float, Quantity("mm/s", 10, 5000, "limit of an axis")] | None = None
+    acceleration: Annotated[float, Quantity("mm/s²", 100, 1e5, "limit of an axis")] | None = None
+    travel_x: Annotated[float, Quantity("mm", 10, 1e5, "of x", "Wu")] = 1500.0
+    travel_y: Annotated[float, Quantity("mm", 10, 1e5, "of y", "Wu")] = 1000.0
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,5 +1,6 @@
 """From a scenario to machines: every number is drawn for each seed and written where the plant reads it."""
 
+import functools
 from typing import Any
 
 import numpy as np
@@ -8,8 +9,8 @@ from ..plant import heads, spot, xy_axes
 from ..plant.controller import PERIOD
 from ..plant.fleet import Fleet
 from ..plant.gantries import Gantries
-from .distributions import Drawn, Draws
-from .hardware import Head
+from .distributions import Drawn, Draws, draw, middle
+from .hardware import Gantry, Head
 from .laying import put_sheet
 from .measured import measured_head, signal
 from .schema import Scenario, journey
@@ -63,7 +64,7 @@ def _prepare_axis(fleet: Fleet, axis: Drawn, m: np.ndarray) -> None:
 
 def _prepare_head(fleet: Fleet, head: Head, m: np.ndarray, draws: Draws) -> None:
     which = np.zeros(len(m), int) if head.nominal else (draws.fraction("head") * heads.HEADS).astype(int)
-    which = which + heads.HEADS * heads.OSCILLATORS.index(head.oscillator)
+    which = which + (family(head) if head.geometry else heads.HEADS * heads.OSCILLATORS.index(head.oscillator))
     for index in set(which.tolist()):
         heads.table(index)
     index = np.full(len(m), measured_head(head.table)) if head.table else which
@@ -87,6 +88,37 @@ def _prepare_head(fleet: Fleet, head: Head, m: np.ndarray, draws: Draws) -> None
     )
 
 
+@functools.lru_cache(maxsize=256)
+def family(head: Head) -> int:
+    """Index of the first of the heads that a head with a geometry of its own stands for.
+
+    What it gives as a value all of them have; what it gives as a distribution each draws for itself, the nominal one
+    has its middle; the rest is that of the preset's heads.
+
+    Raises:
+        InvalidInput: its calibration run is refused.
+    """
+    first = heads.HEADS * heads.OSCILLATORS.index(head.oscillator)
+    draws = Draws(np.arange(heads.HEADS).astype(np.uint64), {})
+    members = [heads.head(first + n) for n in range(heads.HEADS)]
+    for name, number in head.geometry.items():
+        values = np.broadcast_to(draw(number, draws, f"family.{name}"), heads.HEADS).copy()
+        values[0] = middle(number)
+        field, scale = _PARTS[name]
+        members = [m._replace(**{field: scale * float(v)}) for m, v in zip(members, values, strict=True)]
+    return heads.family(tuple(members))
+
+
+def family_member(head: Head, key: str) -> float:
+    """What the nominal one of the preset's heads has of a key of its geometry."""
+    field, scale = _PARTS[key]
+    return float(getattr(heads.head(heads.HEADS * heads.OSCILLATORS.index(head.oscillator)), field) / scale)
+
+
+_PARTS = {"face": ("radius", 0.5), "bore": ("bore", 0.5), "body": ("body", 1.0), "inductance": ("inductance", 1.0)}
+"""What each key of a head's geometry is in the sensor, and times what."""
+
+
 GANTRIES = {
     "wu": xy_axes.Params(),
     # A machine of today: servo and interpolation every millisecond, 100 m/min, 1.5 g [A].
@@ -105,10 +137,20 @@ GANTRIES = {
 """Axes by name."""
 
 
+def axes_of(gantry: Gantry) -> xy_axes.Params:
+    """The axes' limits and loops as far as they are not drawn: the preset's, but for what is said otherwise."""
+    base = GANTRIES[gantry.preset]
+    speed = base.speed if gantry.speed is None else gantry.speed
+    return base._replace(speed=speed, acceleration=gantry.acceleration or base.acceleration)
+
+
 def _prepare_gantry(gantries: Gantries, scenario: Scenario, m: np.ndarray, draws: Draws) -> None:
-    base, own = GANTRIES[scenario.gantry.preset], Drawn(scenario.gantry, draws, "gantry")
+    base, own = axes_of(scenario.gantry), Drawn(scenario.gantry, draws, "gantry")
     gantries.put("xy", m, base)
-    own.into(gantries, "xy", m, **{name: getattr(base, name) * own.slower for name in ("t1", "t2", "tau")})
+    slowed = {name: getattr(base, name) for name in ("t1", "t2", "tau")}
+    slowed |= {name: getattr(own, name) for name in ("t1", "t2") if getattr(scenario.gantry, name) is not None}
+    limits = {name: getattr(base, name) for name in ("speed", "acceleration")}
+    own.into(gantries, "xy", m, **{name: value * own.slower for name, value in slowed.items()}, **limits)
     shape = float(spot.SHAPES.index(scenario.optics.shape))
     Drawn(scenario.optics, draws, "optics").into(gantries, "optics", m, shape=shape)
     if scenario.job:

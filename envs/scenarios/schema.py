@@ -18,6 +18,7 @@ from .hardware import Axis, Gantry, Head, Optics
 from .section import Section, line_of, of_table
 from .surface import Sheet
 from .travel import Circle, Corners, Job, Reading, Turns, contour, laps
+from .writing import STANDARD_MACHINE
 
 SETTLED = 0.25
 """Most of a journey along a drawing that is left out of the score, for the machine to settle."""
@@ -51,6 +52,7 @@ class Scenario(Section):
     circle: Circle | None = None
     corners: Corners | None = None
     turns: Turns | None = None
+    cut_by: str = STANDARD_MACHINE  # name of the machine that it was put on; what counts are the tables below
     axis: Axis = Axis()
     head: Head = Head()
     sheet: Sheet = Sheet()
@@ -62,6 +64,7 @@ class Scenario(Section):
         super().__post_init__()
         given = (field.name for field in fields(self) if getattr(self, field.name) != field.default)
         dead.refuse(given, self.job)
+        names.checked(self.cut_by, "cut_by")
         names.checked(self.name, "name")  # a run keeps the scenario in a file of this name
         if self.path and self.circle:
             raise ValueError("path and circle exclude each other in one scenario")

@@ -8,6 +8,9 @@ from ..safety import files
 from . import dead
 from .travel import Reading
 
+STANDARD_MACHINE = "standard"
+"""Name of the machine that a scenario is cut by unless it is put on another."""
+
 
 def text_of(scenario: Any) -> str:
     """The TOML text of a :class:`schema.Scenario`."""
@@ -16,7 +19,9 @@ def text_of(scenario: Any) -> str:
     tables = dead.without(asdict(scenario))
     if scenario.drawing == Reading():
         del tables["drawing"]
-    return tomli_w.dumps(_without_none(tables))
+    if scenario.cut_by == STANDARD_MACHINE:
+        del tables["cut_by"]
+    return tomli_w.dumps(without_none(tables))
 
 
 def living(text: str) -> str:
@@ -32,7 +37,8 @@ def living(text: str) -> str:
     return text if alive == tables else tomli_w.dumps(alive)
 
 
-def _without_none(value: Any) -> Any:
+def without_none(value: Any) -> Any:
+    """Tables without what is None, which TOML cannot say."""
     if isinstance(value, dict):
-        return {k: _without_none(v) for k, v in value.items() if v is not None}
-    return [_without_none(v) for v in value] if isinstance(value, list | tuple) else value
+        return {k: without_none(v) for k, v in value.items() if v is not None}
+    return [without_none(v) for v in value] if isinstance(value, list | tuple) else value

@@ -54,7 +54,7 @@ class Batch(Episodes):
         split: str = "train",
         reward: dict[str, float] | None = None,
         base: Any = None,
-        machine: dict[str, Any] | None = None,
+        machine: Any = None,
         path: str | None = None,
         extrapolate: bool = False,
         max_steps: int | None = None,

@@ -1,5 +1,7 @@
 """Which scenario and seed each of a batch's machines lives through, and what users may ask for."""
 
+import warnings
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,7 +11,7 @@ from ..engine.deck import refuse_copy
 from ..engine.lanes import mix
 from ..engine.quantity import InvalidInput, check_choice
 from ..safety import files
-from ..scenarios import Scenario
+from ..scenarios import Scenario, machines
 
 
 class Episodes:
@@ -103,17 +105,31 @@ class Episodes:
         return self.scenarios[int(self.scenario_of[machine])]
 
 
-def chosen(scenario: Any, changes: dict[str, Any] | None) -> list[Scenario]:
-    """One or several scenarios from what the user gave."""
-    if isinstance(scenario, str) and scenario in scenarios.suites():
-        found = list(scenarios.suite(scenario).values())
-    elif isinstance(scenario, list | tuple):
-        found = [scenarios.load(s) for s in scenario]
-    else:
-        found = [scenarios.load(scenario)]
+def chosen(scenario: Any, machine: Any) -> list[Scenario]:
+    """One or several scenarios from what the user gave.
+
+    Args:
+        scenario: a scenario, a suite (its name or its folder), or a list of either.
+        machine: what :func:`machines.load` takes, for them to be put on; or tables without a name, which change
+            what the scenarios say. None: as the scenarios say.
+    """
+    found = [each for one in (scenario if isinstance(scenario, list | tuple) else [scenario]) for each in _each(one)]
     if not found:
         raise InvalidInput("scenario is an empty list; at least one is needed")
-    return [s.varied(**changes) for s in found] if changes else found
+    if machine is None or machine == {}:
+        return found
+    if isinstance(machine, dict) and "name" not in machine:
+        return [s.varied(**machine) for s in found]
+    cuts = machines.load(machine)
+    for warning in machines.warnings(found, cuts):
+        warnings.warn(warning, stacklevel=6)
+    return [machines.put_on(s, cuts) for s in found]
+
+
+def _each(scenario: Any) -> list[Scenario]:
+    if isinstance(scenario, str | Path) and (str(scenario) in scenarios.suites() or scenarios.is_own(scenario)):
+        return list(scenarios.suite(str(scenario)).values())
+    return [scenarios.load(scenario)]
 
 
 def check_render_mode(mode: str | None, allowed: list[str]) -> None:

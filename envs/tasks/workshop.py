@@ -96,7 +96,7 @@ def _programme(
 ) -> PlannedJob:
     from ..plant.planning import Axes
 
-    plan_of, steel, limits = Axes(*axes), _material(job), scenarios.GANTRIES[gantry.preset]
+    plan_of, steel, limits = Axes(*axes), _material(job), scenarios.axes_of(gantry)
     settings = Settings(
         feed=feed or job.feed or steel.feed,
         rapid=limits.speed,

@@ -13,7 +13,7 @@ from ...envs.control.stack import Team
 from ...envs.engine import kernels
 from ...envs.engine.quantity import InvalidInput
 from ...envs.safety import files
-from ...envs.scenarios import Scenario
+from ...envs.scenarios import Scenario, machine_text
 from ...envs.tasks import workshop
 from ..bounds import recorded
 from ..measure import cost, plants
@@ -136,6 +136,8 @@ def run_grids(
             if with_detuned and not results.jobs and grid.suite == detuned.SUITE:
                 with bars.counted("one parameter 20 % off") as told:
                     results.detuned = detuned.in_report(results, workers, told)
+        for cuts in {grid.machine for grid in grids if grid.machine}:
+            runs.write_text(folder / "machine.toml", machine_text.text_of(cuts))
         texts = {grid.suite: {s.name: s.to_toml() for s in grid.scenarios} for grid in grids}
         with bars.busy("writing tables and report"):
             written = archive.save_tables(folder, found, record, texts)
@@ -181,12 +183,14 @@ def _results(grid: Grid, known: dict[str, Team], joined: dict[str, pd.DataFrame]
         "programs": {name: _digest(team.program) for name, team in known.items()},
         "parameters": {name: {k: p.value for k, p in team.parameters().items()} for name, team in known.items()},
     }
+    if grid.machine:
+        meta["cut_by"] = grid.machine.record | {"replaces": list(grid.given_up)}
     if len(joined.get("margins", ())):
         meta["machines"] = {machine.label: names for machine, names in plants.machines(grid.scenarios).items()}
     core, summaries = tuple(c for c in grid.core if c in names), {s.name: s.summary for s in grid.scenarios}
     traces = joined.get("traces", pd.DataFrame())
     if grid.with_jobs:
-        rules, materials = scenarios.rules(grid.suite), [workshop.material_of(s) for s in grid.scenarios]
+        rules, materials = grid.rules, [workshop.material_of(s) for s in grid.scenarios]
         of_jobs: dict[str, Any] = {"jobs": True, "plans": plans.table(grid.scenarios)}
         of_jobs["metric"] = rules.get("score", "contour_rms")
         of_jobs["reference"] = rules.get("reference", "wu-tuned")

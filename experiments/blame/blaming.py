@@ -71,6 +71,7 @@ def blame(
         meta |= {"scenarios": [s.name for s in grid.scenarios], "controllers": list(grid.controllers)}
         meta |= {"stages": list(found[0].stages), "failed": sum(b.failed for b in found)}
         meta |= {"wall_seconds": round(time.time() - started, 1), "ledger": ledger.entry()}
+        meta |= {"cut_by": grid.machine.record | {"replaces": list(grid.given_up)}} if grid.machine else {}
         meta["parameters"] = {s.name: {k: p.value for k, p in s.parameters().items()} for s in teams}
         runs.write_json(folder / "run.json", meta)
     return shares, headroom

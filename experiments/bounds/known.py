@@ -14,7 +14,7 @@ KNOWN: dict[type, frozenset[str]] = {
     part: frozenset(names.split())
     for part, names in {
         Scenario: "name summary version duration settle share feed set_height start_above guard exempt corners turns "
-        "axis head sheet gantry optics",
+        "cut_by axis head sheet gantry optics",
         Axis: "bandwidth zeta dead_time latency acceleration jerk speed resonance resonance_zeta compliance friction "
         "bristle stiction stribeck backlash encoder dac_bits",
         Head: "plate noise jitter drift warming impulses impulse_samples impulse_height impulse_falloff impulse_spread "

@@ -35,7 +35,7 @@ SOURCES = (
 )
 """What bounds are made from, beside the scenarios, as :mod:`store.stamp` takes it."""
 
-_WORDS = ("name", "summary", "version")
+_WORDS = ("name", "summary", "version", "cut_by")
 """What a scenario says that is not physics."""
 
 

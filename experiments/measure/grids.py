@@ -1,15 +1,16 @@
 """Grids: what is run against what. A suite's scenarios × the controllers that can do them × seeds make one table."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from ...agents.policy import DOCUMENT
 from ...envs import scenarios
 from ...envs.control import stack as stacks
 from ...envs.engine.quantity import InvalidInput, check_choice
 from ...envs.safety import files
-from ...envs.scenarios import Reading, Scenario
+from ...envs.scenarios import Machine, Reading, Scenario, machines
 from ...envs.tasks import workshop
 
 DEFAULT = ("xi2023-ma", "xi2023-improved", "xi2023-tuned", "pid", "observer", "preview-5ms")
@@ -35,6 +36,9 @@ class Grid:
     scenarios: tuple[Scenario, ...]
     seeds: range | tuple[int, ...]
     core: tuple[str, ...] = ()
+    home: str = ""  # folder of a user's suite
+    machine: Machine | None = None  # that the scenarios were put on
+    given_up: tuple[str, ...] = ()  # what they said of another one
 
     def __post_init__(self) -> None:
         for what, given in (("controller", self.controllers), ("scenario", tuple(s.name for s in self.scenarios))):
@@ -43,6 +47,11 @@ class Grid:
                 raise InvalidInput(f"{what} '{twice[0]}' is given twice")
         if not self.with_jobs and any(s.job for s in self.scenarios):
             raise InvalidInput("scenarios with a job and scenarios without one cannot share a table")
+
+    @property
+    def rules(self) -> dict[str, Any]:
+        """What the suite's file says."""
+        return scenarios.rules(self.home or self.suite)
 
     @property
     def with_jobs(self) -> bool:
@@ -77,6 +86,7 @@ def plan(
     everything: bool = False,
     extrapolate: bool = False,
     cut_as: Mapping[str, float] | None = None,
+    machine: Machine | None = None,
 ) -> list[Grid]:
     """The grids that a user's words ask for, one a suite.
 
@@ -84,7 +94,7 @@ def plan(
     team, other stacks and teams into those of jobs.
 
     Args:
-        suites: names; without any, those of the named scenarios, or ``following``.
+        suites: names, or folders of one's own; without any, those of the named scenarios, or ``following``.
         controllers: without any, the suite's standard ones (:func:`standard`).
         named: scenarios, in place of the whole suite.
         path: drawing that replaces the scenarios' path or part.
@@ -94,6 +104,7 @@ def plan(
         everything: all shipped controllers and policies of each suite's slot, besides ``controllers``.
         extrapolate: process settings may leave those that were published.
         cut_as: keys of the jobs that are set otherwise, such as ``{"lead_in": 5.0}``.
+        machine: what cuts, in place of what the scenarios say of a machine.
 
     Raises:
         InvalidInput: unknown names, a controller or scenario that fits no suite, or a suite that nothing fits.
@@ -130,7 +141,11 @@ def plan(
                 f"suite '{suite}': none of the controllers given drives slot 'z', which it needs; name one, such as pid"
             )
         wanted = split_seeds(rules["seeds"] if seeds is None else seeds, split)
-        grids.append(Grid(suite, tuple(mine) or standard(suite), tuple(chosen), wanted, core))
+        lost = tuple(machines.warnings(chosen, machine)) if machine else ()
+        chosen = [machines.put_on(s, machine) for s in chosen] if machine else chosen
+        home = suite if scenarios.is_own(suite) else ""
+        who = tuple(mine) or standard(suite)
+        grids.append(Grid(scenarios.called(suite), who, tuple(chosen), wanted, core, home, machine, lost))
     return grids
 
 
@@ -247,9 +262,9 @@ def cut(scenario: Scenario, how: Mapping[str, float]) -> Scenario:
     return scenario.varied(job=dict(how))
 
 
-def planning(grids: Iterable[Grid]) -> list[str]:
-    """What a user should know about how parts are cut: of what he drew, not of what is shipped."""
-    told: dict[str, None] = {}
+def planning(grids: Sequence[Grid]) -> list[str]:
+    """What a user should know: what his machine replaces, and how the parts that he drew are cut."""
+    told: dict[str, None] = {note: None for grid in grids for note in grid.given_up}
     for scenario in (s for grid in grids for s in grid.scenarios):
         if scenario.job and Path(scenario.job.part).suffix:
             name = Path(scenario.job.part).name

@@ -12,7 +12,7 @@ from ...envs import scenarios
 from ...envs.control import stack as stacks
 from ...envs.engine.quantity import InvalidInput, check_choice
 from ...envs.pictures.kerf_picture import QUANTITIES
-from ...envs.scenarios import Reading, Scenario
+from ...envs.scenarios import Machine, Reading, Scenario, machines
 from ...envs.tasks import workshop
 from ..measure import rollout
 from ..measure.grids import cut
@@ -37,6 +37,7 @@ def film(
     colour: str = "standoff",
     reading: Reading | None = None,
     cut_as: Mapping[str, float] | None = None,
+    machine: Machine | None = None,
 ) -> None:
     """Writes an episode as MP4 or GIF, or its last frame as PNG; of a job the part with its kerf.
 
@@ -54,6 +55,7 @@ def film(
         case = case.along(path, reading)
     if cut_as:
         case = cut(case, cut_as)
+    case = machines.put_on(case, machine) if machine else case
     check_choice(colour, QUANTITIES, "colour")
     team = stacks.team(controller) if case.job else stacks.asked(controller)
     every = max(1, round(1000 / (slow or (0.2 if case.job else 10.0)) / FRAMES_PER_SECOND))

@@ -9,7 +9,7 @@ import pandas as pd
 from ...envs import scenarios
 from ...envs.engine.quantity import InvalidInput, did_you_mean
 from ...envs.paths.parts import PARTS
-from ...envs.scenarios import Reading, Scenario
+from ...envs.scenarios import Machine, Reading, Scenario, machines
 from ...envs.tasks import workshop
 from ..measure.grids import cut
 from ..store.runs import atomic
@@ -25,7 +25,12 @@ COLUMNS = ("scenarios", "picture", "cuts", "warnings")
 
 
 def paint(
-    out: Path, part: str, scenario: str, cut_as: Mapping[str, float], reading: Reading | None = None
+    out: Path,
+    part: str,
+    scenario: str,
+    cut_as: Mapping[str, float],
+    reading: Reading | None = None,
+    machine: Machine | None = None,
 ) -> list[str]:
     """Writes the plan of a part; returns what a user should know, of a drawing with what is in it first.
 
@@ -35,6 +40,7 @@ def paint(
         scenario: as whose job it is cut; one without a job leaves :data:`SCENARIO`.
         cut_as: keys of the job that are set otherwise.
         reading: how a drawing is read; None: as the scenario says.
+        machine: whose travel and rapids count; None: the scenario's.
 
     Raises:
         InvalidInput: unknown suffix, part or scenario, or a part that cannot be cut so.
@@ -48,6 +54,7 @@ def paint(
         raise InvalidInput(f"unknown part '{part}'; {did_you_mean(part, PARTS)}, or a drawing's file")
     case = scenarios.load(scenario)
     case = (case if case.job else scenarios.load(SCENARIO)).along(part, reading)
+    case = machines.put_on(case, machine) if machine else case
     route = workshop.route_of(cut(case, cut_as) if cut_as else case)
     page = figure(route)
     with atomic(out) as file:

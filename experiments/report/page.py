@@ -199,12 +199,22 @@ def what_ran(suites: list[Suite]) -> list[str]:
             f"{count(len(seeds), 'seed')} ({span}, {' and '.join(splits) or 'no'} split)",
         ]
         out.append(f"{suite.title}: {' × '.join(sizes)}, {count(len(suite.results.runs), 'run')}.")
-    return out
+    return [*dict.fromkeys(cut_by(suite.results) for suite in suites), *out]
+
+
+def cut_by(results: Results) -> str:
+    """On which machine it was run, in words."""
+    cuts = results.meta.get("cut_by")
+    if not cuts:
+        return "Machine: as the scenarios say."
+    summary = f", {cuts['summary']}" if cuts.get("summary") else ""
+    return f"Machine: {cuts.get('name')}{summary} (machine.toml, {cuts.get('digest')})."
 
 
 def warnings(suites: list[Suite]) -> list[str]:
     """What makes the comparison unfair as a whole: seeds that tuning or training may have seen."""
-    out = []
+    records = [suite.results.meta.get("cut_by") or {} for suite in suites]
+    out = list(dict.fromkeys(f"{each}." for record in records for each in record.get("replaces", ())))
     for suite in suites:
         for split in ("tune", "train"):
             seen = sum(seed in SPLITS[split] for seed in suite.seeds)

@@ -27,6 +27,7 @@ def markdown(grids: dict[str, Results], meta: dict[str, Any]) -> str:
     lines = ["## kerfgym benchmark", "", "```", str(meta.get("command", "")), "```", "", "; ".join(facts), ""]
     lines += [f"- {note}" for note in meta.get("notes", [])] + [""] * bool(meta.get("notes"))
     for name, results in grids.items():
-        lines += [f"**{name}** · seeds {results.meta.get('seeds')}", ""]
+        cuts = f" · machine {results.meta['cut_by']['name']}" if results.meta.get("cut_by") else ""
+        lines += [f"**{name}** · seeds {results.meta.get('seeds')}{cuts}", ""]
         lines += [sheet.markdown() for sheet in sheets(results)]
     return "\n".join(lines).rstrip() + "\n"

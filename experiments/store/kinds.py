@@ -41,6 +41,15 @@ class Cost(TypedDict, total=False):
     cpu_seconds: float
 
 
+class CutBy(TypedDict, total=False):
+    """The machine that the scenarios were put on."""
+
+    name: str
+    summary: str
+    digest: str
+    replaces: list[str]
+
+
 class GridRecord(TypedDict, total=False):
     """Of a suite."""
 
@@ -68,6 +77,7 @@ class GridRecord(TypedDict, total=False):
     bounds: Numbers | None
     linear: Numbers | None
     machines: dict[str, list[str]] | None
+    cut_by: CutBy | None
 
 
 class RunRecord(GridRecord, total=False):
