@@ -50,6 +50,7 @@ Whole = Annotated[int | None, unset("INT")]
 Real = Annotated[float | None, unset("FLOAT")]
 Text = Annotated[str | None, unset("STR")]
 Millimetres = Annotated[float | None, unset("MM")]
+On = Annotated[str | None, unset("NAME|FILE")]
 
 
 def _agree(allowed: bool) -> None:
@@ -107,7 +108,8 @@ def _entries(kind: str) -> list[tuple[str, str]]:
 def benchmark(
     controller: Annotated[UseAppendAction[list[str]], arg(aliases=["-c"], metavar="NAME")] = [],  # noqa: B006
     scenario: Annotated[UseAppendAction[list[str]], arg(aliases=["-s"], metavar="NAME|FILE")] = [],  # noqa: B006
-    suite: Annotated[UseAppendAction[list[str]], arg(metavar="NAME")] = [],  # noqa: B006
+    suite: Annotated[UseAppendAction[list[str]], arg(metavar="NAME|FOLDER")] = [],  # noqa: B006
+    machine: On = None,
     shipped: bool = False,
     path: Annotated[Path | None, unset("FILE")] = None,
     drawing: OmitArgPrefixes[Options] = Options(),  # noqa: B008
@@ -139,8 +141,9 @@ def benchmark(
             own, or a team for jobs (z=pid,xy=wu,process=huang2024-dynamic); may be given several times. Of several
             suites it runs in those in which it has something to drive. Default: the suite's standard ones.
         scenario: name or TOML file; may be given several times. Default: the whole suite.
-        suite: whose scenarios are run; may be given several times (following, contour, cutting, ood, repeated), each is
-            a table of its own. Default: that of the scenarios given, or following.
+        suite: whose scenarios are run; may be given several times (following, contour, cutting, ood, repeated, or a
+            folder of one's own), each is a table of its own. Default: that of the scenarios given, or following.
+        machine: what cuts, in place of what the scenarios say of a machine: a preset (kerfgym machine list) or a file.
         shipped: compare all shipped controllers and policies of each suite's slot, besides those given; without
             --suite on following, contour and cutting.
         path: drawing or programme (DXF, SVG, G-code). In the suites contour and cutting it is the part that is cut; in
@@ -192,6 +195,7 @@ def benchmark(
         everything=shipped,
         extrapolate=extrapolate,
         cut_as=how,
+        machine=loaded(machine),
     )
     if path is not None:
         tell(path, reading)
@@ -216,6 +220,15 @@ def benchmark(
         print(f"\nkerfgym: interrupted; {archive.resumption(folder)} goes on", file=sys.stderr)
         raise SystemExit(130) from None
     _show(folder, results, markdown)
+
+
+def loaded(machine: str | None) -> Any:
+    """The machine of a name or file; None if none was given."""
+    if machine is None:
+        return None
+    from ..envs.scenarios import machines
+
+    return machines.load(machine)
 
 
 def cut_as(
@@ -270,6 +283,7 @@ def report(
 def blame(
     controller: Annotated[UseAppendAction[list[str]], arg(aliases=["-c"], metavar="NAME")] = [],  # noqa: B006
     scenario: Annotated[UseAppendAction[list[str]], arg(aliases=["-s"], metavar="NAME|FILE")] = [],  # noqa: B006
+    machine: On = None,
     stage: Annotated[UseAppendAction[list[str]], arg(metavar="STAGE")] = [],  # noqa: B006
     seeds: Whole = None,
     split: str = "test",
@@ -284,6 +298,7 @@ def blame(
     Args:
         controller: as for benchmark; may be given several times. Default: xi2023-tuned and observer, for jobs wu-tuned.
         scenario: name or TOML file; may be given several times. Default: the core of the suite following.
+        machine: what cuts, in place of what the scenarios say of a machine: a preset (kerfgym machine list) or a file.
         stage: sensor, table, filter, servo, "dead time"; in jobs also matching, axes; several times. Default: all.
         seeds: how many seeds; each draws machine, sheet and noise. Default: 24, for jobs 8.
         split: which seeds: test, tune, or reserve, which nothing else uses.
@@ -296,6 +311,7 @@ def blame(
     """
     _agree(allow_code)
     from ..envs import scenarios
+    from ..envs.scenarios import machines
     from .blame import blame as run
     from .measure.grids import Grid, split_seeds
     from .report.terminal import print_blame
@@ -303,9 +319,17 @@ def blame(
     from .store.progress import progress
 
     chosen = tuple(scenarios.load(s) for s in scenario or scenarios.core("following"))
+    cuts: Any = loaded(machine)
+    lost: tuple[str, ...] = ()
+    if cuts:
+        lost = tuple(machines.warnings(chosen, cuts))
+        chosen = tuple(machines.put_on(s, cuts) for s in chosen)
+        for note in lost:
+            typed.say(note)
     jobs = any(s.job for s in chosen)
     wanted = split_seeds(seeds if seeds is not None else (8 if jobs else 24), split)
-    grid = Grid("blame", tuple(controller or (["wu-tuned"] if jobs else ["xi2023-tuned", "observer"])), chosen, wanted)
+    who = tuple(controller or (["wu-tuned"] if jobs else ["xi2023-tuned", "observer"]))
+    grid = Grid("blame", who, chosen, wanted, machine=cuts, given_up=lost)
     folder = runs.named(name, "blame-", resume)
     with progress("episodes") as told:
         tables = run(grid, folder, stage, threads, overwrite, resume, told)
@@ -317,6 +341,7 @@ def render(
     out: Annotated[Positional[Path], arg(metavar="OUT")],
     controller: Annotated[str, arg(aliases=["-c"])] = "pid",
     scenario: Annotated[str, arg(aliases=["-s"])] = "wavy",
+    machine: On = None,
     seed: int = 1000,
     seconds: Real = None,
     slow: Real = None,
@@ -337,6 +362,7 @@ def render(
         out: file to write; .mp4, .gif or .png.
         controller: as for benchmark.
         scenario: name or TOML file.
+        machine: what cuts, in place of what the scenarios say of a machine: a preset (kerfgym machine list) or a file.
         seed: scenario seed.
         seconds: of the episode to show. Default: all of it.
         slow: how many times slower than real. Default: 10, of jobs 0.2, which is five times faster.
@@ -358,13 +384,13 @@ def render(
     if plan is not None:
         from .render.plans import paint
 
-        for note in paint(out, plan, scenario, how, drawing.reading()):
+        for note in paint(out, plan, scenario, how, drawing.reading(), loaded(machine)):
             typed.say(f"{plan}: {note}")
         print(out)
         return
     from .render.episode import film
 
-    film(out, controller, scenario, seed, seconds, slow, path, colour, drawing.reading(), how)
+    film(out, controller, scenario, seed, seconds, slow, path, colour, drawing.reading(), how, loaded(machine))
     if path is not None:
         tell(path, drawing.reading())
     print(out)
@@ -408,7 +434,9 @@ def tune(
     what: Annotated[Positional[tuple[str, ...]], unset("WHAT")] = (),
     controller: Annotated[str | None, unset("NAME", "-c")] = None,
     study: Annotated[str | None, unset("NAME|FILE")] = None,
-    suite: str = "following",
+    suite: Annotated[str | None, unset("NAME|FOLDER")] = None,
+    scenario: Annotated[UseAppendAction[list[str]], arg(aliases=["-s"], metavar="NAME|FILE")] = [],  # noqa: B006
+    machine: On = None,
     trials: Whole = None,
     budget: Annotated[str | None, unset("STEPS|NAME")] = None,
     sampler: Text = None,
@@ -447,7 +475,11 @@ def tune(
         controller: as for benchmark. Default: xi2023-improved; for jobs wu-tuned or huang2024-adjusting.
         study: a study file, or the name of a shipped one. It says how to search: of the options only --trials,
             --workers, --threads, --name, --allow-code, --overwrite and --resume go with it.
-        suite: the suite whose core scenarios make the score. In its scenarios with a guard no candidate may collide.
+        suite: the suite, or folder of one's own, whose core scenarios make the score. In its scenarios with a guard no
+            candidate may collide. Of an algorithm, what it is trained in. Default: following, of an algorithm the
+            preset's.
+        scenario: name or TOML file, in place of a whole suite; may be given several times.
+        machine: what cuts, in place of what the scenarios say of a machine: a preset (kerfgym machine list) or a file.
         trials: candidates in all. Default: 300, of an algorithm's settings 40.
         budget: simulated steps after which the search ends; or the name of a controller, for as many steps as that was
             tuned and trained with, so that both can be compared. Steps that tuned --controller before count, too.
@@ -482,14 +514,15 @@ def tune(
     from .tune import command, controllers
 
     folder = runs.named(name, "tune-", resume)
-    for_controllers: dict[str, Any] = {"controller": controller, "suite": None if suite == "following" else suite}
+    for_controllers: dict[str, Any] = {"controller": controller, "suite": suite}
     for_controllers |= {"metric": metric or None, "ms": ms, "jitter": jitter, "overshoot": overshoot}
     for_controllers |= {"limit": limit or None, "seeds": seeds, "budget": budget, "extrapolate": extrapolate or None}
+    cuts = loaded(machine)
     if study is not None:
         from .tune import searches, study_file
 
         others: dict[str, Any] = {"sampler": sampler, "seed": seed or None, "env": env, "steps": steps}
-        others |= {"set": set_ or None, "storage": storage}
+        others |= {"set": set_ or None, "storage": storage, "scenario": scenario or None, "machine": machine}
         if given := [option for option, value in (for_controllers | others).items() if value is not None]:
             raise InvalidInput(f"--{given[0]} is not given beside --study; the study file says it")
         planned = study_file.read(study, what, trials)
@@ -502,12 +535,21 @@ def tune(
         return
     run: Any = controllers.tune
     if command.trains(what, env, steps, set_):
+        from .train.folder import trained_in
         from .tune import learners
 
+        more = trained_in([suite] if suite else [], scenario, cuts)
+        for_controllers["suite"] = None
         run, given = learners.tune, [option for option, value in for_controllers.items() if value is not None]
-        task: Any = learners.task(what, env, steps, set_, trials, sampler, seed, storage, name, threads, given)
+        task: Any = learners.task(what, env, steps, set_, trials, sampler, seed, storage, name, threads, given, more)
     else:
-        task = command.task(what, trials, sampler, seed, storage, name, **for_controllers)
+        task = command.task(what, trials, sampler, seed, storage, name, **for_controllers, named=scenario, machine=cuts)
+        if cuts:
+            from ..envs.scenarios import machines
+            from .tune.evaluate import chosen
+
+            for note in machines.warnings(chosen(task.suite, task.named)[0], cuts):
+                typed.say(note)
     with progress("trials") as told:
         result = run(task, folder, workers, threads, overwrite, resume, told)
     result.show()
@@ -521,6 +563,9 @@ def train(
     seed: int = 0,
     preset: Annotated[Path | None, unset("FILE")] = None,
     set_: Annotated[UseAppendAction[list[str]], arg(name="set", metavar="KEY=VALUE")] = [],  # noqa: B006
+    suite: Annotated[UseAppendAction[list[str]], arg(metavar="NAME|FOLDER")] = [],  # noqa: B006
+    scenario: Annotated[UseAppendAction[list[str]], arg(aliases=["-s"], metavar="NAME|FILE")] = [],  # noqa: B006
+    machine: On = None,
     name: Text = None,
     device: str = "cpu",
     threads: int = 1,
@@ -540,6 +585,10 @@ def train(
             shipped ones of environment and algorithm.
         set_: a value of the preset, by dotted name (algorithm.gamma=0.97, environment.scenario=["wavy","step"],
             environment.reward.rate=0.1); may be given several times.
+        suite: a suite, or a folder of one's own, whose scenarios are trained in; may be given several times. Default:
+            the preset's scenarios.
+        scenario: name or TOML file that is trained in; may be given several times.
+        machine: what cuts, in place of what the scenarios say of a machine: a preset (kerfgym machine list) or a file.
         name: of the run folder. Default: environment, algorithm and seed.
         device: of torch: cpu, cuda, cuda:1.
         threads: of torch; more than one seldom helps such small networks.
@@ -550,13 +599,16 @@ def train(
     """
     _agree(allow_code)
     from .train.folder import train as run
+    from .train.folder import trained_in
 
-    folder = run(algorithm, env, steps, seed, set_, name, device, threads, ms, overwrite, resume, preset)
+    more = trained_in(suite, scenario, loaded(machine))
+    folder = run(algorithm, env, steps, seed, set_, name, device, threads, ms, overwrite, resume, preset, more)
     print(f"\n{folder}")
 
 
 def speed(
     rounds: int = 5,
+    machine: On = None,
     name: Text = None,
     train: bool = True,
     torch_threads: int = 1,
@@ -566,6 +618,7 @@ def speed(
 
     Args:
         rounds: interleaved rounds; medians and ranges are over them.
+        machine: what the roll-outs and environments of followers simulate: a preset or a file. Default: standard.
         name: of the run folder. Default: speed- and date and time.
         train: also time a short PPO training.
         torch_threads: threads that torch may use in it.
@@ -584,18 +637,43 @@ def speed(
     runs.open_folder(folder, overwrite)
     try:
         with status() as progress:
-            tables = measure(folder, rounds, train, torch_threads, progress)
+            tables = measure(folder, rounds, train, torch_threads, progress, loaded(machine))
     except NothingDone as error:
         raise SystemExit(f"kerfgym: error: {error}") from None
     print_speed(tables)
     print(f"\n{folder}")
 
 
+def machine(
+    action: Annotated[Positional[str], arg(metavar="ACTION")],
+    what: Annotated[Positional[tuple[str, ...]], arg(metavar="NAME|FILE ...")] = (),
+    like: str = "standard",
+    set_: Annotated[UseAppendAction[list[str]], arg(name="set", metavar="KEY=VALUE")] = [],  # noqa: B006
+    overwrite: bool = False,
+) -> None:
+    """Machines as files: what cuts, for --machine of every command and machine= of every environment.
+
+    list shows the presets. new FILE writes a machine with every number, its unit and its range, to be changed in an
+    editor or with --set. show NAME|FILE tells what differs from the standard machine. check FILE ... tells what is
+    wrong in files, or what is hardly meant.
+
+    Args:
+        action: list, new, show or check.
+        what: of new the file to write, of show and check machines: names of presets, or files.
+        like: of new, the machine to begin with.
+        set_: of new, a number that differs, such as axis.bandwidth=25 or head.bore=1.5; may be given several times.
+        overwrite: of new, replace an existing file.
+    """
+    from .machine import command
+
+    command.ACTIONS.get(action, command.unknown(action))(what, like, set_, overwrite)
+
+
 ABOUT = """Testbed for laser-cutting machine control. Everything is simulated; nothing is validated on a machine.
 
 kerfgym list shows what there is, kerfgym COMMAND --help every option of a command."""
 
-_ALL = (list_, benchmark, report, blame, tune, train, reproduce, render, speed)
+_ALL = (list_, benchmark, report, blame, tune, train, reproduce, render, speed, machine)
 COMMANDS: dict[str, Any] = {command.__name__.removesuffix("_"): command for command in _ALL}
 """Every command by its name."""
 

@@ -15,6 +15,7 @@ from ...envs import scenarios
 from ...envs.control import stack as stacks
 from ...envs.plant import heads
 from ...envs.plant.fleet import Fleet
+from ...envs.scenarios import Machine, machines
 from ..measure import rollout
 from . import kernel_parts, proof
 
@@ -105,30 +106,32 @@ def _cheetah(env: Any) -> proof.Life:
     return proof.of_state(env.data.qpos, round(env.data.time / env.dt))
 
 
-def single() -> Task:
+def single(machine: Machine | None = None) -> Task:
     """The environment, one step after the other."""
-    return _environment("single", "env.step", "kerfgym/HeightFollowing-v0", 2500, _batched, scenario="wavy")
+    what: dict[str, Any] = {"scenario": "wavy", "machine": machine}
+    return _environment("single", "env.step", "kerfgym/HeightFollowing-v0", 2500, _batched, **what)
 
 
 def _batched(env: Any) -> proof.Life:
     return proof.of_batch(env.batch)
 
 
-def _fleet(size: int, controller: str, threads: int = 1) -> Fleet:
+def _fleet(size: int, controller: str, threads: int = 1, machine: Machine | None = None) -> Fleet:
     # Without a law the head runs into a wavy sheet, and a crashed machine is no yardstick.
     scenario = scenarios.load("flat" if controller == "idle" else "wavy")
+    scenario = machines.put_on(scenario, machine) if machine else scenario
     return rollout.fleet_for(scenario, stacks.resolve(controller), np.arange(size), threads)
 
 
-def kernel(size: int, threads: int = 1, name: str = "kernel, step by step") -> Task:
+def kernel(size: int, threads: int = 1, name: str = "kernel, step by step", machine: Machine | None = None) -> Task:
     """The block kernel in closed loop, one call for each period."""
-    fleet, calls = _fleet(size, "xi2023-improved", threads), max(10, min(20_000, 60_000 // size))
+    fleet, calls = _fleet(size, "xi2023-improved", threads, machine), max(10, min(20_000, 60_000 // size))
     return _repeated("kernel", name, size, fleet.stepper(), calls, lambda: proof.of_fleet(fleet), threads)
 
 
-def closed_loop(controller: str, size: int = MACHINES, threads: int = 1) -> Task:
+def closed_loop(controller: str, size: int = MACHINES, threads: int = 1, machine: Machine | None = None) -> Task:
     """A compiled roll-out: many periods in one call."""
-    fleet, periods = _fleet(size, controller, threads), max(20, min(20_000, 60_000 // size))
+    fleet, periods = _fleet(size, controller, threads, machine), max(20, min(20_000, 60_000 // size))
     name, step = f"roll-out, {controller}", lambda: fleet.advance(periods)
     return _repeated("roll-out", name, size, step, 1, lambda: proof.of_fleet(fleet), threads, periods)
 
@@ -140,11 +143,11 @@ def from_registers(size: int = MACHINES) -> Task:
     return _repeated("registers", "from registers, pid", size, step, 1, lived, periods=periods)
 
 
-def vector(size: int, threads: int = 1) -> Task:
+def vector(size: int, threads: int = 1, machine: Machine | None = None) -> Task:
     """The Gymnasium vector environment."""
     from ...envs.height_following import HeightFollowingVectorEnv
 
-    env = HeightFollowingVectorEnv(size, num_threads=threads, scenario="wavy")
+    env = HeightFollowingVectorEnv(size, num_threads=threads, scenario="wavy", machine=machine)
     env.reset(seed=0)
     return _vector("VectorEnv.step", env, np.zeros((size, 1), np.float32), threads)
 
@@ -168,11 +171,11 @@ def with_policy(size: int) -> Task:
     return _repeated("vector", name, size, batch.advance, calls, lambda: proof.of_batch(batch))
 
 
-def sb3(size: int, threads: int = 1) -> Task:
+def sb3(size: int, threads: int = 1, machine: Machine | None = None) -> Task:
     """The stable-baselines3 VecEnv."""
     from ...agents.vec_env import HeightFollowingVecEnv
 
-    env = HeightFollowingVecEnv(size, num_threads=threads, scenario="wavy")
+    env = HeightFollowingVecEnv(size, num_threads=threads, scenario="wavy", machine=machine)
     env.seed(0)
     env.reset()
     return _vector("stable-baselines3 VecEnv.step", env, np.zeros((size, 1), np.float32), threads)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ...envs.scenarios import Machine
 from ...envs.tasks.batch import Batch
 from ...envs.tasks.interface import TASK
 from ..store import runs
@@ -72,16 +73,17 @@ PROMISES: tuple[tuple[str, str, float, Callable[[Costs], Any] | None], ...] = (
 """What the project promises of its speed, and how it is found."""
 
 
-def _all_tasks() -> list[Task]:
+def _all_tasks(machine: Machine | None = None) -> list[Task]:
     """What is compared stands side by side, because a shared machine is slower for seconds at a time."""
     numpy = timed.oracle(LARGEST)
-    found = [*timed.references(), timed.single()]
-    found += [timed.closed_loop(controller) for controller in timed.CONTROLLERS]
-    found += [timed.from_registers(), timed.closed_loop("pid", 1), timed.closed_loop("pid", threads=2)]
-    found += [timed.kernel(size) for size in SIZES] + ([numpy] if numpy else [])
-    found += [timed.kernel(size, threads=2) for size in (LARGEST, MACHINES)]
-    found += [timed.vector(size) for size in (LARGEST, MACHINES, POLICIES)]
-    found += [timed.sb3(POLICIES), timed.with_policy(POLICIES)]
+    found = [*timed.references(), timed.single(machine)]
+    found += [timed.closed_loop(controller, machine=machine) for controller in timed.CONTROLLERS]
+    found += [timed.from_registers(), timed.closed_loop("pid", 1, machine=machine)]
+    found += [timed.closed_loop("pid", threads=2, machine=machine)]
+    found += [timed.kernel(size, machine=machine) for size in SIZES] + ([numpy] if numpy else [])
+    found += [timed.kernel(size, threads=2, machine=machine) for size in (LARGEST, MACHINES)]
+    found += [timed.vector(size, machine=machine) for size in (LARGEST, MACHINES, POLICIES)]
+    found += [timed.sb3(POLICIES, machine=machine), timed.with_policy(POLICIES)]
     return [*found, timed.job_step(), timed.job_vector(POLICIES)]
 
 
@@ -145,11 +147,20 @@ def ratios(costs: pd.DataFrame, start: dict[str, list[float]], extra: dict[str, 
 
 
 def speed(
-    folder: Path, rounds: int, train: bool, torch_threads: int, progress: Callable[[str], None]
+    folder: Path,
+    rounds: int,
+    train: bool,
+    torch_threads: int,
+    progress: Callable[[str], None],
+    machine: Machine | None = None,
 ) -> dict[str, Any]:
-    """Measures everything and writes the run folder; returns its tables."""
+    """Measures everything and writes the run folder; returns its tables.
+
+    ``machine``: that roll-outs, kernel and environments of height followers simulate; None: the standard one. Jobs, the
+    plain model and the machine from registers stay as they are.
+    """
     started = time.time()
-    costs = measure(_all_tasks(), rounds, progress)
+    costs = measure(_all_tasks(machine), rounds, progress)
     base = float(costs[costs.name == "Pendulum-v1 unwrapped"].ns_per_step.iloc[0])
     costs["times_pendulum"] = base / costs.ns_per_step
     kept = memory()
@@ -177,5 +188,6 @@ def speed(
     with runs.atomic(folder / "cost.png") as part:
         picture(costs).savefig(part, format="png", dpi=150)
     meta = runs.record() | {"rounds": rounds, "wall_seconds": round(time.time() - started, 1), "extra": extra}
+    meta |= {"cut_by": machine.record} if machine else {}
     runs.write_json(folder / "run.json", meta)
     return tables

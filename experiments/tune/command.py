@@ -5,6 +5,7 @@ import math
 from ...agents.settings import ALGORITHMS
 from ...envs import scenarios
 from ...envs.engine.quantity import InvalidInput
+from ...envs.scenarios import Machine
 from ..measure.stability import LIMIT_MS
 from ..statistics import budgets
 from .evaluate import with_jobs
@@ -38,16 +39,20 @@ def task(
     seeds: int | None,
     budget: str | None,
     extrapolate: bool | None,
+    named: list[str] | None = None,
+    machine: Machine | None = None,
 ) -> Task:
     """The study that a user asks for; defaults depend on whether the suite's scenarios are jobs.
 
     Raises:
         InvalidInput: anything that no study can be made of.
     """
-    suite = suite or "following"
+    those = tuple(named or ())
+    usual = "contour" if those and scenarios.load(those[0]).job else "following"
+    suite = suite or usual
     scenarios.suite(suite)  # an unknown one is an error here
     rules = scenarios.rules(suite)
-    jobs = with_jobs(suite)
+    jobs = with_jobs(suite, those)
     given = [Limit(n, v) for n, v in (("jitter", jitter), ("overshoot", overshoot)) if v is not None]
     for word in limit or ():
         key, _, number = word.partition("=")
@@ -56,10 +61,12 @@ def task(
         except ValueError:
             raise InvalidInput(f"--limit {word}: it is written METRIC=NUMBER, such as time=12.5") from None
     chosen = tuple(metric or ()) or (str(rules.get("score", "rms_true")),)
-    named = controller or ("wu-tuned" if suite == "contour" else "huang2024-adjusting" if jobs else "xi2023-improved")
+    begins = controller or (
+        "wu-tuned" if rules["slot"] == "xy" else "huang2024-adjusting" if jobs else "xi2023-improved"
+    )
     limits = Limits(ms if ms is not None else (math.inf if jobs else LIMIT_MS), tuple(given))
     asked = Task(
-        named,
+        begins,
         what or ("law",),
         suite,
         chosen,
@@ -71,7 +78,9 @@ def task(
         seed=seed,
         name=name or "",
         url=url or "",
-        budget=steps_left(budget, named) if budget else 0,
+        budget=steps_left(budget, begins) if budget else 0,
+        named=those,
+        machine=machine,
     )
     asked.check()
     return asked

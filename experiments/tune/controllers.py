@@ -40,7 +40,7 @@ class Result(over.Result):
             if name not in ("runs", "evidence")
         ]
         figures += [("Ms", "", f"{found.ms:.3f}")] if math.isfinite(found.ms) else []
-        title = f"{task.controller} · {self.meta['tuned']['trials']} trials · suite {task.suite}"
+        title = f"{task.controller} · {self.meta['tuned']['trials']} trials · {task.over}"
         self.tell(title, "before", parameters, figures)
         if "evidence" in self.after:
             print(f"figures of the cut: before {self.before['evidence']}; tuned {self.after['evidence']}")
@@ -120,7 +120,11 @@ def _provenance(work: RollOuts, trials: list[FrozenTrial], searched: Ledger) -> 
         limits["ms"] = task.limits.ms
     sampler = staged.told(task.stages, task.trials) if task.stages else task.sampler
     pruned = sum(t.state.name == "PRUNED" for t in trials)
-    out: dict[str, Any] = {"suite": f"{task.suite}-{scenarios.rules(task.suite)['version']}"}
+    out: dict[str, Any] = {"suite": f"{scenarios.called(task.suite)}-{scenarios.rules(task.suite)['version']}"}
+    if task.named:
+        out = {"suite": ", ".join(work.evaluator.core)}
+    if task.machine:
+        out["machine"] = task.machine.record
     out |= {"metrics": list(task.metrics), "limits": limits, "sampler": sampler, "sampler_seed": task.seed}
     out |= {"trials": len(trials), "pruned": pruned, "tune_seeds": ranges(range(task.seeds))}
     out |= {key: cost[key] for key in ("simulated_steps", "cpu_seconds")}

@@ -15,9 +15,8 @@ from ...envs.figures import evidence, job_metrics, metrics
 from ...envs.figures.recording import Recording
 from ...envs.plant import heads
 from ...envs.plant.fleet import Fleet
-from ...envs.scenarios import Scenario
-from ..measure import rollout, stability
-from ..measure.plants import machines
+from ...envs.scenarios import Machine, Scenario, machines
+from ..measure import plants, rollout, stability
 from ..results import jobs
 from ..statistics.pooling import declared
 from ..store.ledger import Ledger
@@ -28,16 +27,30 @@ TOGETHER = 2
 must not depend on the machine."""
 
 
-def chosen(suite: str) -> tuple[list[Scenario], tuple[str, ...]]:
-    """The scenarios that a candidate goes through, the core first, and the core's names."""
-    cases, core = scenarios.suite(suite), scenarios.core(suite)
+def chosen(
+    suite: str, named: tuple[str, ...] = (), machine: Machine | None = None
+) -> tuple[list[Scenario], tuple[str, ...]]:
+    """The scenarios that a candidate goes through, the core first, and the core's names.
+
+    Args:
+        suite: name or folder.
+        named: scenarios in place of the suite's; all of them are the core.
+        machine: on which they are put.
+    """
+    given = [scenarios.load(each) for each in named]
+    cases = {each.name: each for each in given} or scenarios.suite(suite)
+    core = tuple(cases) if given else scenarios.core(suite)
+    if len(given) > len(cases):
+        raise InvalidInput("two scenarios of one name; each needs one of its own")
+    if machine:
+        cases = {name: machines.put_on(each, machine) for name, each in cases.items()}
     guarded = [n for n, case in cases.items() if case.guard and not case.exempt and n not in core]
     return [cases[name] for name in (*core, *guarded)], core
 
 
-def with_jobs(suite: str) -> bool:
-    """Whether the suite's scenarios are jobs for teams."""
-    return chosen(suite)[0][0].job is not None
+def with_jobs(suite: str, named: tuple[str, ...] = ()) -> bool:
+    """Whether the suite's scenarios, or those that are named in its place, are jobs for teams."""
+    return chosen(suite, named)[0][0].job is not None
 
 
 class Evaluator:
@@ -51,6 +64,8 @@ class Evaluator:
         extrapolate: process settings may leave what was published.
         relative: controller to whose figures those of candidates are ratios, mean over the seeds to mean; what it takes
             does not count.
+        named: scenarios in place of the suite's.
+        machine: on which they are put.
     """
 
     def __init__(
@@ -61,15 +76,21 @@ class Evaluator:
         threads: int = 1,
         extrapolate: bool = False,
         relative: Team | None = None,
+        named: tuple[str, ...] = (),
+        machine: Machine | None = None,
     ) -> None:
         self.base, self.suite, self.threads = base, suite, threads
-        self._plain = Evaluator(relative, suite, seeds, threads, extrapolate) if relative else None
+        self._plain = (
+            Evaluator(relative, suite, seeds, threads, extrapolate, None, named, machine) if relative else None
+        )
         self._unit: dict[Any, Figures] = {}
-        self.scenarios, self.core = chosen(suite)
+        self.scenarios, self.core = chosen(suite, named, machine)
         if extrapolate:
             self.scenarios = [s.varied(job={"extrapolate": True}) if s.job else s for s in self.scenarios]
         self._excess = dict.fromkeys(evidence.COLUMNS, 0.0)
         self.jobs = self.scenarios[0].job is not None
+        if len({s.job is None for s in self.scenarios}) > 1:
+            raise InvalidInput("scenarios with a job and scenarios without one cannot be tuned together")
         if not self.jobs and base.slots != "z":
             raise InvalidInput(
                 f"controller '{base.name}' drives slot '{base.slots}'; "
@@ -79,7 +100,7 @@ class Evaluator:
         self.ledger = Ledger()
         self._groups = _grouped(self.scenarios, 1 if self.jobs else TOGETHER)
         self._rungs: dict[int, _Rung] = {}
-        self._machines = list(machines(self.scenarios))
+        self._machines = list(plants.machines(self.scenarios))
         self._injections: list[stability.Injection] = []
 
     @property

@@ -64,6 +64,7 @@ def task(
     name: str | None,
     threads: int | None,
     others: list[str],
+    more: dict[str, Any] | None = None,
 ) -> TrainingTask:
     """The study that a user asks for.
 
@@ -71,6 +72,7 @@ def task(
         what: the algorithm.
         env, steps, assignments, trials, sampler, seed, url, name, threads: as given, None for the default.
         others: options that were given and are for controllers only.
+        more: further settings.
 
     Raises:
         InvalidInput: anything that no study can be made of.
@@ -79,7 +81,7 @@ def task(
         raise InvalidInput(f"one algorithm is tuned at a time, and nothing besides; known: {', '.join(ALGORITHMS)}")
     if others:
         raise InvalidInput(f"--{others[0]} is for controllers; the settings of {what[0]} are searched without")
-    base = presets.preset(what[0], env or next(iter(presets.TASKS)), presets.parsed(assignments))
+    base = presets.preset(what[0], env or next(iter(presets.TASKS)), presets.parsed(assignments) | (more or {}))
     steps, trials = short_steps(base) if steps is None else steps, TRIALS if trials is None else trials
     whole = TrainingTask(base, steps, 1 if threads is None else threads, trials=trials, seed=seed)
     return replace(whole, sampler=sampler or "tpe", name=name or "", url=url or "")

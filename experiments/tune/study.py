@@ -11,6 +11,7 @@ from ...envs import scenarios
 from ...envs.control import stack as stacks
 from ...envs.control.stack import Team
 from ...envs.engine.quantity import InvalidInput
+from ...envs.scenarios import Machine
 from ..store.ledger import Ledger
 from . import goals, sampling, staged, storage
 from .evaluate import Evaluator, with_jobs
@@ -50,6 +51,8 @@ class Task(Search):
     set: tuple[tuple[str, float], ...] = ()  # parameters in place of the controller's own
     relative: str = ""  # controller to whose figures metrics and limits are ratios
     criterion: str = ""  # what is sought, for the record
+    named: tuple[str, ...] = ()  # scenarios in place of the suite's
+    machine: Machine | None = None  # on which they are put
 
     @property
     def base(self) -> Team:
@@ -75,7 +78,13 @@ class Task(Search):
     @property
     def jobs(self) -> bool:
         """Whether jobs are done."""
-        return with_jobs(self.suite)
+        return with_jobs(self.suite, self.named)
+
+    @property
+    def over(self) -> str:
+        """Suite or scenarios, and machine, in words."""
+        what = f"scenarios {', '.join(self.named)}" if self.named else f"suite {scenarios.called(self.suite)}"
+        return f"{what} · machine {self.machine.name}" if self.machine else what
 
     @property
     def directions(self) -> list[str]:
@@ -110,6 +119,8 @@ class Task(Search):
             other = controller(self.relative)
             fixed += [f"{n}={p.value}" for n, p in other.parameters().items()] + other.program
         words = [f"controller {self.controller}", f"suite {self.suite}", f"metric {', '.join(self.metrics)}"]
+        words += [f"scenario {name}" for name in self.named]
+        words += [f"machine {self.machine.name} {self.machine.digest}"] if self.machine else []
         words += [f"Ms ≤ {self.limits.ms:g}", *(f"{limit.name} ≤ {limit.most:g}" for limit in self.limits.limits)]
         words += [f"sampler {self.sampler}", f"seed {self.seed}", f"tune seeds 0-{self.seeds - 1}"]
         words += ["extrapolate"] if self.extrapolate else []
@@ -132,7 +143,7 @@ class Task(Search):
         """What runs its candidates, on its *tune* seeds unless told otherwise."""
         seeds = range(self.seeds) if seeds is None else seeds
         other = controller(self.relative) if self.relative else None
-        return Evaluator(self.base, self.suite, seeds, threads, self.extrapolate, other)
+        return Evaluator(self.base, self.suite, seeds, threads, self.extrapolate, other, self.named, self.machine)
 
     def samplers(self, explore: int) -> tuple[Any, Any]:
         """Of stages, or what the user asked for."""

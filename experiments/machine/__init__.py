@@ -1,0 +1,1 @@
+"""``kerfgym machine``: machines as files."""

@@ -1,0 +1,103 @@
+"""What ``kerfgym machine`` does: list, new, show, check."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from ...agents.settings import parsed
+from ...envs.engine.quantity import InvalidInput, did_you_mean
+from ...envs.safety import names
+from ...envs.scenarios import machine_text, machines
+from ...envs.scenarios.machines import STANDARD, Machine
+from ..store.runs import write_text
+
+Words = tuple[str, ...]
+
+
+def new(what: Words, like: str, assignments: list[str], overwrite: bool) -> None:
+    """Writes a machine's file."""
+    if len(what) != 1 or not what[0].endswith(".toml"):
+        raise InvalidInput(f"new takes one file to write, such as mine.toml, not {' '.join(what) or 'nothing'}")
+    file = Path(what[0])
+    if file.exists() and not overwrite:
+        raise InvalidInput(f"'{file}' exists; --overwrite replaces it")
+    begin = machines.load(like)
+    tables = {**begin.tables, "name": names.of_file(file.stem)}
+    tables["summary"] = f"like {begin.name}" + ("" if not assignments else ", but for what is listed below")
+    for key, value in parsed(assignments).items():
+        table, dot, name = key.partition(".")
+        if not dot:
+            tables[key] = value
+        elif table in machines.TABLES:
+            tables[table][name] = value
+        else:
+            raise InvalidInput(f"--set {key}: unknown table '{table}'; {did_you_mean(table, machines.TABLES)}")
+    made = machines.of_tables(tables, "--set" if assignments else like)
+    if assignments and made.summary.endswith("listed below"):
+        told = [f"{key} {machine_text.written(v)}" for key, v in machines.differences(made, begin).items()]
+        made = machines.of_tables({**tables, "summary": f"like {begin.name}, with {', '.join(told)}"}, str(file))
+    write_text(file, machine_text.text_of(made))
+    print(file)
+
+
+def list_(what: Words, like: str, assignments: list[str], overwrite: bool) -> None:
+    """Prints the presets, a line each."""
+    for name in machines.presets():
+        print(f"  {name:16s} {machines.load(name).summary}")
+
+
+def show(what: Words, like: str, assignments: list[str], overwrite: bool) -> None:
+    """Prints machines: what differs from the standard one, and what is hardly meant."""
+    for machine in map(machines.load, _some(what, "show")):
+        _show(machine)
+
+
+def check(what: Words, like: str, assignments: list[str], overwrite: bool) -> None:
+    """Prints what is wrong in machines' files, or else what is hardly meant."""
+    for one in _some(what, "check"):
+        machine = machines.load(one)
+        doubts = list(machines.doubts(machine))
+        said = len(machines.differences(machine, STANDARD))
+        print(
+            f"{one}: machine '{machine.name}' ({machine.digest}) is good; {said} numbers are not the standard machine's"
+        )
+        for doubt in doubts:
+            print(f"  but {doubt}")
+
+
+def _some(what: Words, action: str) -> Words:
+    if not what:
+        raise InvalidInput(f"{action} takes machines: {', '.join(machines.presets())}, or files")
+    return what
+
+
+def _show(machine: Machine) -> None:
+    table = Table(title=f"{machine.name} ({machine.digest})", caption=machine.summary or None)
+    for column in ("", machine.name, "standard", "unit, meaning, range"):
+        table.add_column(column)
+    for key, value in machines.differences(machine, STANDARD).items():
+        section, _, name = key.partition(".")
+        usual = getattr(getattr(STANDARD, section), name)
+        shown = [machine_text.written(v) if v is not None else "–" for v in (value, usual)]
+        table.add_row(key, *shown, machine_text.explained(type(getattr(machine, section)), name))
+    Console(width=max(Console().width, 120)).print(table)
+    for doubt in machines.doubts(machine):
+        print(f"but {doubt}")
+
+
+Action = Callable[[Words, str, list[str], bool], None]
+
+ACTIONS: dict[str, Action] = {"list": list_, "new": new, "show": show, "check": check}
+"""What the command can do."""
+
+
+def unknown(action: str) -> Action:
+    """What refuses an action that there is none of."""
+
+    def refuse(*_: Any) -> None:
+        raise InvalidInput(f"unknown action '{action}'; {did_you_mean(action, ACTIONS)}")
+
+    return refuse
