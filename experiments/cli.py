@@ -242,11 +242,14 @@ def cut_as(
 def _show(folder: Path, grids: dict[str, Any], markdown: bool) -> None:
     """Prints the tables of a run, or its summary, and where the report is."""
     from .report import summary
+    from .report.page import cut_by
     from .report.terminal import sheets
 
     if markdown:
         print((folder / summary.NAME).read_text(encoding="utf-8"))
         return
+    for line in dict.fromkeys(cut_by(results) for results in grids.values() if results.meta.get("cut_by")):
+        print(line)
     for suite, results in grids.items():
         for sheet in sheets(results):
             sheet.title = f"{suite} · {sheet.title}" if len(grids) > 1 else sheet.title

@@ -10,7 +10,7 @@ import pandas as pd
 
 from ...envs.control.stack import Team, asked
 from ...envs.engine.quantity import InvalidInput
-from ...envs.scenarios import Scenario
+from ...envs.scenarios import Scenario, machine_text
 from ..measure.grids import Grid
 from ..results.archive import UNFINISHED
 from ..results.conclusions import REFERENCE, Results
@@ -71,6 +71,8 @@ def blame(
         meta |= {"scenarios": [s.name for s in grid.scenarios], "controllers": list(grid.controllers)}
         meta |= {"stages": list(found[0].stages), "failed": sum(b.failed for b in found)}
         meta |= {"wall_seconds": round(time.time() - started, 1), "ledger": ledger.entry()}
+        if grid.machine:
+            runs.write_text(folder / "machine.toml", machine_text.text_of(grid.machine))
         meta |= {"cut_by": grid.machine.record | {"replaces": list(grid.given_up)}} if grid.machine else {}
         meta["parameters"] = {s.name: {k: p.value for k, p in s.parameters().items()} for s in teams}
         runs.write_json(folder / "run.json", meta)

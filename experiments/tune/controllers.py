@@ -9,6 +9,7 @@ from typing import Any
 from optuna.trial import FrozenTrial
 
 from ...envs import scenarios
+from ...envs.scenarios import machine_text
 from ..store import runs
 from ..store.ledger import Ledger, ranges
 from . import goals, history, outcome, over, staged, storage
@@ -108,6 +109,9 @@ def concluded(
     outcome.write(file, task, found, final)
     ledgers = {"tuning": searched, "choosing": evaluator.ledger, "testing": work.validation}
     meta |= {"what": list(task.what), "tuned": {**final, "parameters": found.parameters}, "plots": plots}
+    if task.machine:
+        runs.write_text(folder / "machine.toml", machine_text.text_of(task.machine))
+        meta["cut_by"] = task.machine.record
     meta |= {"front": len(front), "ledger": {name: ledger.entry() for name, ledger in ledgers.items()}}
     return Result(task, meta, file, found, front, before, after, near)
 

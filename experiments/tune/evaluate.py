@@ -20,7 +20,7 @@ from ..measure import plants, rollout, stability
 from ..results import jobs
 from ..statistics.pooling import declared
 from ..store.ledger import Ledger
-from .goals import Figures
+from .goals import DESCENT, Figures
 
 TOGETHER = 2
 """Scenarios that share a fleet: what a candidate is judged by before it goes on. Not the number of cores, since a study
@@ -155,7 +155,9 @@ class Evaluator:
             self._unit[i, wanted] = self._plain.part(i, self._plain.base, wanted)
         return {
             s: {
-                m: v if declared(m).always else np.array([v.mean() / self._unit[i, wanted][s][m].mean()])
+                m: v
+                if m == DESCENT or declared(m).always
+                else np.array([v.mean() / self._unit[i, wanted][s][m].mean()])
                 for m, v in of.items()
             }
             for s, of in found.items()
@@ -230,4 +232,6 @@ class _Rung:
                 for name in dict.fromkeys(wanted)
                 for figure in (metrics.METRICS[name].function(record),)
             }
+            if scenario.start_above != 0:
+                found[scenario.name][DESCENT] = np.zeros(0)
         return found

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from ...envs import scenarios
 from ...envs.engine.quantity import InvalidInput
 from ...envs.figures import job_metrics, metrics
 from ...envs.figures.registered import Metric
@@ -84,9 +83,8 @@ class Limit:
         return float(np.clip(-difference if higher else difference, -FAR, FAR))
 
 
-def descents(names: tuple[str, ...]) -> tuple[str, ...]:
-    """The scenarios that begin with an approach from above."""
-    return tuple(n for n in names if scenarios.load(n).start_above != 0)
+DESCENT = "descent"
+"""Among the metrics of a scenario that begins with an approach from above; it has no values."""
 
 
 @dataclass(frozen=True)
@@ -136,5 +134,5 @@ class Limits:
 def measured(name: str, figures: Figures, core: tuple[str, ...], with_jobs: bool) -> float:
     """The number that a limit of this name is about."""
     if name == "overshoot" and not with_jobs:
-        return max((over_seeds(name, figures[s][name]) for s in descents(tuple(figures))), default=0.0)
+        return max((over_seeds(name, figures[s][name]) for s in figures if DESCENT in figures[s]), default=0.0)
     return score(name, figures, core)
