@@ -153,6 +153,7 @@ class Evaluator:
             return found
         if (i, wanted) not in self._unit:
             self._unit[i, wanted] = self._plain.part(i, self._plain.base, wanted)
+        unit = self._unit[i, wanted]
         return {
             s: {
                 m: v

@@ -229,9 +229,11 @@ def test_every_number_of_the_following_suites_is_the_frozen_one(group, name):
         frozen[table] = {**FOLLOWING[table], **given.get(table, {})}
     shipped = asdict(suite(group)[name])
     for table in ("head", "sheet"):
-        assert all(shipped[table].pop(name, None) is None for name in ("table", "signal", "map"))
+        for key in ("table", "signal", "map", "face", "bore", "body", "inductance"):
+            assert shipped[table].pop(key, None) is None
     unused = {
         "job": None,
+        "cut_by": "standard",
         "drawing": asdict(scenarios.Reading()),
         "gantry": asdict(scenarios.Gantry()),
         "optics": asdict(scenarios.Optics()),
