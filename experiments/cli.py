@@ -667,9 +667,9 @@ def machine(
         set_: of new, a number that differs, such as axis.bandwidth=25 or head.bore=1.5; may be given several times.
         overwrite: of new, replace an existing file.
     """
-    from .machine import command
+    from .machine import machine_files
 
-    command.ACTIONS.get(action, command.unknown(action))(what, like, set_, overwrite)
+    machine_files.ACTIONS.get(action, machine_files.unknown(action))(what, like, set_, overwrite)
 
 
 ABOUT = """Testbed for laser-cutting machine control. Everything is simulated; nothing is validated on a machine.

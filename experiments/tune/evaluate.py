@@ -156,9 +156,7 @@ class Evaluator:
         unit = self._unit[i, wanted]
         return {
             s: {
-                m: v
-                if m == DESCENT or declared(m).always
-                else np.array([v.mean() / self._unit[i, wanted][s][m].mean()])
+                m: v if m == DESCENT or declared(m).always else np.array([v.mean() / unit[s][m].mean()])
                 for m, v in of.items()
             }
             for s, of in found.items()
