@@ -87,9 +87,8 @@ def load(given: Any) -> Machine:
     if isinstance(given, dict):
         return of_tables(given, "machine")
     if not isinstance(given, str | Path):
-        raise InvalidInput(
-            f"machine = {files.shown(given)} is not allowed; allowed: a name, a file, or a machine's tables"
-        )
+        allowed = f"one of {', '.join(presets())}, a file, or a machine's tables"
+        raise InvalidInput(f"machine = {files.shown(given)} is not allowed; allowed: {allowed}")
     if str(given) in presets():
         return read(_FOLDER / f"{given}.toml")
     if str(given).endswith(".toml") or files.is_file(given):

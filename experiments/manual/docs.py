@@ -310,7 +310,8 @@ def scenario_tables() -> str:
     for name, cls in _sections(scenarios.Scenario, ""):
         notes, rows = comments(sys.modules[cls.__module__])[cls.__name__], []
         for field, kind in inspect.get_annotations(cls, eval_str=True).items():
-            q = next((m for m in get_args(kind) if isinstance(m, Quantity)), None)
+            inner = next((each for each in get_args(kind) if get_args(each) and type(None) in get_args(kind)), kind)
+            q = next((m for m in get_args(inner) if isinstance(m, Quantity)), None)
             if q is None and _section(kind):
                 continue
             given = cls.__dataclass_fields__[field].default

@@ -1,0 +1,174 @@
+"""Commands on a machine of one's own and on suites in folders: what they run, and what their results say of it."""
+
+import json
+import tomllib
+
+import pytest
+
+from kerfgym.agents import settings as presets
+from kerfgym.envs import scenarios
+from kerfgym.envs.engine.quantity import InvalidInput
+from kerfgym.envs.scenarios import machines
+from kerfgym.experiments.cli import main
+from kerfgym.experiments.measure import grids
+from kerfgym.experiments.speed import timed
+from kerfgym.experiments.train.folder import cut_by, trained_in
+
+NEW = ["machine", "new", "mine.toml", "--set", "axis.bandwidth=25", "--set", "axis.dead_time=0.004"]
+NEW += ["--set", "head.bore=1.5", "--set", "head.noise={ log_uniform = [2e-3, 1e-2] }"]
+
+
+@pytest.fixture
+def workplace(here, capsys):
+    """A folder with the slow machine and a suite of one's own, in which there is a short and a shorter scenario."""
+    main(NEW)
+    own = here / "my_suite"
+    own.mkdir()
+    for name, seconds in (("short", 0.5), ("shorter", 0.4)):
+        text = f'name = "{name}"\nduration = {seconds}\nsettle = 0.1\nset_height = 1.0\n[sheet]\ntilt = 0.003\n'
+        (own / f"{name}.toml").write_text(text, encoding="utf-8")
+    capsys.readouterr()
+    return here
+
+
+def record(folder):
+    return json.loads((folder / "run.json").read_text(encoding="utf-8"))
+
+
+def refused(words, capsys):
+    with pytest.raises(SystemExit):
+        main(words)
+    return capsys.readouterr().err
+
+
+def test_a_machine_is_made_checked_and_shown(workplace, capsys):
+    machine = machines.load("mine.toml")
+    assert (machine.axis.bandwidth, machine.axis.dead_time, machine.head.bore) == (25.0, 0.004, 1.5)
+    assert machine.summary.startswith("like standard, with head.noise")
+    main(["machine", "check", "mine.toml", "standard"])
+    said = capsys.readouterr().out
+    assert f"mine.toml: machine 'mine' ({machine.digest}) is good; 4 numbers" in said
+    assert "standard: machine 'standard'" in said
+    main(["machine", "show", "mine.toml"])
+    said = capsys.readouterr().out
+    assert "axis.dead_time" in said
+    assert "axis.zeta" not in said
+    main(["machine", "list"])
+    listed = capsys.readouterr().out
+    assert all(f"{name} " in listed for name in machines.presets())
+    main(["machine", "new", "soft.toml", "--like", "heavy-head"])
+    assert machines.load("soft.toml").digest == machines.load("heavy-head").digest
+
+
+def test_what_is_hardly_meant_is_told_by_check(workplace, capsys):
+    main(["machine", "new", "late.toml", "--set", "axis.dead_time=0.02", "--set", "axis.bandwidth=100"])
+    main(["machine", "check", "late.toml"])
+    said = capsys.readouterr().out
+    assert "dead time and latency are 20.5 ms: gradients (train gradient) stop at 6 ms" in said
+    assert "are longer than 1/bandwidth of the drive, 10 ms" in said
+
+
+def test_bad_words_of_machine_are_refused(workplace, capsys):
+    assert "unknown action 'chekc'; did you mean 'check'?" in refused(["machine", "chekc"], capsys)
+    assert "'mine.toml' exists; --overwrite replaces it" in refused(["machine", "new", "mine.toml"], capsys)
+    assert "new takes one file to write" in refused(["machine", "new", "mine"], capsys)
+    assert "unknown table 'axes'; did you mean 'axis'?" in refused(
+        ["machine", "new", "x.toml", "--set", "axes.zeta=1"], capsys
+    )
+    assert "unknown key 'axis.zta'; did you mean 'zeta'?" in refused(
+        ["machine", "new", "x.toml", "--set", "axis.zta=1"], capsys
+    )
+    assert "check takes machines" in refused(["machine", "check"], capsys)
+    for words in (["benchmark"], ["blame"], ["render", "x.png"], ["tune"], ["train", "ppo"], ["speed"]):
+        assert "unknown machine 'moden'; did you mean 'modern'?" in refused([*words, "--machine", "moden"], capsys)
+
+
+def test_a_benchmark_on_a_machine_runs_a_folder_and_says_on_what(workplace, capsys):
+    words = ["-c", "xi2023-tuned:law.kv=20", "--suite", "my_suite/", "--machine", "mine.toml", "--seeds", "2"]
+    main(["benchmark", *words, "--no-ms", "--no-cost", "--no-blame", "--jobs", "1", "--name", "first"])
+    machine, folder = machines.load("mine.toml"), workplace / "runs" / "first"
+    assert f"Machine: mine, {machine.summary} (machine.toml, {machine.digest})." in capsys.readouterr().out
+    (grid,) = record(folder)["grids"].values()
+    assert list(record(folder)["grids"]) == ["my_suite"]
+    assert grid["cut_by"] == {**machine.record, "replaces": []}
+    assert machines.load(folder / "machine.toml") == machine
+    stored = scenarios.read(folder / "scenarios" / "short.toml")
+    assert stored == machines.put_on(scenarios.suite("my_suite")["short"], machine)
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert f"Machine: mine, {machine.summary}" in page
+    assert "machine mine" in (folder / "summary.md").read_text(encoding="utf-8")
+    main(["report", "first"])
+    assert "Machine: mine" in capsys.readouterr().out
+
+
+def test_what_a_suite_says_of_another_machine_is_told(workplace):
+    machine = machines.load("mine.toml")
+    (grid,) = grids.plan(["ood"], ["pid"], machine=machine, seeds=1)
+    assert all(s.axis == machine.axis and s.cut_by == "mine" for s in grid.scenarios)
+    assert "machine 'mine' replaces what late-flutter, late-rough say of axis.dead_time" in grids.planning([grid])
+
+
+def test_a_search_on_a_machine_over_scenarios_or_a_folder_says_so(workplace, capsys):
+    machine = machines.load("mine.toml")
+    usual = ["tune", "law.kv", "-c", "xi2023-tuned", "--ms", "inf", "--seeds", "1", "--trials", "2", "--threads", "1"]
+    main([*usual, "--suite", "my_suite", "--machine", "mine.toml", "--name", "t1"])
+    told = tomllib.loads((workplace / "runs/t1/tuned.toml").read_text(encoding="utf-8"))["provenance"]
+    assert (told["suite"], told["machine"]) == ("my_suite-1", machine.record)
+    assert record(workplace / "runs/t1")["cut_by"] == machine.record
+    assert machines.load(workplace / "runs/t1/machine.toml") == machine
+    assert "suite my_suite · machine mine" in " ".join(capsys.readouterr().out.split())
+    main([*usual, "-s", "my_suite/short.toml", "-s", "flat", "--name", "t2"])
+    told = tomllib.loads((workplace / "runs/t2/tuned.toml").read_text(encoding="utf-8"))["provenance"]
+    assert told["suite"] == "short, flat"
+    assert "machine" not in told
+
+
+def test_a_training_in_a_folder_on_a_machine_keeps_all_its_numbers(workplace):
+    machine = machines.load("mine.toml")
+    more = trained_in(["my_suite"], ["wavy"], machine)
+    assert more["environment.scenario"] == [str(workplace / "my_suite"), "wavy"] == more["evaluation.scenario"]
+    settings = presets.preset("ppo", "kerfgym/HeightFollowing-v0", more)
+    assert cut_by(settings) == machine
+    assert cut_by(presets.preset("ppo", "kerfgym/HeightFollowing-v0", {})) is None
+    assert trained_in([], [], None) == {}
+    with pytest.raises(InvalidInput, match="unknown scenario 'wavi'"):
+        trained_in([], ["wavi"], None)
+
+
+def test_a_policy_says_on_which_machine_it_was_trained(workplace):
+    few = {"environment.num_envs": 2, "environment.max_steps": 50, "algorithm.n_steps": 25, "algorithm.batch_size": 25}
+    few |= {"evaluation.episodes": 2, "evaluation.every": 100, "checkpoint.every": 100}
+    words = [word for key, value in few.items() for word in ("--set", f"{key}={value}")]
+    words += ["--suite", "my_suite", "--machine", "mine.toml"]
+    main(["train", "ppo", "--steps", "100", *words, "--no-ms", "--name", "p"])
+    machine, folder = machines.load("mine.toml"), workplace / "runs" / "p"
+    document = json.loads((folder / "policy" / "policy.json").read_text(encoding="utf-8"))
+    assert document["provenance"]["machine"] == machine.record
+    assert record(folder)["cut_by"] == machine.record
+    assert (
+        tomllib.loads((folder / "settings.toml").read_text(encoding="utf-8"))["environment"]["machine"]
+        == machine.tables
+    )
+
+
+def test_blame_and_films_are_of_the_machine(workplace):
+    short = ["-c", "xi2023-tuned:law.kv=20", "-s", "my_suite/short.toml", "--machine", "mine.toml"]
+    main(["blame", *short, "--seeds", "1", "--stage", "sensor", "--threads", "1", "--name", "b"])
+    assert record(workplace / "runs/b")["cut_by"]["name"] == "mine"
+    assert machines.load(workplace / "runs/b/machine.toml").name == "mine"
+    main(["render", "slow.png", *short, "--seconds", "0.3"])
+    main(["render", "usual.png", *short[:-2], "--seconds", "0.3"])
+    assert (workplace / "slow.png").read_bytes() != (workplace / "usual.png").read_bytes()
+    main(["render", "plan.png", "--plan", "square", "--machine", "modern"])
+    assert (workplace / "plan.png").is_file()
+
+
+def test_a_part_that_is_larger_than_the_machine_is_refused(workplace, capsys):
+    main(["machine", "new", "small.toml", "--set", "gantry.travel_x=20"])
+    assert "travel" in refused(["render", "plan.png", "--plan", "square", "--machine", "small.toml"], capsys)
+
+
+def test_speed_times_the_machine(workplace):
+    machine = machines.load("mine.toml")
+    fleet = timed._fleet(4, "idle", machine=machine)
+    assert fleet.column("z.omega") == pytest.approx(157.08, rel=1e-4)
