@@ -18,6 +18,7 @@ from kerfgym.envs import scenarios
 from kerfgym.envs.control import stack
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.figures import job_metrics, metrics, registered
+from kerfgym.envs.scenarios import machines
 from kerfgym.experiments import cli
 from kerfgym.experiments.manual import docs
 from kerfgym.experiments.tune import study_file
@@ -179,7 +180,11 @@ def check(name, given):
             scenarios.load(spec)
     suites = given.get("suite") or []
     for suite in [suites] if isinstance(suites, str) else suites:
-        scenarios.suite(suite)
+        if not suite.startswith(own):
+            scenarios.suite(suite)
+    machine = given.get("machine")
+    if machine and not machine.startswith(own):
+        machines.load(machine)
     for metric in given.get("metric") or []:
         assert metric in {**metrics.METRICS, **job_metrics.METRICS}, (name, metric)
 

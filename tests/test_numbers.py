@@ -52,6 +52,13 @@ ALLOWED: dict[str, dict[str, str]] = {
         "| 8 ms: how often the programme": "the interpolation period, a constant of the machine",
         "in 95 % of repetitions": LEVEL,
     },
+    "docs/machines.md": {
+        "from command to drive, up to 20 ms": "the range of axis.dead_time",
+        "mm, diameter of the nozzle": "a machine, in the example",
+        "reach over a drawing of up to 4 × 2 m": "a constant, schema.SHEET",
+        "may come to 22 ms. Commands older than 6 ms": "ranges of dead time and latency, and z_axis.QUEUE",
+        "Gradients keep 6 ms and refuse more": "z_axis.QUEUE",
+    },
     "docs/reading-a-report.md": {"is a 95 % interval over seeds": LEVEL},
     "docs/add-a-metric.md": {
         "it may be 0 or infinite in a good run": "what zero means",

@@ -30,7 +30,7 @@ OWN: dict[str, tuple[str, ...]] = {
         "plant/test_xy_axes.py",
         "envs/test_jobs.py",
     ),
-    "envs/plant/heads": ("plant/test_calibration.py", "plant/test_sensor.py", *_Z),
+    "envs/plant/heads": ("plant/test_calibration.py", "plant/test_sensor.py", "envs/test_machines.py", *_Z),
     "envs/plant/ideal": ("envs/test_ideal.py",),
     "envs/plant/idle": _Z,
     "envs/plant/machine": (
