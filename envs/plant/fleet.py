@@ -11,7 +11,7 @@ from ..engine.deck import Deck
 from ..engine.lanes import W, fields, flat
 from ..engine.quantity import InvalidInput
 from ..engine.workers import workers
-from . import filters, gantry, machine, path, sheet
+from . import filters, gantry, machine, path, sheet, z_axis
 from .calibration import Pool
 from .controller import Law, stage_of
 from .gantries import Gantries
@@ -174,6 +174,12 @@ class Fleet(Columns):
     def use_bulges(self) -> None:
         """Switches the thermal bulge on."""
         self.use(machine.F_BULGES)
+
+    def allow_delay(self, periods: Any) -> None:
+        """Before machines get these dead times (control periods): makes room for commands that wait so long."""
+        if np.any(np.asarray(periods) > z_axis.QUEUE - 1) and not self.deck["flags"] & int(machine.F_LATE):
+            self.deck["late"] = np.zeros(self.blocks * len(z_axis.Late._fields) * W)
+            self.use(machine.F_LATE)
 
     def use_turns(self) -> None:
         """Switches the turns of long episodes on."""

@@ -139,7 +139,6 @@ FELT = _layout.place(16)  # the same for what the sheet under the plate is above
 SAMPLES, SAMPLES_LAST = _layout.place(filters.LONGEST), U(filters.LONGEST - 1)  # ring of frequencies
 HISTORY, HISTORY_LAST = 16, U(15)
 HEIGHTS, RAW_HEIGHTS, POSITIONS, COMMANDS = (_layout.place(HISTORY) for _ in range(4))  # rings, one entry a period
-LATE = _layout.place(rows(z_axis.Late))
 ROWS = _layout.rows
 STRIDE = U(ROWS * W)
 
@@ -192,6 +191,7 @@ class Entries(NamedTuple):
     randoms: int
     signal: int  # array (signals,), Hz, in place of the sensors'
     signals: int
+    late: int  # array (blocks, rows of z_axis.Late, lanes), mm/s; only where there are long dead times
     law: int  # stage
     law_tables: int  # array (law_size,), and behind it the machines' memories
     law_size: int
@@ -248,7 +248,7 @@ _SURFACE, _BEND_1, _BEND_2 = (COURSE + row(Course, name) for name in ("surface",
 _UNDER = FELT - SURFACES  # from a point of the tip's surface to the plate's
 _STILL, _ALL_ON, _UNSENSED, _UNGUARDED = z_axis.Drive(), On(), sensor.State(), supervisor.State()
 _NOTHING_LATE, _OLDEST = z_axis.Late(), DRIVE + row(z_axis.Drive, z_axis.Drive._fields[-1])
-_ON_TIME = float(z_axis.QUEUE - 1)
+_LATE = U(rows(z_axis.Late) * W)
 
 
 # ---------------------------------------------------------------------------------- stages, in the order of a period
@@ -537,21 +537,29 @@ def prepare_all(block, at, n, tick):
         store(block, a + MOMENT, m._replace(gate_gap=0.0, gate_motor=0.0, lowest=1e9))
 
 
+@part
+def _late_of(at):
+    """Where the late commands of the machine at ``at`` begin."""
+    return at // STRIDE * _LATE + at % STRIDE
+
+
 @stage
-def pass_on_all(block, at, n):
+def pass_on_all(block, at, n, deck):
     """Long dead times, before the supervisor: the oldest command of the drive's queue goes over to the late ones."""
+    late, first = doubles(deck[D.late], U(2**40)), _late_of(at)
     for lane in range(n):
-        a = at + lane
-        store(block, a + LATE, z_axis.passed_on(load(z_axis.Late, block, a + LATE), block[a + _OLDEST]))
+        then = z_axis.passed_on(load(z_axis.Late, late, first + lane), block[at + lane + _OLDEST])
+        store(late, first + lane, then)
 
 
 @stage
-def delay_all(block, at, n):
+def delay_all(block, at, n, deck):
     """Long dead times: the pace of the period under commands of which some are late."""
+    late, first = doubles(deck[D.late], U(2**40)), _late_of(at)
     for lane in range(n):
         a = at + lane
         p, drive = load(z_axis.Params, block, a + P_Z), load(z_axis.Drive, block, a + DRIVE)
-        store(block, a + PACE, z_axis.late_pace(p, drive, load(z_axis.Late, block, a + LATE)))
+        store(block, a + PACE, z_axis.late_pace(p, drive, load(z_axis.Late, late, first + lane)))
 
 
 @part
@@ -802,14 +810,14 @@ def live_all(deck, b):
         if deck[D.act] > U0 and i == U0:
             call(deck[D.act], deck[D.block], at, n, deck[D.io], b * UW)
         if deck[D.flags] & F_LATE:
-            pass_on_all(block, at, n)
+            pass_on_all(block, at, n, deck)
         supervise_all(block, at, n, tick)
         if deck[D.sent] > U0:
             call(deck[D.sent], deck[D.block], at, n, deck[D.sent_io], tick)
         travel_all(block, at, n, tick, deck)
         prepare_all(block, at, n, tick)
         if deck[D.flags] & F_LATE:
-            delay_all(block, at, n)
+            delay_all(block, at, n, deck)
         for k in range(0, SUBSTEPS, _AT_ONCE):
             move_all(block, at, n, k, has_bristles(deck))
         sense_and_control(block, at, n, tick, keys, b * UW, deck)
@@ -874,9 +882,8 @@ def _begin(deck_address, machine, key):
     mode = supervisor.FOLLOW if follows else supervisor.STOP
     store(block, at + S_GUARD, _UNGUARDED._replace(mode=mode, offset=start.coast))
     store(block, at + DRIVE, _STILL)
-    store(block, at + LATE, _NOTHING_LATE)
-    if load(z_axis.Params, block, at + P_Z).dead_time > _ON_TIME:
-        deck[D.flags] |= F_LATE
+    if deck[D.flags] & F_LATE:
+        store(doubles(deck[D.late], U(2**40)), _late_of(at), _NOTHING_LATE)
     block[at + BEAM] = 1.0
     store(block, at + S_PATH, path.State(-PERIOD, -PERIOD * feed, 0.0, 0.0, 0.0, 0.0, feed, -PERIOD * feed))
     store(block, at + ON, _ALL_ON)

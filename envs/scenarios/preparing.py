@@ -50,12 +50,14 @@ def prepare(fleet: Fleet, scenario: Scenario, machines: Any, seeds: Any, again: 
 
 
 def _prepare_axis(fleet: Fleet, axis: Drawn, m: np.ndarray) -> None:
+    late = (axis.dead_time + axis.latency) / PERIOD
+    fleet.allow_delay(late)
     axis.into(
         fleet,
         "z",
         m,
         omega=2 * np.pi * axis.bandwidth,
-        dead_time=(axis.dead_time + axis.latency) / PERIOD,
+        dead_time=late,
         dac=np.where(axis.dac_bits > 0, axis.speed / 2.0 ** np.maximum(axis.dac_bits - 1, 0), 0.0),
         omega_r=2 * np.pi * axis.resonance,
         zeta_r=axis.resonance_zeta,

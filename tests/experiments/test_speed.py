@@ -154,7 +154,7 @@ def freed(fleet, steps=1):
 @pytest.mark.parametrize("broken", [freed, lambda fleet, steps=1: lambda: None])
 def test_the_command_fails_loudly_when_a_task_has_not_moved_its_machines(broken, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(run, "_all_tasks", lambda: [timed.closed_loop("pid", 64), timed.kernel(64)])
+    monkeypatch.setattr(run, "_all_tasks", lambda machine: [timed.closed_loop("pid", 64), timed.kernel(64)])
     monkeypatch.setattr(Fleet, "stepper", broken)
     with pytest.raises(SystemExit) as stopped:
         cli.main(["speed", "--rounds", "1", "--name", "broken", "--no-train"])
@@ -180,7 +180,7 @@ def test_every_stage_of_the_period_is_timed_and_takes_time():
     assert set(kernel_parts.FUNCTIONS) | {"law"} == set(costs)
     assert min(costs.values()) > 0
     staged = {name for name, thing in vars(machine).items() if name.endswith("_all") and callable(thing)}
-    rare = {"live_all", "rank_all", "record_all", "replay_all", "shake_all"}  # not in every period
+    rare = {"live_all", "rank_all", "record_all", "replay_all", "shake_all", "pass_on_all", "delay_all"}  # not always
     assert staged - set(kernel_parts.FUNCTIONS.values()) == rare
 
 
@@ -296,13 +296,14 @@ def test_the_command_writes_its_folder_and_prints_where_it_is(tmp_path, monkeypa
     monkeypatch.chdir(tmp_path)
     asked = {}
 
-    def quick(folder, rounds, train, torch_threads, progress):
+    def quick(folder, rounds, train, torch_threads, progress, machine):
         progress("at work")
-        asked.update(folder=folder, rounds=rounds, train=train, torch_threads=torch_threads)
+        asked.update(folder=folder, rounds=rounds, train=train, torch_threads=torch_threads, machine=machine)
         return tables()
 
     monkeypatch.setattr(run, "speed", quick)
     cli.main(["speed", "--rounds", "2", "--name", "quick", "--no-train", "--torch-threads", "2"])
+    assert asked.pop("machine") is None
     assert asked == {"folder": Path("runs") / "quick", "rounds": 2, "train": False, "torch_threads": 2}
     assert capsys.readouterr().out.rstrip().endswith("runs/quick")
 
