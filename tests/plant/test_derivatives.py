@@ -206,6 +206,19 @@ def test_backwards_a_drive_without_limits_is_the_transpose_of_its_impulse_respon
     assert expected.sum() == pytest.approx(position[-1], rel=1e-3)
 
 
+def test_a_dead_time_whose_commands_are_not_kept_is_refused():
+    roll = Rollout(1, follows, Gains, Sent, 3)
+    roll.put_drive(0, z_axis.Params(dead_time=6.0))
+    with pytest.raises(
+        InvalidInput, match=r"latency of 6\.5 ms: gradients keep the commands of 6 ms; allowed: a machine"
+    ):
+        roll.put_drive(0, z_axis.Params(dead_time=6.5))
+    late = scenarios.load("wavy").varied(axis={"dead_time": 0.01})
+    fleet = workshop.fleet_for(late, stack.asked("xi2023-tuned"), [1000])
+    with pytest.raises(InvalidInput, match=r"gradients keep the commands of 6 ms"):
+        roll.put_state(fleet)
+
+
 def test_what_the_supervisor_sends_instead_has_no_derivative_of_the_law():
     course = periods(2, 30)
     course[0, 10:, Period._fields.index("sent")] = 5.0
