@@ -429,7 +429,7 @@ def test_what_breaks_limits_by_far_does_not_press_the_front_flat():
 def test_jobs_are_tuned_as_teams_or_one_stack_of_them(here, plain, monkeypatch):
     monkeypatch.setattr(
         "kerfgym.experiments.tune.evaluate.chosen",
-        lambda suite: (
+        lambda suite, *_: (
             [scenarios.load("contour-circle").varied(name="contour-circle", job={"size": 8.0})],
             ("contour-circle",),
         ),
