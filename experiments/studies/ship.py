@@ -1,23 +1,30 @@
 """The shipped policies: trained from the presets as they stand, into ``agents/trained/<name>/``::
 
-    make train                    # or: python -m kerfgym.experiments.studies.ship [NAME …]
-    python -m kerfgym.experiments.studies.ship --seeds 5 height-following-ppo
+    make policies                 # or: python -m kerfgym.experiments.studies.ship [NAME …]
+    make train                    # or: … --check height-following-gradient
+    python -m kerfgym.experiments.studies.ship --seeds 5 height-following-gradient
 
-The second also trains with other seeds and writes what each came to on *test* seeds into ``seeds.csv`` beside the
-policy: one seed says nothing about a training. Which seed is shipped stands here, not in the results. An interrupted
-training goes on where its last checkpoint stands, unless machine, laws or settings have changed since it began.
+The last also trains with other seeds and writes what each came to on *test* seeds into ``seeds.csv`` beside the
+policy: one seed says nothing about a training. Which seed is shipped stands here, not in the results. The second trains
+one policy anew and tells whether it comes out as those trainings did; it ships nothing. An interrupted training goes on
+where its last checkpoint stands, unless machine, laws or settings have changed since it began.
 """
 
 import shutil
+import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import pandas as pd
+from scipy import stats
 from tyro.conf import Positional, arg
 
 from ...agents import settings as presets
 from ...agents import train
 from ...envs import scenarios
+from ...envs.engine.quantity import InvalidInput
 from ...envs.safety import files
 from ..benchmark import benchmarking
 from ..measure import grids
@@ -31,6 +38,7 @@ from ..train.folder import into
 TRAINED = Path(__file__).parents[2] / "agents" / "trained"
 
 SHIPPED: dict[str, tuple[str, str, int, dict[str, Any]]] = {
+    "height-following-gradient": ("gradient", "kerfgym/HeightFollowing-v0", 0, {}),
     "height-following-ppo": ("ppo", "kerfgym/HeightFollowing-v0", 0, {}),
     # Window, trim and gain of the paper's loop from millisecond to millisecond, against the best fixed ones.
     "height-following-schedule-ppo": ("ppo", "kerfgym/HeightFollowing-v0", 0, {
@@ -90,13 +98,13 @@ def ship(name: str, folder: Path = TRAINED) -> Path:
     return folder / name
 
 
-def seeds_of(name: str, count: int) -> pd.DataFrame:
-    """What trainings with the seeds 0 … ``count`` − 1 came to: one row each, on the suite's test seeds.
+def seeds_of(name: str, seeds: Sequence[int]) -> pd.DataFrame:
+    """What trainings with these seeds came to: one row each, on the suite's test seeds.
 
     Columns: ``seed, cpu_seconds, simulated_steps, failed, score`` (the suite's), ``ratio`` (the reference's over it)
     with its 95 % interval and, of jobs, figures over the reference's.
     """
-    folders = {seed: trained(name, seed) for seed in range(count)}
+    folders = {seed: trained(name, seed) for seed in seeds}
     suite = _suite_of(SHIPPED[name][1])
     policies = {str(run / "policy"): seed for seed, run in folders.items()}
     reference = str(scenarios.rules(suite).get("reference", REFERENCE))
@@ -117,21 +125,61 @@ def seeds_of(name: str, count: int) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+def further(scores: np.ndarray) -> tuple[float, float]:
+    """Where the score of one more training lies with 95 %, from those of some: Student's t of their logarithms.
+
+    Raises:
+        InvalidInput: fewer than two, of which nothing can be told.
+    """
+    if len(scores) < 2:
+        raise InvalidInput(f"{len(scores)} trainings tell nothing about one more; at least 2, by --seeds")
+    logs, n = np.log(scores), len(scores)
+    reach = stats.t.ppf(0.975, n - 1) * logs.std(ddof=1) * np.sqrt(1.0 + 1.0 / n)
+    return float(np.exp(logs.mean() - reach)), float(np.exp(logs.mean() + reach))
+
+
+def reproduced(name: str) -> bool:
+    """Trains a shipped policy anew and tells whether it comes out as its stored trainings did."""
+    stored = TRAINED / name / "seeds.csv"
+    if not stored.is_file():
+        raise InvalidInput(f"{name} has no trainings to compare with; first --seeds 5 {name}")
+    before = pd.read_csv(stored)
+    low, high = further(before["score"].to_numpy())
+    now = seeds_of(name, [SHIPPED[name][2]]).iloc[0]
+    within = bool(low <= now["score"] <= high and not now["failed"])
+    print(
+        f"{name}: score {now['score']:.3f}, {now['ratio']:.2f} × closer than the reference "
+        f"({now['ratio_low']:.2f} … {now['ratio_high']:.2f} over test seeds), {int(now['failed'])} failed runs, "
+        f"{now['cpu_seconds']:.0f} CPU-s\n"
+        f"{len(before)} stored trainings: median {before['score'].median():.3f}; "
+        f"95 % of further ones lie within {low:.3f} … {high:.3f}: {'reproduced' if within else 'NOT reproduced'}"
+    )
+    return within
+
+
 def _suite_of(env: str) -> str:
     return next(suite for suite in grids.SHOWN if scenarios.rules(suite)["environment"] == env)
 
 
-def main(names: Annotated[Positional[tuple[str, ...]], arg(metavar="NAME")] = (), seeds: int = 0) -> None:
+def main(
+    names: Annotated[Positional[tuple[str, ...]], arg(metavar="NAME")] = (),
+    seeds: int = 0,
+    check: bool = False,
+) -> None:
     """Train the shipped policies from the presets as they stand.
 
     Args:
         names: of policies; without any, all.
         seeds: compare trainings with the seeds 0 … N−1 too.
+        check: ship nothing; tell whether a training comes out as those of seeds.csv did.
     """
-    for name in script.known(names, SHIPPED, "policy"):
+    chosen = script.known(names, SHIPPED, "policy")
+    if check:
+        sys.exit(0 if all([reproduced(name) for name in chosen]) else 1)
+    for name in chosen:
         print(ship(name))
         if seeds:
-            table = seeds_of(name, seeds)
+            table = seeds_of(name, range(seeds))
             with runs.atomic(TRAINED / name / "seeds.csv") as part:
                 table.to_csv(part, index=False, float_format="%.5g")
             print(table.to_string(index=False))
