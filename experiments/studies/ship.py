@@ -37,8 +37,14 @@ from ..train.folder import into
 
 TRAINED = Path(__file__).parents[2] / "agents" / "trained"
 
+FIRST = [f"following-v1/{name}" for name in scenarios.core("following-v1")]
+
 SHIPPED: dict[str, tuple[str, str, int, dict[str, Any]]] = {
     "height-following-gradient": ("gradient", "kerfgym/HeightFollowing-v0", 0, {}),
+    # Version 1 of the suite is another machine, too: its plate is as wide as the tip.
+    "height-following-v1-gradient": ("gradient", "kerfgym/HeightFollowing-v0", 0, {
+        "environment.scenario": FIRST, "evaluation.scenario": FIRST, "evaluation.episodes": 24 * len(FIRST),
+    }),
     "height-following-ppo": ("ppo", "kerfgym/HeightFollowing-v0", 0, {}),
     # Window, trim and gain of the paper's loop from millisecond to millisecond, against the best fixed ones.
     "height-following-schedule-ppo": ("ppo", "kerfgym/HeightFollowing-v0", 0, {
@@ -56,6 +62,9 @@ SHIPPED: dict[str, tuple[str, str, int, dict[str, Any]]] = {
     "cutting-ppo": ("ppo", "kerfgym/Cutting-v0", 0, {}),
 }  # fmt: skip
 """Algorithm, environment and seed of each, and what differs from the preset."""
+
+ELSEWHERE = {"height-following-v1-gradient": "following-v1"}
+"""Suites of those that were not trained for their environment's present one."""
 
 LARGEST = 1_000_000
 """Bytes of a shipped policy."""
@@ -105,7 +114,7 @@ def seeds_of(name: str, seeds: Sequence[int]) -> pd.DataFrame:
     with its 95 % interval and, of jobs, figures over the reference's.
     """
     folders = {seed: trained(name, seed) for seed in seeds}
-    suite = _suite_of(SHIPPED[name][1])
+    suite = suite_of(name)
     policies = {str(run / "policy"): seed for seed, run in folders.items()}
     reference = str(scenarios.rules(suite).get("reference", REFERENCE))
     (grid,) = grids.plan([suite], [reference, *policies])
@@ -157,8 +166,11 @@ def reproduced(name: str) -> bool:
     return within
 
 
-def _suite_of(env: str) -> str:
-    return next(suite for suite in grids.SHOWN if scenarios.rules(suite)["environment"] == env)
+def suite_of(name: str) -> str:
+    """The suite that a shipped policy was trained for."""
+    if name in ELSEWHERE:
+        return ELSEWHERE[name]
+    return next(suite for suite in grids.SHOWN if scenarios.rules(suite)["environment"] == SHIPPED[name][1])
 
 
 def main(

@@ -38,11 +38,11 @@ def test_a_shipped_policy_is_small_and_carries_the_record_of_its_making(name):
 @pytest.mark.parametrize("name", [name for name in ship.SHIPPED if (ship.TRAINED / name / "seeds.csv").is_file()])
 def test_the_other_seeds_were_trained_with_the_policy_that_is_shipped(name):
     """The shipped seed's row is of the training on record, and its score that of the suite's study."""
-    _, env, seed, _ = ship.SHIPPED[name]
+    _, _, seed, _ = ship.SHIPPED[name]
     row = pd.read_csv(ship.TRAINED / name / "seeds.csv").set_index("seed").loc[seed]
     ledger = json.loads((ship.TRAINED / name / "run.json").read_text(encoding="utf-8"))["ledger"]
     assert row["simulated_steps"] == ledger["simulated_steps"]
-    study = recorded.read(ship._suite_of(env))["numbers"][name]
+    study = recorded.read(ship.suite_of(name))["numbers"][name]
     # Other trainings come to scores that differ by more than a percent.
     assert row["score"] == pytest.approx(study["score"], rel=1e-3)
     assert row["ratio"] == pytest.approx(study["ratio"], rel=1e-3)
