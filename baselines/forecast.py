@@ -24,8 +24,8 @@ changes, has one minimum. Recorded were sheets of the suite's bent kinds at 100,
 on tune seeds.
 
 A **policy** adds to the rules: ``weight = rule + span·action`` with actions from −1 to 1 (:data:`WEIGHTS`), so that no
-action at all is this law. Where there is no sheet below, an action has no say. :func:`weigh` makes the command of what
-lies in the memory and changes nothing; whoever writes an action there may call it again.
+action at all is this law. Where there is no sheet below, or far from the set height, it has no say. :func:`weigh` makes
+the command of what lies in the memory and changes nothing; whoever writes an action there may call it again.
 
 Where there is **no sheet below**, the one that was last known is followed (:mod:`slots`).
 
@@ -72,8 +72,11 @@ GROWN = 25.0, 45.0
 UNLEARNT = 1.0
 """``edge`` until there are predictions."""
 
+FAR = 0.5
+"""mm off the set height from which on an action has no say."""
+
 REGAINED = 0.005
-"""Of an action's say, what comes back in a period once the sheet is below again."""
+"""Of an action's say, what comes back in a period once it may have one again."""
 
 KICKS = 1.0
 """mm/s, speed at which friction has grown to its full value."""
@@ -256,10 +259,12 @@ def _stay(m, plane):
 
 @part
 def _say(x, away, before):
-    """How much say an action has: none where there is no sheet below or the supervisor moves the head."""
+    """How much say an action has: none where there is no sheet below, the supervisor moves the head, or the reading is
+    far from the set height, as after a fault: nobody learns there."""
     if x.fresh:
         return 1.0
-    return min(before + REGAINED, 1.0) if x.captured and not away and not x.override else 0.0
+    follows = x.captured and not away and not x.override and abs(x.height - x.set_height) < FAR
+    return min(before + REGAINED, 1.0) if follows else 0.0
 
 
 @part

@@ -80,7 +80,7 @@ def trained(name: str, seed: int) -> Path:
         words = ["kerfgym", "train", algorithm, "--env", env, "--seed", str(seed)]
         words += [word for key, value in changes.items() for word in ("--set", f"{key}={value}")]
         with runs.at_work(run, resume=True):
-            into(run, given, seed, "cpu", 1, True, words)
+            into(run, given, seed, "cpu", 1, seed == own, words)
     return run
 
 
