@@ -295,16 +295,9 @@ def policies(found: dict[str, Any]) -> str:
     return markdown.table(titles, rows)
 
 
-_SUITES = {
-    "kerfgym/HeightFollowing-v0": "following",
-    "kerfgym/ContourFollowing-v0": "contour",
-    "kerfgym/Cutting-v0": "cutting",
-}
-
-
 def _of_base(own: dict[str, Any], base: str) -> str:
-    """The median of the trainings' scores over that of what they stand on, in the suite of their environment."""
-    suite = recorded.read(_SUITES[own["environment"]])
+    """The median of the trainings' scores over that of what they stand on, in the suite that they were made for."""
+    suite = recorded.read(own["suite"])
     if not own.get("seeds") or suite is None or base not in suite["numbers"]:
         return "–"
     return written(own["seeds"]["score"]["median"] / suite["numbers"][base]["score"], ".2f")

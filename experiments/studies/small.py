@@ -11,7 +11,7 @@ from ..report import cut_quality
 from ..reproduce import fit_cut
 from ..store.stamp import LOADED, trained
 from .registry import Trial, study
-from .ship import TRAINED
+from .ship import TRAINED, suite_of
 
 SHEETS = (("c45-10", None), ("thin-sheet", None))
 """Materials, and their thickness where there are several."""
@@ -64,7 +64,8 @@ def _policy(name: str) -> dict[str, Any]:
     record = files.json_(folder / "run.json")
     document = files.json_(folder / "policy.json")
     ledger, settings = record["ledger"], record["settings"]
-    found = {"environment": record["env"], "algorithm": record["algorithm"], "seed": record["seed"]}
+    found = {"environment": record["env"], "suite": suite_of(name), "algorithm": record["algorithm"]}
+    found |= {"seed": record["seed"]}
     found |= {"steps": ledger["training_steps"], "simulated_steps": ledger["simulated_steps"]}
     found |= {"cpu_seconds": ledger["cpu_seconds"], "layers": settings["policy.net_arch"]}
     found |= {"base": settings.get("environment.base"), "control": settings.get("environment.control")}
