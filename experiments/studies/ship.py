@@ -119,7 +119,7 @@ def seeds_of(name: str, seeds: Sequence[int]) -> pd.DataFrame:
     reference = str(scenarios.rules(suite).get("reference", REFERENCE))
     (grid,) = grids.plan([suite], [reference, *policies])
     place = Path("runs") / f"shipped-{name}-seeds"
-    found = benchmarking.run_grids([grid], place, with_cost=False, overwrite=True, workers=1)[suite]
+    found = benchmarking.run_grids([grid], place, with_cost=False, overwrite=True, workers=2)[suite]
     summary, surely = found.summary(), comparison.figures(found)
     traded = comparison.relative(found, WEIGHED) if found.jobs else None
     rows = []
