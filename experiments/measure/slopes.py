@@ -411,7 +411,7 @@ def _names(function: Any) -> list[str]:
 
 
 class Slopes:
-    """The tangents of a fleet whose machines are about to begin.
+    """The tangents of a fleet; as a context, within which its machines begin and run with them.
 
     Args:
         fleet: machines that share a law.
@@ -438,23 +438,22 @@ class Slopes:
             self.tangents[:, j, int(start) // W + fields(cls).index(field)] = 1.0
         self.gaps = np.zeros((fleet.blocks, steps, len(names), W))
         self._ticks = np.zeros(fleet.blocks, np.uint64)
-        tables = fleet.deck.owned("law_tables")
+        self._stage, tables = made.address, fleet.deck.owned("law_tables")
         self.deck = Deck(
             Entries, law=fleet.deck["law"], tables=tables, size=fleet.deck["law_size"], machine=fleet.deck.words,
             kept=np.zeros((fleet.blocks, _kept.rows, W)), tangents=self.tangents, parameters=len(names),
             ticks=self._ticks, steps=steps, gaps=self.gaps,
         )  # fmt: skip
-        fleet.deck["law"], fleet.deck["law_tables"] = made.address, self.deck
-        self.anew()
 
-    def anew(self) -> None:
-        """Before an episode of all machines begins."""
+    def __enter__(self) -> "Slopes":
         self._ticks[:] = self.fleet.tick
         self.deck["first"] = self.fleet.tick
+        self.fleet.deck["law"], self.fleet.deck["law_tables"] = self._stage, self.deck
+        return self
 
-    def remove(self) -> None:
+    def __exit__(self, *_: object) -> None:
         """The fleet runs its law alone again."""
-        self.fleet.drive_by(self.fleet.law)
+        self.fleet.deck["law"], self.fleet.deck["law_tables"] = self.deck["law"], self.deck.owned("tables")
 
     def of_gap(self) -> np.ndarray:
         """Slopes of the true gap at the end of each period, mm per unit, shape (parameters, periods, machines)."""
