@@ -20,7 +20,7 @@ import numpy as np
 from ...envs.control.stack import Stack
 from ...envs.engine.adjoint import tangent
 from ...envs.engine.deck import Deck, places
-from ...envs.engine.kernels import specialise
+from ...envs.engine.kernels import filled, specialise
 from ...envs.engine.lanes import (
     U0,
     U1,
@@ -147,12 +147,10 @@ _finish_dot = tangent(
 _answered_dot = tangent(
     _answered, of=("s", "x"), p=supervisor.Params, s=supervisor.State, job=supervisor.Orders, x=supervisor.View
 )
-_TEXTS = "".join(
-    each.text
-    for each in (
-        _step_dot, _accept_dot, _pace_dot, _sensed_dot, _take_dot, _mean_dot, _finish_dot, _answered_dot,
-    )
+_DOTS: tuple[Any, ...] = (
+    _step_dot, _accept_dot, _pace_dot, _sensed_dot, _take_dot, _mean_dot, _finish_dot, _answered_dot,
 )  # fmt: skip
+_TEXTS = "".join(each.text for each in _DOTS)
 
 # --------------------------------------------------------------------------------------------------- stages of a period
 
@@ -463,8 +461,6 @@ class Slopes:
 
 @functools.cache
 def _compiled(name: str, text: str, init: Any, control: Any, law_init: Any, contract: tuple[Any, ...]) -> Any:
-    filled = {"_control_dot": control, "_init": law_init, "_init_dot": init, **dict(contract)}
-    from ...envs.engine.kernels import filled as with_globals
-
-    decide = part(with_globals(_decide, name, **filled))
-    return specialise(_stage, f"{name}".replace("-", "_").replace(":", "_"), text, _decide=decide)
+    contents = {"_control_dot": control, "_init": law_init, "_init_dot": init, **dict(contract)}
+    decide = part(filled(_decide, name, **contents))
+    return specialise(_stage, name.replace("-", "_").replace(":", "_"), text, _decide=decide)

@@ -1,9 +1,10 @@
 """``kerfgym tune --gradient``: TPE looks around, then a minimiser goes down along exact slopes (:mod:`measure.slopes`).
 
-The minimiser is sequential quadratic programming (Kraft 1988) of scipy: at each candidate it is told the logarithms of
-score and Ms and their slopes, and looks for the lowest score below the cap. It starts from the best candidate of the
-exploration, and when it has come to an end, from the next best, until trials or budget are spent. A study that goes on
-after an interruption goes through the minimiser once more with what is known, which takes milliseconds.
+The minimiser is sequential quadratic programming in a trust region (Nocedal and Wright 2006, ch. 18): of each candidate
+it knows the logarithms of score and Ms and their slopes, and looks for the lowest score below the cap. It starts from
+the best candidate of the exploration, and when it has come to an end, from the next best, until trials or budget are
+spent. A study that goes on after an interruption goes through the minimiser once more with what is known, which takes
+milliseconds.
 """
 
 import itertools
@@ -18,10 +19,11 @@ from scipy import optimize
 from ...envs.control import stack as stacks
 from ...envs.control.stack import Stack
 from ...envs.engine.quantity import InvalidInput
+from .goals import FAILED
 from .sampling import Seeded, distribution
 from .space import Axis, Space
 
-SAMPLER = "tpe+slsqp"
+SAMPLER = "tpe+gradient"
 """The sampler's name in studies and records."""
 
 METRIC = "rms_true"
@@ -37,14 +39,17 @@ FIRST = 0.1
 AIM = 0.98
 """Share of the cap on Ms that is aimed at: between the few frequencies of a search |S| may be higher."""
 
-END = 1e-4
-"""Change of the score's logarithm at which a descent ends."""
+END = 1e-3
+"""What the score's logarithm must still be expected to fall by; below, a descent ends."""
 
 LONGEST = 25
 """Steps of a descent at most."""
 
-LOST = 10.0
-"""Logarithm of a score that could not be measured, above the best of those that could."""
+ANY = 1e3
+"""Logarithm of a cap on Ms that caps nothing."""
+
+WEIGHT = 12.0
+"""Weight of a broken cap, per unit of its logarithm."""
 
 
 def axes(space: Space) -> tuple[Axis, ...]:
@@ -132,60 +137,94 @@ class Descents(Seeded):
                 return fixed | {a.name: a.decode(x) for a, x in zip(self.axes, asked, strict=True)}
         raise AssertionError
 
-    def _measured(self, trial: FrozenTrial) -> tuple[float, float, np.ndarray, np.ndarray]:
-        """What a trial found: logarithms of score and Ms, and their slopes; NaN what it did not find."""
-        slopes, none = trial.user_attrs.get(SLOPES, {}), [math.nan] * len(self.axes)
-        score = math.log(trial.value) if slopes and trial.value else math.nan
-        ms = math.log(trial.user_attrs["ms"]) if slopes and "ms" in slopes else -math.inf
-        return score, ms, np.array(slopes.get("score", none)), np.array(slopes.get("ms", none))
+    def _measured(self, trial: FrozenTrial) -> "Measured":
+        """What a trial found: the score is NaN if it did not come to one."""
+        slopes, none = trial.user_attrs.get(SLOPES, {}), [0.0] * len(self.axes)
+        by_score, by_ms = (np.array(slopes.get(name, none)) for name in ("score", "ms"))
+        ms = math.log(trial.user_attrs["ms"]) if "ms" in slopes else -ANY
+        lost = not trial.value or trial.value >= FAILED or FAILED in [*by_score, *by_ms]
+        return math.nan if lost or not trial.value else math.log(trial.value), ms, by_score, by_ms
 
 
-class _Asked(Exception):
-    """The point whose score a minimiser asks for."""
+Measured = tuple[float, float, np.ndarray, np.ndarray]
+"""Logarithms of score and Ms, and their slopes."""
 
 
-def _descend(
-    first: np.ndarray, moved: tuple[Axis, ...], cap: float, told: Iterator[tuple[float, float, np.ndarray, np.ndarray]]
-) -> np.ndarray | None:
-    """The next point of a descent, 0 to 1 on each axis, after what has been told of its points; None at its end."""
-    known: dict[bytes, tuple[float, float, np.ndarray, np.ndarray]] = {}
-    best, scale = math.inf, 1.0
+def _descend(first: np.ndarray, moved: tuple[Axis, ...], cap: float, told: Iterator[Measured]) -> np.ndarray | None:
+    """The next point of a descent, 0 to 1 on each axis, after what has been told of its points; None at its end.
 
-    def at(x: np.ndarray) -> tuple[float, float, np.ndarray, np.ndarray]:
-        nonlocal best, scale
-        x = np.clip(x, 0.0, 1.0)
-        if x.tobytes() not in known:
-            found = next(told, None)
-            if found is None:
-                raise _Asked(x)
-            score, ms, by_score, by_ms = found
-            if not all(np.isfinite([score, *by_score])):
-                score, by_score = (best if math.isfinite(best) else 0.0) + LOST, np.zeros(len(x))
-            if not all(np.isfinite([ms, *by_ms])):
-                ms, by_ms = -1e3, np.zeros(len(x))
-            per = np.array([_per_unit(axis, u) for axis, u in zip(moved, x, strict=True)])
-            if not known:  # the first step has a length of its own, whatever the slope is
-                scale = FIRST / max(float(np.linalg.norm(per * by_score)), 1e-9)
-            best = min(best, score)
-            known[x.tobytes()] = score, ms, per * by_score, per * by_ms
-        return known[x.tobytes()]
-
-    def value(x: np.ndarray) -> tuple[float, np.ndarray]:
-        score, _, slopes, _ = at(x)
-        return scale * score, scale * slopes
-
-    def room(x: np.ndarray) -> float:
-        return math.log(AIM * cap) - at(x)[1]
-
-    limits = [{"type": "ineq", "fun": room, "jac": lambda x: -at(x)[3]}] if math.isfinite(cap) else []
-    ends = {"maxiter": LONGEST, "ftol": END * FIRST}
-    try:
-        optimize.minimize(
-            value, first, method="SLSQP", jac=True, bounds=[(0.0, 1.0)] * len(first), constraints=limits, options=ends
-        )
-    except _Asked as asked:
-        return np.asarray(asked.args[0])
+    A trust region: the next point is the best one near by of a model (the slopes, and the bend that they have shown,
+    BFGS). Where the score falls as told the region grows, where it does not it shrinks.
+    """
+    x, here = first, next(told, None)
+    if here is None:
+        return x
+    here = _on_axes(here, moved, x)
+    if not math.isfinite(here[0]):
+        return None
+    radius, bend = FIRST, np.eye(len(x)) * np.linalg.norm(here[2]) / FIRST
+    most = min(math.log(AIM * cap), ANY)
+    for _ in range(LONGEST):
+        step, gain = _step(here, bend, most, np.maximum(-radius, -x), np.minimum(radius, 1.0 - x))
+        if gain < END:
+            return None
+        found = next(told, None)
+        if found is None:
+            return x + step
+        there = _on_axes(found, moved, x + step)
+        fallen = _merit(here, most) - _merit(there, most)
+        if math.isfinite(there[0]):
+            bend = _bent(bend, step, there[2] - here[2])
+        if not fallen > 0.25 * gain:  # NaN neither
+            radius = 0.4 * float(np.abs(step).max())
+        elif fallen > 0.75 * gain:
+            radius = max(radius, 2.0 * float(np.abs(step).max()))
+        if fallen > 0.0:
+            x, here = x + step, there
     return None
+
+
+def _merit(found: Measured, most: float) -> float:
+    """What falls from step to step: the score, and what Ms is above its cap."""
+    return found[0] + WEIGHT * max(0.0, found[1] - most)
+
+
+def _step(here: Measured, bend: np.ndarray, most: float, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, float]:
+    """The step to the least merit of the model, and by how much it would fall; what Ms is above its cap is one number
+    more that is sought."""
+    _, ms, by_score, by_ms = here
+    n, above = len(low), max(0.0, ms - most)
+
+    def merit(z: np.ndarray) -> tuple[float, np.ndarray]:
+        d, over = z[:n], z[n]
+        slope = by_score + bend @ d
+        return by_score @ d + 0.5 * d @ bend @ d + WEIGHT * over, np.append(slope, WEIGHT)
+
+    room = {"type": "ineq", "fun": lambda z: z[n] + most - ms - by_ms @ z[:n], "jac": lambda z: np.append(-by_ms, 1.0)}
+    bounds = [*zip(low, high, strict=True), (0.0, None)]
+    begin = np.append(np.zeros(n), above)
+    found = optimize.minimize(
+        merit, begin, method="SLSQP", jac=True, bounds=bounds, constraints=[room], options={"ftol": 1e-9}
+    )
+    step = np.clip(found.x[:n], low, high)
+    after = by_score @ step + 0.5 * step @ bend @ step + WEIGHT * max(0.0, ms + by_ms @ step - most)
+    return step, WEIGHT * above - after
+
+
+def _bent(bend: np.ndarray, step: np.ndarray, change: np.ndarray) -> np.ndarray:
+    """The model's bend after a step that has changed the slopes: BFGS, damped so that it bends up."""
+    pull = bend @ step
+    whole = step @ pull
+    share = 1.0 if step @ change >= 0.2 * whole else 0.8 * whole / (whole - step @ change)
+    change = share * change + (1.0 - share) * pull
+    return bend - np.outer(pull, pull) / whole + np.outer(change, change) / (step @ change)
+
+
+def _on_axes(found: Measured, moved: tuple[Axis, ...], x: np.ndarray) -> Measured:
+    """Slopes per range of the axes in place of those per unit of the parameters."""
+    score, ms, by_score, by_ms = found
+    per = np.array([_per_unit(axis, u) for axis, u in zip(moved, x, strict=True)])
+    return score, ms, per * by_score, per * by_ms
 
 
 def _per_unit(axis: Axis, u: float) -> float:
