@@ -454,9 +454,9 @@ def tune(
             tuned and trained with, so that both can be compared. Steps that tuned --controller before count, too.
         sampler: tpe+cmaes (TPE explores, CMA-ES finishes), tpe, cmaes, gp, random or nsga2. Default: tpe+cmaes, for
             several metrics and for an algorithm's settings tpe.
-        gradient: TPE explores, and from the best that it finds a minimiser goes down along exact slopes of the score and
-            of Ms through the known machine. For rms_true and followers whose law has a derivative. A trial with slopes
-            counts its steps once more for each parameter.
+        gradient: TPE explores, and from the best that it finds a minimiser goes down along exact slopes of score and Ms
+            through the known machine. For rms_true and followers whose law has a derivative. A trial with slopes counts
+            its steps once more for each parameter.
         metric: what is made best; several give a Pareto front. Default: rms_true, for jobs the suite's own.
         ms: largest sensitivity peak Ms that is allowed; inf: any. Default: 2, for jobs any.
         jitter: largest command jitter that is allowed, mm/s per ms. Default: any.
