@@ -5,7 +5,6 @@ Only *tune* seeds, and a suite's core, with those scenarios behind it in which n
 
 import contextlib
 import time
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -92,18 +91,6 @@ class Evaluator:
 
     def peak(self, candidate: Team) -> float:
         """Ms on the suite's machines at fewer frequencies than a benchmark's, quick enough for a search."""
-        return self._peak(lambda each: (each.measure(candidate.full.z), None))[0]
-
-    def bent_peak(self, candidate: Team, names: tuple[str, ...]) -> tuple[float, np.ndarray]:
-        """The same, and the slopes of its logarithm by these parameters, (parameters,), per unit.
-
-        Raises:
-            InvalidInput: there is no slope by one of them.
-        """
-        return self._peak(lambda each: each.measure_with_slopes(candidate.full.z, names))
-
-    def _peak(self, measure: Callable[[stability.Injection], tuple[stability.Sensitivity, Any]]) -> tuple[float, Any]:
-        """What ``measure`` finds of the machine on which |S| is highest."""
         with self.ledger.timed():
             if not self._injections:
                 few = np.geomspace(5.0, 200.0, 20)
@@ -111,10 +98,27 @@ class Evaluator:
                     stability.Injection(self.follower, few, settle=0.4, window=0.8, threads=self.threads, machine=each)
                     for each in self._machines
                 ]
-            found = [measure(injection) for injection in self._injections]
-        self.ledger.steps += sum(each.steps for each, _ in found)
-        worst, slopes = max(found, key=lambda each: each[0].peak)
-        return worst.peak, slopes
+            found = [injection.measure(candidate.full.z) for injection in self._injections]
+        self.ledger.steps += sum(each.steps for each in found)
+        return max(each.peak for each in found)
+
+    def bent_peak(self, candidate: Team, names: tuple[str, ...]) -> tuple[float, np.ndarray]:
+        """Ms as a benchmark measures it, and the slopes of its logarithm by these parameters, (parameters,), per unit.
+
+        A descent would find the gaps between few frequencies. Only at the peak tangents are needed.
+
+        Raises:
+            InvalidInput: there is no slope by one of them.
+        """
+        stack = candidate.full.z
+        with self.ledger.timed():
+            found = [stability.sensitivity(stack, self.threads, each) for each in self._machines]
+            at = max(range(len(found)), key=lambda i: found[i].peak)
+            highest = found[at].frequencies[[int(np.argmax(found[at].worst))]]
+            near = stability.Injection(stack, highest, threads=self.threads, machine=self._machines[at])
+            bent, slopes = near.measure_with_slopes(stack, names)
+        self.ledger.steps += sum(each.steps for each in (*found, bent))
+        return found[at].peak, slopes
 
     def exact_peak(self, candidate: Team) -> float:
         """Ms of sines on the suite's machines, as a benchmark measures it."""

@@ -36,8 +36,8 @@ axis that has some, per unit of the parameter."""
 FIRST = 0.1
 """Length of the first step, in ranges."""
 
-AIM = 0.98
-"""Share of the cap on Ms that is aimed at: between the few frequencies of a search |S| may be higher."""
+AIM = 0.995
+"""Share of the cap on Ms that is aimed at, so that what comes near keeps the cap."""
 
 END = 1e-3
 """What the score's logarithm must still be expected to fall by; below, a descent ends."""
