@@ -133,7 +133,8 @@ class Injection:
         return self._measured(stack)[0]
 
     def measure_with_slopes(self, stack: Stack, names: tuple[str, ...]) -> tuple[Sensitivity, np.ndarray]:
-        """The same, and the slopes of the logarithm of its peak by parameters of the stack, (parameters,), per unit.
+        """The same, and slopes of the logarithm of |S| by parameters of the stack, per unit, at each frequency on the
+        corner plant where it is highest, (frequencies, parameters).
 
         The steps are those of the machines and of their tangents, see :mod:`slopes`.
 
@@ -148,10 +149,12 @@ class Injection:
             found, waves = self._measured(stack)
         found = replace(found, steps=found.steps * (1 + len(names)))
         if not np.isfinite(found.peak):
-            return found, np.full(len(names), np.nan)
-        at, first = int(np.argmax(found.magnitude)), self.scenario.settle_steps
-        change = _waves(self._slopes.of_gap()[:, first:, at].T, np.full(len(names), self.tone[at]), first)
-        return found, waves[:, at] @ change / (waves[:, at] @ waves[:, at])
+            return found, np.full((len(self.frequencies), len(names)), np.nan)
+        highest = np.argmax(found.magnitude, axis=0) * len(self.frequencies) + np.arange(len(self.frequencies))
+        wave, first = waves[:, highest], self.scenario.settle_steps
+        gaps, tones = self._slopes.of_gap()[:, first:, highest], self.tone[highest]
+        change = np.stack([_waves(gap, tones, first) for gap in gaps])  # (parameters, 2, frequencies)
+        return found, ((change * wave).sum(axis=1) / (wave**2).sum(axis=0)).T
 
     def _measured(self, stack: Stack) -> tuple[Sensitivity, np.ndarray]:
         """|S|, and the sine and cosine of each machine's true gap, mm, (2, machines)."""

@@ -24,6 +24,9 @@ from ..statistics.pooling import declared
 from ..store.ledger import Ledger
 from .goals import Figures
 
+PEAKS = 3
+"""Peaks of |S| whose slopes are measured."""
+
 TOGETHER = 2
 """Scenarios that share a fleet: what a candidate is judged by before it goes on. Not the number of cores, since a study
 must not depend on the machine."""
@@ -102,10 +105,12 @@ class Evaluator:
         self.ledger.steps += sum(each.steps for each in found)
         return max(each.peak for each in found)
 
-    def bent_peak(self, candidate: Team, names: tuple[str, ...]) -> tuple[float, np.ndarray]:
-        """Ms as a benchmark measures it, and the slopes of its logarithm by these parameters, (parameters,), per unit.
+    def bent_peaks(self, candidate: Team, names: tuple[str, ...]) -> tuple[float, np.ndarray, np.ndarray]:
+        """Ms as a benchmark measures it; the logarithms of the highest peaks of |S|, (peaks,); and their slopes by
+        these parameters, (peaks, parameters), per unit.
 
-        A descent would find the gaps between few frequencies. Only at the peak tangents are needed.
+        A descent would find the gaps between few frequencies, and what lowers the highest peak raises the next. Only at
+        the peaks tangents are needed.
 
         Raises:
             InvalidInput: there is no slope by one of them.
@@ -114,11 +119,11 @@ class Evaluator:
         with self.ledger.timed():
             found = [stability.sensitivity(stack, self.threads, each) for each in self._machines]
             at = max(range(len(found)), key=lambda i: found[i].peak)
-            highest = found[at].frequencies[[int(np.argmax(found[at].worst))]]
+            highest = _peaks(found[at])
             near = stability.Injection(stack, highest, threads=self.threads, machine=self._machines[at])
             bent, slopes = near.measure_with_slopes(stack, names)
         self.ledger.steps += sum(each.steps for each in (*found, bent))
-        return found[at].peak, slopes
+        return found[at].peak, np.log(bent.worst), slopes
 
     def exact_peak(self, candidate: Team) -> float:
         """Ms of sines on the suite's machines, as a benchmark measures it."""
@@ -194,6 +199,16 @@ class Evaluator:
         }
         self.ledger.add(int(fleet.tick) * len(self.seeds), time.process_time() - start)
         return {scenario.name: found}
+
+
+def _peaks(found: stability.Sensitivity) -> np.ndarray:
+    """The frequencies of the highest peaks, Hz, the highest first; no two side by side."""
+    worst = np.concatenate([[0.0], found.worst, [0.0]])
+    tops = np.flatnonzero((found.worst >= worst[:-2]) & (found.worst > worst[2:]))
+    tops = tops[np.argsort(-found.worst[tops], kind="stable")]
+    if not len(tops):  # it is infinite somewhere
+        tops = np.array([int(np.argmax(found.worst))])
+    return found.frequencies[tops[:PEAKS]]
 
 
 def _grouped(cases: list[Scenario], size: int) -> list[list[Scenario]]:

@@ -30,8 +30,9 @@ METRIC = "rms_true"
 """What has slopes."""
 
 SLOPES = "slopes"
-"""Attribute of a trial: slopes of the logarithms of ``score`` and, where it is measured, ``ms``, one number for each
-axis that has some, per unit of the parameter."""
+"""Attribute of a trial: slopes of the logarithm of ``score``, one number for each axis that has some, per unit of the
+parameter; and where there is a cap, logarithms of the highest ``peaks`` of |S| and their slopes ``ms``, one behind the
+other."""
 
 FIRST = 0.1
 """Length of the first step, in ranges."""
@@ -141,13 +142,14 @@ class Descents(Seeded):
         """What a trial found: the score is NaN if it did not come to one."""
         slopes, none = trial.user_attrs.get(SLOPES, {}), [0.0] * len(self.axes)
         by_score, by_ms = (np.array(slopes.get(name, none)) for name in ("score", "ms"))
-        ms = math.log(trial.user_attrs["ms"]) if "ms" in slopes else -ANY
-        lost = not trial.value or trial.value >= FAILED or FAILED in [*by_score, *by_ms]
-        return math.nan if lost or not trial.value else math.log(trial.value), ms, by_score, by_ms
+        peaks = np.array(slopes.get("peaks", [-ANY]))
+        lost = not trial.value or trial.value >= FAILED or FAILED in [*by_score, *by_ms, *peaks]
+        score = math.nan if lost or not trial.value else math.log(trial.value)
+        return score, peaks, by_score, by_ms.reshape(len(peaks), -1)
 
 
-Measured = tuple[float, float, np.ndarray, np.ndarray]
-"""Logarithms of score and Ms, and their slopes."""
+Measured = tuple[float, np.ndarray, np.ndarray, np.ndarray]
+"""Logarithms of score and of peaks of |S|, and their slopes, shapes (axes,) and (peaks, axes)."""
 
 
 def _descend(first: np.ndarray, moved: tuple[Axis, ...], cap: float, told: Iterator[Measured]) -> np.ndarray | None:
@@ -186,28 +188,31 @@ def _descend(first: np.ndarray, moved: tuple[Axis, ...], cap: float, told: Itera
 
 def _merit(found: Measured, most: float) -> float:
     """What falls from step to step: the score, and what Ms is above its cap."""
-    return found[0] + WEIGHT * max(0.0, found[1] - most)
+    return found[0] + WEIGHT * max(0.0, float(found[1].max()) - most)
 
 
 def _step(here: Measured, bend: np.ndarray, most: float, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, float]:
     """The step to the least merit of the model, and by how much it would fall; what Ms is above its cap is one number
     more that is sought."""
-    _, ms, by_score, by_ms = here
-    n, above = len(low), max(0.0, ms - most)
+    _, peaks, by_score, by_ms = here
+    n, above = len(low), max(0.0, float(peaks.max()) - most)
 
     def merit(z: np.ndarray) -> tuple[float, np.ndarray]:
         d, over = z[:n], z[n]
         slope = by_score + bend @ d
         return by_score @ d + 0.5 * d @ bend @ d + WEIGHT * over, np.append(slope, WEIGHT)
 
-    room = {"type": "ineq", "fun": lambda z: z[n] + most - ms - by_ms @ z[:n], "jac": lambda z: np.append(-by_ms, 1.0)}
+    def room(z: np.ndarray) -> np.ndarray:
+        return z[n] + most - peaks - by_ms @ z[:n]
+
+    rooms = {"type": "ineq", "fun": room, "jac": lambda z: np.hstack([-by_ms, np.ones((len(peaks), 1))])}
     bounds = [*zip(low, high, strict=True), (0.0, None)]
     begin = np.append(np.zeros(n), above)
     found = optimize.minimize(
-        merit, begin, method="SLSQP", jac=True, bounds=bounds, constraints=[room], options={"ftol": 1e-9}
+        merit, begin, method="SLSQP", jac=True, bounds=bounds, constraints=[rooms], options={"ftol": 1e-9}
     )
     step = np.clip(found.x[:n], low, high)
-    after = by_score @ step + 0.5 * step @ bend @ step + WEIGHT * max(0.0, ms + by_ms @ step - most)
+    after = by_score @ step + 0.5 * step @ bend @ step + WEIGHT * max(0.0, float((peaks + by_ms @ step).max()) - most)
     return step, WEIGHT * above - after
 
 
@@ -222,9 +227,9 @@ def _bent(bend: np.ndarray, step: np.ndarray, change: np.ndarray) -> np.ndarray:
 
 def _on_axes(found: Measured, moved: tuple[Axis, ...], x: np.ndarray) -> Measured:
     """Slopes per range of the axes in place of those per unit of the parameters."""
-    score, ms, by_score, by_ms = found
+    score, peaks, by_score, by_ms = found
     per = np.array([_per_unit(axis, u) for axis, u in zip(moved, x, strict=True)])
-    return score, ms, per * by_score, per * by_ms
+    return score, peaks, per * by_score, per * by_ms
 
 
 def _per_unit(axis: Axis, u: float) -> float:

@@ -277,7 +277,7 @@ class RollOuts(Work):
         if task.peaks:
             if known.peak is None:
                 before = ledger.steps
-                known.peak, known.slopes["ms"] = self._peak(candidate, by)
+                known.peak, known.slopes = self._peak(candidate, by)
                 self._again += (ledger.steps - before) * lost[0]
             peak = known.peak
             broken = self._broken(trial, peak)
@@ -323,9 +323,12 @@ class RollOuts(Work):
             return ()
         return tuple(axis.name for axis in gradients.axes(self.space))
 
-    def _peak(self, candidate: Team, by: tuple[str, ...]) -> tuple[float, Any]:
-        """Ms, and the slopes of its logarithm if some are wanted."""
-        return self.evaluator.bent_peak(candidate, by) if by else (self.evaluator.peak(candidate), None)
+    def _peak(self, candidate: Team, by: tuple[str, ...]) -> tuple[float, dict[str, Any]]:
+        """Ms, and the slopes of its peaks if some are wanted."""
+        if not by:
+            return self.evaluator.peak(candidate), {}
+        peak, peaks, slopes = self.evaluator.bent_peaks(candidate, by)
+        return peak, {"peaks": peaks, "ms": slopes.ravel()}
 
     def _tell_slopes(self, trial: Trial, known: "_Known", figures: goals.Figures) -> None:
         """Tells the study the slopes of the score, a geometric mean over the core of roots of mean squares, and of
@@ -333,7 +336,7 @@ class RollOuts(Work):
         if "score" not in known.slopes:
             each = [self.evaluator.bent[s] / np.mean(figures[s]["rms_true"] ** 2) for s in self.evaluator.core]
             known.slopes["score"] = 0.5 * np.mean(each, axis=0)
-        told = {name: [told_number(x) for x in of.tolist()] for name, of in known.slopes.items() if of is not None}
+        told = {name: [told_number(x) for x in of.tolist()] for name, of in known.slopes.items()}
         trial.set_user_attr(gradients.SLOPES, told)
 
     def _broken(self, trial: Trial, peak: float) -> float:

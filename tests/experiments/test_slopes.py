@@ -49,14 +49,16 @@ def test_a_run_with_slopes_is_the_kernels_to_the_bit(name):
     assert (fleet_after == plain).all()  # and without them again
 
 
-# A filter of each kind that has slopes; differences over ± 2 %, whose own scatter by rounding is what is allowed.
+# A filter of each kind that has slopes, and laws. What is allowed is the scatter of the differences themselves, over
+# ± 2 %, by the rounding of counter, encoder and D/A; it is more where the error is not far above that.
+CLOSE = ("observer", "preview")
 SEEN = {
     "pid": ("pid", ("law.kp", "law.ki", "law.lag")),
     "trimmed mean": ("xi2023-improved", ("law.kv",)),
     "lag": ("xi2023-ma:filter.kind=lag,filter.tau=2,law.kv=90", ("law.kv", "filter.tau")),
     "weighted": ("xi2023-ma:filter.kind=weighted,filter.window=5,law.kv=90", ("law.kv", "filter.ratio")),
     "kalman": ("xi2023-ma:filter.kind=kalman,law.kv=90", ("law.kv", "filter.trust")),
-    "observer": ("observer", ("law.kp", "law.bandwidth", "law.feed", "law.lead")),
+    "observer": ("observer:law.gate=5", ("law.kp", "law.bandwidth", "law.feed", "law.lead")),
     "preview": ("preview-5ms", ("law.kp",)),
 }
 
@@ -76,18 +78,21 @@ def test_slopes_of_the_score_are_those_of_differences(case):
             for side in (1, -1)
         )
         difference = np.subtract(*both) / (2 * by)  # per relative change of the parameter, as share of the whole:
-        assert value * slope / squares(record) == pytest.approx(difference / squares(record), rel=5e-3, abs=2e-3)
+        rel, least = (0.02, 4e-3) if case in CLOSE else (5e-3, 2e-3)
+        assert value * slope / squares(record) == pytest.approx(difference / squares(record), rel=rel, abs=least)
 
 
-def test_the_slope_of_ms_is_that_of_differences():
+def test_slopes_of_sensitivity_are_those_of_differences():
     stack, names = stacks.asked("pid").z, ("law.kp", "law.kd")
-    injection = Injection(stack, np.array([10.0, 14.0, 20.0]), settle=0.4, window=0.8)
+    injection = Injection(stack, np.array([8.0, 25.0]), settle=0.4, window=0.8)
     found, slopes = injection.measure_with_slopes(stack, names)
-    assert found.peak == injection.measure(stack).peak
-    for name, slope in zip(names, slopes, strict=True):
-        value, by = stack.parameters()[name].value, 0.01
-        up, down = (injection.measure(stack.varied({name: value * (1 + side * by)})).peak for side in (1, -1))
-        assert value * slope == pytest.approx(math.log(up / down) / (2 * by), rel=0.02, abs=0.005)
+    assert (found.magnitude == injection.measure(stack).magnitude).all()
+    highest = np.argmax(found.magnitude, axis=0), np.arange(2)  # the corner plant, whichever is higher elsewhere
+    for name, slope in zip(names, slopes.T, strict=True):
+        value, by = stack.parameters()[name].value, 0.03
+        both = (injection.measure(stack.varied({name: value * (1 + side * by)})).magnitude for side in (1, -1))
+        up, down = (magnitude[highest] for magnitude in both)
+        assert value * slope == pytest.approx(np.log(up / down) / (2 * by), rel=0.03, abs=0.01)
 
 
 def test_slopes_count_the_steps_of_their_tangents():
@@ -131,7 +136,7 @@ def bowl(cap, trials, start=None, study=None, first=0):
         log = 2.0 + 4.0 * (u - 0.6) ** 2 + 3.0 * (v - 0.7) ** 2 + 2.0 * (u - 0.6) * (v - 0.7)
         slope = np.array([8.0 * (u - 0.6) + 2.0 * (v - 0.7), 6.0 * (v - 0.7) + 2.0 * (u - 0.6)])
         trial.set_user_attr("ms", math.exp(u + v))
-        trial.set_user_attr("slopes", {"score": list(per * slope), "ms": list(per)})
+        trial.set_user_attr("slopes", {"score": list(per * slope), "peaks": [u + v], "ms": list(per)})
         study.tell(trial, math.exp(log))
     return study
 
