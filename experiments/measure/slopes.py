@@ -393,14 +393,11 @@ def refusal(stack: Stack, names: tuple[str, ...]) -> str:
 @functools.cache
 def _derived(law: Law) -> tuple[Any, Any]:
     """Tangents of a law's ``init`` and ``control``."""
-    control = tangent(
-        law.control, of=("params", "state", "signals"),
-        **dict(zip(_names(law.control), (law.Params, law.State, law.signals, np.ndarray), strict=True)),
-    ) if _names(law.control) == ["params", "state", "signals", "tables"] else None  # fmt: skip
-    if control is None:
-        raise InvalidInput(f"control of '{law.name}' must have the arguments params, state, signals, tables")
-    (name,) = _names(law.init)
-    return tangent(law.init, of=(name,), **{name: law.Params}), control
+    names, (own,) = _names(law.control), _names(law.init)
+    if len(names) != 4:
+        raise InvalidInput(f"control of '{law.name}' takes {', '.join(names)}, not params, state, signals, tables")
+    kinds = dict(zip(names, (law.Params, law.State, law.signals, np.ndarray), strict=True))
+    return tangent(law.init, of=(own,), **{own: law.Params}), tangent(law.control, of=names[:3], **kinds)
 
 
 def _names(function: Any) -> list[str]:
