@@ -412,6 +412,7 @@ def tune(
     trials: Whole = None,
     budget: Annotated[str | None, unset("STEPS|NAME")] = None,
     sampler: Text = None,
+    gradient: bool = False,
     metric: Annotated[UseAppendAction[list[str]], arg(aliases=["-m"], metavar="METRIC")] = [],  # noqa: B006
     ms: Real = None,
     jitter: Real = None,
@@ -453,6 +454,9 @@ def tune(
             tuned and trained with, so that both can be compared. Steps that tuned --controller before count, too.
         sampler: tpe+cmaes (TPE explores, CMA-ES finishes), tpe, cmaes, gp, random or nsga2. Default: tpe+cmaes, for
             several metrics and for an algorithm's settings tpe.
+        gradient: TPE explores, and from the best that it finds a minimiser goes down along exact slopes of score and Ms
+            through the known machine. For rms_true and followers whose law has a derivative. A trial with slopes counts
+            its steps once more for each parameter.
         metric: what is made best; several give a Pareto front. Default: rms_true, for jobs the suite's own.
         ms: largest sensitivity peak Ms that is allowed; inf: any. Default: 2, for jobs any.
         jitter: largest command jitter that is allowed, mm/s per ms. Default: any.
@@ -485,6 +489,7 @@ def tune(
     for_controllers: dict[str, Any] = {"controller": controller, "suite": None if suite == "following" else suite}
     for_controllers |= {"metric": metric or None, "ms": ms, "jitter": jitter, "overshoot": overshoot}
     for_controllers |= {"limit": limit or None, "seeds": seeds, "budget": budget, "extrapolate": extrapolate or None}
+    for_controllers |= {"gradient": gradient or None}
     if study is not None:
         from .tune import searches, study_file
 

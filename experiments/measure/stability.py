@@ -18,7 +18,8 @@ and its variance). What friction, thresholds and limits add scatters too. Its li
 of a loop near its limit of stability the sines tell more.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from scipy import stats
@@ -125,27 +126,56 @@ class Injection:
         self.fleet = Fleet(self.corner.size, stack.law, heads.ensure([0]), threads)
         machine.prepare(self.fleet, self.scenario, self.corner)
         self.fleet.put_vibration(np.arange(self.fleet.size), 0, AMPLITUDE, self.tone, 0.0)
+        self._slopes: Any = None
 
     def measure(self, stack: Stack) -> Sensitivity:
         """|S| of ``stack``, whose law must be the fleet's."""
+        return self._measured(stack)[0]
+
+    def measure_with_slopes(self, stack: Stack, names: tuple[str, ...]) -> tuple[Sensitivity, np.ndarray]:
+        """The same, and slopes of the logarithm of |S| by parameters of the stack, per unit, at each frequency on the
+        corner plant where it is highest, (frequencies, parameters).
+
+        The steps are those of the machines and of their tangents, see :mod:`slopes`.
+
+        Raises:
+            InvalidInput: there is no slope by one of them.
+        """
+        from .slopes import Slopes  # makes its tangents when it is loaded
+
+        if self._slopes is None or self._slopes.names != names:
+            self._slopes = Slopes(self.fleet, stack, names, self.scenario.steps)
+        with self._slopes:
+            found, waves = self._measured(stack)
+        found = replace(found, steps=found.steps * (1 + len(names)))
+        if not np.isfinite(found.peak):
+            return found, np.full((len(self.frequencies), len(names)), np.nan)
+        highest = np.argmax(found.magnitude, axis=0) * len(self.frequencies) + np.arange(len(self.frequencies))
+        wave, first = waves[:, highest], self.scenario.settle_steps
+        gaps, tones = self._slopes.of_gap()[:, first:, highest], self.tone[highest]
+        change = np.stack([_waves(gap, tones, first) for gap in gaps])  # (parameters, 2, frequencies)
+        return found, ((change * wave).sum(axis=1) / (wave**2).sum(axis=0)).T
+
+    def _measured(self, stack: Stack) -> tuple[Sensitivity, np.ndarray]:
+        """|S|, and the sine and cosine of each machine's true gap, mm, (2, machines)."""
         record = rollout.anew(self.fleet, self.scenario, stack, np.zeros(self.fleet.size))
         gap = record["gap"][self.scenario.settle_steps :].astype(np.float64)
-        magnitude = _amplitude(gap, self.tone, self.scenario.settle_steps) / AMPLITUDE
+        waves = _waves(gap, self.tone, self.scenario.settle_steps)
+        magnitude = np.hypot(*waves) / AMPLITUDE
         magnitude[record.collided | ~np.isfinite(gap).all(axis=0)] = np.inf
-        shape = self.machine.size, len(self.frequencies)
-        return Sensitivity(self.frequencies, magnitude.reshape(shape), self.fleet.size * self.scenario.steps)
+        shape, steps = (self.machine.size, len(self.frequencies)), self.fleet.size * self.scenario.steps
+        return Sensitivity(self.frequencies, magnitude.reshape(shape), steps), waves
 
 
-def _amplitude(x: np.ndarray, tones: np.ndarray, first: int) -> np.ndarray:
-    """Amplitude at each column's own frequency: least squares on sine, cosine and a constant."""
+def _waves(x: np.ndarray, tones: np.ndarray, first: int) -> np.ndarray:
+    """Sine and cosine at each column's own frequency, (2, columns): least squares, with a constant beside them."""
     t = (np.arange(len(x)) + 1 + first) * 1e-3
-    out = np.empty(x.shape[1])
+    out = np.empty((2, x.shape[1]))
     for tone in np.unique(tones):
         columns = np.flatnonzero(tones == tone)
         basis = np.stack([np.sin(2 * np.pi * tone * t), np.cos(2 * np.pi * tone * t), np.ones_like(t)], axis=1)
         q, r = np.linalg.qr(basis)  # a tenth of the time of a general solver, whose threads get in each other's way
-        a, b, _ = np.linalg.solve(r, q.T @ x[:, columns])
-        out[columns] = np.hypot(a, b)
+        out[:, columns] = np.linalg.solve(r, q.T @ x[:, columns])[:2]
     return out
 
 

@@ -7,6 +7,7 @@ from ...envs import scenarios
 from ...envs.engine.quantity import InvalidInput
 from ..measure.stability import LIMIT_MS
 from ..statistics import budgets
+from . import gradients
 from .evaluate import with_jobs
 from .goals import Limit, Limits
 from .study import Task
@@ -38,12 +39,16 @@ def task(
     seeds: int | None,
     budget: str | None,
     extrapolate: bool | None,
+    gradient: bool | None = None,
 ) -> Task:
     """The study that a user asks for; defaults depend on whether the suite's scenarios are jobs.
 
     Raises:
         InvalidInput: anything that no study can be made of.
     """
+    if gradient and sampler not in (None, gradients.SAMPLER):
+        raise InvalidInput(f"--gradient is a sampler of its own; --sampler {sampler} is not given beside it")
+    sampler = gradients.SAMPLER if gradient else sampler
     suite = suite or "following"
     scenarios.suite(suite)  # an unknown one is an error here
     rules = scenarios.rules(suite)
