@@ -12,6 +12,9 @@ from ..statistics.learned import SCORE, WORSE, Effort, Pair, effort, is_learned,
 from .numbers import count, ends, fixed, listed, million, number, part, span
 from .suite import Suite
 
+MOST = 999.0
+"""Per cent; an interval that reaches farther down says only that."""
+
 
 @dataclass(frozen=True)
 class Comparison:
@@ -84,15 +87,17 @@ def headline(comparison: Comparison, one: str, other: str, unit: str) -> str:
     if not math.isfinite(row["gain"]):
         return f"{one} and {other} have no scored scenario in which neither failed, so they cannot be compared."
     low, gain, high = ends(row, "gain")
-    sure = f" ({span(abs(low), abs(high), 1)})" if low * high > 0 else f" ({span(low, high, 1)})"
-    if low * high > 0 and gain < 0:
-        sure = f" ({span(abs(high), abs(low), 1)})"
-    word = "closer" if gain > 0 else "farther"
-    told = f"{one} is {fixed(abs(gain), 1)} %{sure if math.isfinite(low) else ''} {word} than {other}"
-    if not math.isfinite(low):
-        return f"{told}: {number(row['one'])} against {number(row['other'])} {unit}."
-    chance = "" if low * high > 0 else ", which may be chance"
+    word, sure = "closer" if gain > 0 else "farther", low > 0 or high < 0
+    least, most = (low, high) if gain > 0 or not sure else (-high, -low)
+    within = f" ({interval(least, most)})" if math.isfinite(low) else ""
+    told = f"{one} is {fixed(abs(gain), 1)} %{within} {word} than {other}"
+    chance = "" if sure or not within else ", which may be chance"
     return f"{told}{chance}: {number(row['one'])} against {number(row['other'])} {unit}."
+
+
+def interval(low: float, high: float) -> str:
+    """Of a gain in per cent; how much worse than :data:`MOST` a few runs leave open is not told."""
+    return f"< −{MOST:.0f} to {fixed(high, 1)}" if low < -MOST else span(low, high, 1)
 
 
 def choice(pair: Pair) -> str:
@@ -100,7 +105,7 @@ def choice(pair: Pair) -> str:
     if not pair.best or pair.learned == pair.classical == 1:
         return ""
     many = f"{count(pair.learned, 'learned controller')} and {count(pair.classical, 'classical one')}"
-    return f"Each is the first by rank of its kind, of {many}, chosen on these very seeds, which flatters both."
+    return f"Each is the best of its kind, of {many}, chosen on these very seeds, which flatters both."
 
 
 def beside_base(comparison: Comparison) -> str:
@@ -125,7 +130,7 @@ def chapter(suite: Suite, labels: dict[str, str]) -> dict[str, Any] | None:
     tables = [_table(suite, each, labels, unit) for each in comparisons(results)]
     why = ""
     if not tables or not tables[0]["best"]:
-        why = f"{listed(labels[n] for n in learned)}: no ranked classical controller with the same information is here."
+        why = f"{listed(labels[n] for n in learned)}: no classical controller with the same information is here."
         if len(learned) == len(results.controllers):
             why = "Only learned controllers took part, so there is nothing to compare them with."
     return {"tables": tables, "why": why, "unit": unit}
@@ -164,7 +169,7 @@ def _row(suite: Suite, row: Any, bad: bool) -> dict[str, Any]:
         cells[figure] = number(float(row[figure]))
     for figure in ("gain", "p99_gain"):
         low, value, high = ends(row, figure)
-        cells[figure], cells[f"{figure}_span"] = fixed(value, 1), span(low, high, 1)
+        cells[figure], cells[f"{figure}_span"] = fixed(value, 1), interval(low, high)
         cells[f"{figure}_value"] = "" if math.isnan(value) else value
         cells[f"{figure}_sure"] = bool(low > 0)
     cells["bound"] = "0" if row["bound"] == 0 else cells["bound"]

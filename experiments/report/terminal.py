@@ -22,7 +22,7 @@ from ..store.markdown import table
 from . import headings, learned
 from .headings import figure as _figure
 from .headings import number as _number
-from .numbers import part
+from .numbers import part as of_all
 from .suite import Suite
 
 _WIDEST = 1000
@@ -315,7 +315,7 @@ def _learned(results: Results) -> list[TextTable]:
         sure = [f"{len(names)}/{len(each.apart)}" for names in (each.closer, each.farther)]
         cells = [pair.one, pair.other + " (its base)" * pair.base, _number(row["one"]), _number(row["other"]), *gains]
         cells += [_number(row["closed"], "{:.0f}"), *sure]
-        rows.append([*cells, *(part(row[f"collisions_{side}"], row[f"runs_{side}"]) for side in ("one", "other"))])
+        rows.append([*cells, *(of_all(row[f"collisions_{side}"], row[f"runs_{side}"]) for side in ("one", "other"))])
         notes += [words for words in (learned.choice(pair), learned.beside_base(each) if pair.base else "") if words]
         notes.append(learned.spent(pair.one, pair.other, learned.effort(results, pair)))
     notes.insert(0, "over the runs in which neither failed; closed: share of the way to the bound; closer, farther: in")

@@ -17,9 +17,8 @@ import pandas as pd
 from ...envs.plant.controller import INFORMATION
 from . import budgets, pooling
 from .bootstrap import pooled, replicate
-from .comparison import failures, neither_failed, samples
+from .comparison import better, failures, neither_failed, samples
 from .intervals import Interval
-from .ranks import order
 
 SCORE = "score"
 """Name of the row over all scored scenarios."""
@@ -44,9 +43,9 @@ class Pair:
     Attributes:
         one: the learned one.
         other: the classical one.
-        best: each is the first of its kind by rank.
+        best: each is the best of its kind.
         base: the classical one is the base that the policy acts on.
-        learned, classical: ranked controllers of each kind, of which the first was taken.
+        learned, classical: controllers of each kind, of which the best was taken.
     """
 
     one: str
@@ -85,16 +84,26 @@ def is_learned(results: Any, name: str) -> bool:
 
 
 def best(results: Any) -> Pair | None:
-    """The best learned and the best classical controller of the least informed class that has both; None without."""
+    """The best learned and the best classical controller of the least informed class that has both; None without.
+
+    Of each kind it is the one that fewest are better than (:func:`comparison.better`), of several of those the closest.
+    Who is not ranked because of his budget takes part: here budgets stand beside the gain.
+    """
     frame = results.standings
-    fair = frame[frame["rank"].notna() & np.isfinite(frame["score"].astype(float))]
-    for information in dict.fromkeys([*INFORMATION, *fair["information"]]):
-        names = order(fair[fair["information"] == information])
+    scored = frame[np.isfinite(frame["score"].astype(float))]
+    for information in dict.fromkeys([*INFORMATION, *scored["information"]]):
+        names = list(scored.index[scored["information"] == information])
         learned = [name for name in names if is_learned(results, name)]
         classical = [name for name in names if name not in learned]
         if learned and classical:
-            return Pair(learned[0], classical[0], True, False, len(learned), len(classical))
+            firsts = [_first(results, scored, kind) for kind in (learned, classical)]
+            return Pair(*firsts, best=True, learned=len(learned), classical=len(classical))
     return None
+
+
+def _first(results: Any, scored: pd.DataFrame, names: list[str]) -> str:
+    beaten = better(results, names).sum(axis=0).reindex(names, fill_value=len(names))
+    return min(names, key=lambda name: (int(beaten[name]), float(scored.at[name, "score"])))
 
 
 def with_bases(results: Any) -> list[Pair]:
