@@ -96,8 +96,8 @@ def best(results: Any) -> Pair | None:
         learned = [name for name in names if is_learned(results, name)]
         classical = [name for name in names if name not in learned]
         if learned and classical:
-            firsts = [_first(results, scored, kind) for kind in (learned, classical)]
-            return Pair(*firsts, best=True, learned=len(learned), classical=len(classical))
+            one, other = (_first(results, scored, kind) for kind in (learned, classical))
+            return Pair(one, other, best=True, learned=len(learned), classical=len(classical))
     return None
 
 
@@ -213,5 +213,5 @@ def _trained(record: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def _sum(ledgers: list[dict[str, Any]], key: str) -> float:
-    found = [each.get(key) for each in ledgers]
-    return math.nan if not found or None in found else float(sum(found))
+    found = [float(each[key]) for each in ledgers if each.get(key) is not None]
+    return sum(found) if found and len(found) == len(ledgers) else math.nan
