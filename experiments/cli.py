@@ -332,7 +332,7 @@ def render(
     joint_width: Millimetres = None,
     explain: Annotated[str | None, unset("POLICY")] = None,
 ) -> None:
-    """Write one episode as MP4 or GIF, or its last moment as PNG; or a job's plan before it is cut; or what a policy does.
+    """Write one episode as MP4 or GIF, or its last moment as PNG; or a job's plan; or what a policy does differently.
 
     Args:
         out: file to write; .mp4, .gif or .png.

@@ -51,6 +51,7 @@ class Explained:
         window: the periods that are drawn.
         effects: (periods, actions), mm/s that each action adds to the wish; NaN outside of the window; None of
             controls without weights.
+        plain: (periods,), mm/s, what the law would wish in the same moment if all actions were 0, likewise.
         added: (periods,), mm/s, that all of them add.
     """
 
@@ -63,6 +64,7 @@ class Explained:
     base_error: Floats
     window: slice
     effects: Floats | None = None
+    plain: Floats | None = None
     added: Floats | None = None
 
     @property
@@ -136,15 +138,15 @@ def explained(stack: Stack, scenario: Scenario, seed: int) -> Explained:
         np.where(each["scored"][:, 0] > 0.5, 1e3 * each.error[:, 0], np.nan).astype(float) for each in (run, plain)
     )
     window = _window(sheet, over, scenario.settle_steps)
-    effects = added = None
+    effects = plain_wish = added = None
     if weighs and law.weighing:
         of_moment = _effects(law, stack.part("law"))
-        found = np.full((scenario.steps, kept.shape[1] + 1), np.nan)
+        found = np.full((scenario.steps, kept.shape[1] + 2), np.nan)
         for period in range(window.start, window.stop):
             found[period] = of_moment(*moments[period])
-        effects, added = found[:, :-1], found[:, -1]
+        effects, plain_wish, added = found[:, :-2], found[:, -2], found[:, -1]
     wish = run["wish"][:, 0].astype(float)
-    return Explained(scenario.name, kept, trusts, wish, sheet, error, base_error, window, effects, added)
+    return Explained(scenario.name, kept, trusts, wish, sheet, error, base_error, window, effects, plain_wish, added)
 
 
 def largest(found: Iterable[Explained], most: int) -> list[int]:
@@ -159,7 +161,8 @@ def largest(found: Iterable[Explained], most: int) -> list[int]:
 
 
 def _effects(law: Any, params: Any) -> Callable[[Any, Any, list[float]], list[float]]:
-    """A function that gives, of one moment, what each action adds to the command, and all of them together."""
+    """A function that gives, of one moment, what each action adds to the command, what it is without
+    them, and what all of them together add."""
     weighing = law.weighing
     first, many = weighing.action, len(weighing.weights)
 
@@ -170,7 +173,8 @@ def _effects(law: Any, params: Any) -> Callable[[Any, Any, list[float]], list[fl
             out.append(whole - weighing.weigh(params, state, signals, memory) if own else 0.0)
             memory[k] = own
         bare = [*memory[:first], *[0.0] * many, *memory[first + many :]]
-        return [*out, whole - weighing.weigh(params, state, signals, bare)]
+        alone = weighing.weigh(params, state, signals, bare)
+        return [*out, alone, whole - alone]
 
     return of_moment
 
@@ -181,7 +185,7 @@ def _window(sheet: Floats, over: npt.NDArray[np.bool_], settle: int) -> slice:
     first = settle + ahead
     holes = np.flatnonzero(~over[first:])
     jumps = np.abs(np.diff(sheet[first:], prepend=sheet[first]))
-    quick = np.flatnonzero(jumps > AT_ONCE * np.nanmax(jumps)) if len(jumps) and np.nanmax(jumps) > 0 else ()
-    found = holes if len(holes) else quick
+    most = np.max(jumps, initial=0.0, where=np.isfinite(jumps))
+    found = holes if len(holes) else np.flatnonzero((jumps > AT_ONCE * most) & (most > 0.0))
     start = min(settle + (int(found[0]) if len(found) else 0), max(len(sheet) - shown, 0))
     return slice(start, min(start + shown, len(sheet)))
