@@ -45,20 +45,20 @@ class Explained:
         scenario: its name.
         actions: (periods, actions), in force in each period, −1 to 1.
         trust: share of the actions that is kept; 1 within the range of training, 0 where the base acts alone.
-        wish: (periods,), mm/s, what the law and the policy want.
+        command: (periods,), mm/s, after the supervisor.
         sheet: mm; NaN where there is none below.
         error, base_error: true gap error of the policy and of its base, µm; NaN where there is no sheet.
         window: the periods that are drawn.
-        effects: (periods, actions), mm/s that each action adds to the wish; NaN outside of the window; None of
+        effects: (periods, actions), mm/s that each action adds to the command; NaN outside of the window; None of
             controls without weights.
-        plain: (periods,), mm/s, what the law would wish in the same moment if all actions were 0, likewise.
+        plain: (periods,), mm/s, what the law alone, without actions, would command in the same moment, likewise.
         added: (periods,), mm/s, that all of them add.
     """
 
     scenario: str
     actions: Floats
     trust: Floats
-    wish: Floats
+    command: Floats
     sheet: Floats
     error: Floats
     base_error: Floats
@@ -138,15 +138,15 @@ def explained(stack: Stack, scenario: Scenario, seed: int) -> Explained:
         np.where(each["scored"][:, 0] > 0.5, 1e3 * each.error[:, 0], np.nan).astype(float) for each in (run, plain)
     )
     window = _window(sheet, over, scenario.settle_steps)
-    effects = plain_wish = added = None
+    effects = alone = added = None
     if weighs and law.weighing:
         of_moment = _effects(law, stack.part("law"))
         found = np.full((scenario.steps, kept.shape[1] + 2), np.nan)
         for period in range(window.start, window.stop):
             found[period] = of_moment(*moments[period])
-        effects, plain_wish, added = found[:, :-2], found[:, -2], found[:, -1]
-    wish = run["wish"][:, 0].astype(float)
-    return Explained(scenario.name, kept, trusts, wish, sheet, error, base_error, window, effects, plain_wish, added)
+        effects, alone, added = found[:, :-2], found[:, -2], found[:, -1]
+    command = run["command"][:, 0].astype(float)
+    return Explained(scenario.name, kept, trusts, command, sheet, error, base_error, window, effects, alone, added)
 
 
 def largest(found: Iterable[Explained], most: int) -> list[int]:
