@@ -316,7 +316,7 @@ def blame(
 def render(
     out: Annotated[Positional[Path], arg(metavar="OUT")],
     controller: Annotated[str, arg(aliases=["-c"])] = "pid",
-    scenario: Annotated[str, arg(aliases=["-s"])] = "wavy",
+    scenario: Annotated[str | None, unset("NAME|FILE", "-s")] = None,
     seed: int = 1000,
     seconds: Real = None,
     slow: Real = None,
@@ -330,13 +330,14 @@ def render(
     joints: Whole = None,
     joint_spacing: Millimetres = None,
     joint_width: Millimetres = None,
+    explain: Annotated[str | None, unset("POLICY")] = None,
 ) -> None:
-    """Write one episode as MP4 or GIF, or its last moment as PNG; or, before anything is cut, the plan of a job.
+    """Write one episode as MP4 or GIF, or its last moment as PNG; or a job's plan; or what a policy does differently.
 
     Args:
         out: file to write; .mp4, .gif or .png.
         controller: as for benchmark.
-        scenario: name or TOML file.
+        scenario: name or TOML file. Default: wavy; with --explain a step, a wave and a hole.
         seed: scenario seed.
         seconds: of the episode to show. Default: all of it.
         slow: how many times slower than real. Default: 10, of jobs 0.2, which is five times faster.
@@ -352,8 +353,18 @@ def render(
         joints: of jobs, micro-joints that hold each part.
         joint_spacing: of jobs, mm from joint to joint.
         joint_width: of jobs, mm of sheet that a joint leaves. Default: 0.5.
+        explain: policy of a height follower whose actions over time are drawn instead, with what they add to the
+            command, the sheet, and the error beside that of its base.
     """
     _agree(allow_code)
+    if explain is not None:
+        from .render.explained_picture import paint as paint_actions
+
+        for note in paint_actions(out, explain, (scenario,) if scenario else (), seed):
+            typed.say(f"{explain}: {note}")
+        print(out)
+        return
+    scenario = scenario or "wavy"
     how = cut_as(lead_in, kerf, joints, joint_spacing, joint_width)
     if plan is not None:
         from .render.plans import paint
