@@ -34,6 +34,7 @@ from ..statistics import comparison
 from ..store import runs, script
 from ..store.stamp import LAWS, LOADED, PLANNED, with_imports
 from ..train.folder import into
+from ..train.held_out import suite_of
 
 TRAINED = Path(__file__).parents[2] / "agents" / "trained"
 
@@ -105,7 +106,7 @@ def seeds_of(name: str, seeds: Sequence[int]) -> pd.DataFrame:
     with its 95 % interval and, of jobs, figures over the reference's.
     """
     folders = {seed: trained(name, seed) for seed in seeds}
-    suite = _suite_of(SHIPPED[name][1])
+    suite = suite_of(SHIPPED[name][1])
     policies = {str(run / "policy"): seed for seed, run in folders.items()}
     reference = str(scenarios.rules(suite).get("reference", REFERENCE))
     (grid,) = grids.plan([suite], [reference, *policies])
@@ -155,10 +156,6 @@ def reproduced(name: str) -> bool:
         f"95 % of further ones lie within {low:.3f} … {high:.3f}: {'reproduced' if within else 'NOT reproduced'}"
     )
     return within
-
-
-def _suite_of(env: str) -> str:
-    return next(suite for suite in grids.SHOWN if scenarios.rules(suite)["environment"] == env)
 
 
 def main(

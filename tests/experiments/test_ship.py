@@ -42,7 +42,7 @@ def test_the_other_seeds_were_trained_with_the_policy_that_is_shipped(name):
     row = pd.read_csv(ship.TRAINED / name / "seeds.csv").set_index("seed").loc[seed]
     ledger = json.loads((ship.TRAINED / name / "run.json").read_text(encoding="utf-8"))["ledger"]
     assert row["simulated_steps"] == ledger["simulated_steps"]
-    study = recorded.read(ship._suite_of(env))["numbers"][name]
+    study = recorded.read(ship.suite_of(env))["numbers"][name]
     # Other trainings come to scores that differ by more than a percent.
     assert row["score"] == pytest.approx(study["score"], rel=1e-3)
     assert row["ratio"] == pytest.approx(study["ratio"], rel=1e-3)
