@@ -535,6 +535,9 @@ def train(
     env: Text = None,
     steps: Whole = None,
     seed: int = 0,
+    seeds: int = 1,
+    test_seeds: int = 24,
+    jobs: int = 2,
     preset: Annotated[Path | None, unset("FILE")] = None,
     set_: Annotated[UseAppendAction[list[str]], arg(name="set", metavar="KEY=VALUE")] = [],  # noqa: B006
     name: Text = None,
@@ -552,6 +555,10 @@ def train(
         env: id of the environment. Default: the preset's, or kerfgym/HeightFollowing-v0.
         steps: simulated steps of training. Default: the preset's.
         seed: of everything random.
+        seeds: trainings, with the seeds from --seed on; runs/<name>/ then holds a folder for each, and a summary.
+        test_seeds: of each scenario by which the training is evaluated, on which the policy is compared with its base
+            and the best classical controller at the end; 0: it is not.
+        jobs: trainings at a time.
         preset: settings to train with, such as tune ppo writes, or the settings.toml of another training. Default: the
             shipped ones of environment and algorithm.
         set_: a value of the preset, by dotted name (algorithm.gamma=0.97, environment.scenario=["wavy","step"],
@@ -567,7 +574,9 @@ def train(
     _agree(allow_code)
     from .train.folder import train as run
 
-    folder = run(algorithm, env, steps, seed, set_, name, device, threads, ms, overwrite, resume, preset)
+    folder = run(
+        algorithm, env, steps, seed, set_, name, device, threads, ms, overwrite, resume, preset, seeds, test_seeds, jobs
+    )
     print(f"\n{folder}")
 
 

@@ -33,6 +33,7 @@ from ..results.conclusions import REFERENCE
 from ..statistics import comparison
 from ..store import runs, script
 from ..store.stamp import LAWS, LOADED, PLANNED, with_imports
+from ..train import held_out
 from ..train.folder import into
 
 TRAINED = Path(__file__).parents[2] / "agents" / "trained"
@@ -168,9 +169,7 @@ def reproduced(name: str) -> bool:
 
 def suite_of(name: str) -> str:
     """The suite that a shipped policy was trained for."""
-    if name in ELSEWHERE:
-        return ELSEWHERE[name]
-    return next(suite for suite in grids.SHOWN if scenarios.rules(suite)["environment"] == SHIPPED[name][1])
+    return ELSEWHERE.get(name) or held_out.suite_of(SHIPPED[name][1])
 
 
 def main(
