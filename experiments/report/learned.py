@@ -8,7 +8,7 @@ import pandas as pd
 
 from ..results.conclusions import Results
 from ..statistics.budgets import SLACK
-from ..statistics.learned import SCORE, WORSE, Effort, Pair, effort, is_learned, pairs, side_by_side
+from ..statistics.rivals import SCORE, WORSE, Effort, Pair, effort, is_learned, pairs, side_by_side
 from .numbers import count, ends, fixed, listed, million, number, part, span
 from .suite import Suite
 

@@ -17,7 +17,7 @@ from ...envs.scenarios import SPLITS
 from ..measure.stability import LIMIT_MS
 from ..plots.palette import Look, looks
 from ..results.conclusions import Results
-from ..statistics.learned import is_learned
+from ..statistics.rivals import is_learned
 from ..store.runs import write_text
 from . import (
     answer,

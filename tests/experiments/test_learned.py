@@ -10,7 +10,7 @@ import pytest
 from kerfgym.experiments.report import learned as shown
 from kerfgym.experiments.report import page, terminal
 from kerfgym.experiments.results import archive
-from kerfgym.experiments.statistics import learned
+from kerfgym.experiments.statistics import rivals
 from kerfgym.tests.experiments.conftest import TUNED, following
 from kerfgym.tests.experiments.test_report import read
 
@@ -85,7 +85,7 @@ def test_the_table_is_what_the_runs_csv_says(tmp_path):
 
 def test_the_interval_of_a_gain_is_that_of_a_plain_paired_bootstrap():
     found = results()
-    row = learned.side_by_side(found, learned.Pair("net", "pid")).set_index("scenario").loc["rough"]
+    row = rivals.side_by_side(found, rivals.Pair("net", "pid")).set_index("scenario").loc["rough"]
     table = found.runs[found.runs["scenario"] == "rough"].pivot(index="seed", columns="controller", values="rms_true")
     net, pid = (table[name].to_numpy() ** 2 for name in ("net", "pid"))
     drawn = np.random.default_rng(0).integers(0, len(net), (20_000, len(net)))
@@ -96,15 +96,15 @@ def test_the_interval_of_a_gain_is_that_of_a_plain_paired_bootstrap():
 
 
 def test_references_with_other_information_are_nobody_to_beat():
-    pair = learned.best(results())
+    pair = rivals.best(results())
     assert (pair.one, pair.other, pair.learned, pair.classical) == ("net", "pid", 1, 2)
     alone = {name: FOLLOWERS[name] for name in ("net", "preview-5ms")}
-    assert learned.pairs(results(alone)) == []
+    assert rivals.pairs(results(alone)) == []
 
 
 def test_each_policy_stands_beside_its_own_base_and_is_marked_where_it_is_worse():
     found = results({**FOLLOWERS, "bad": ("sensor", 9.0, 1.9)}, policies=("net", "bad"))
-    pairs = learned.pairs(found)
+    pairs = rivals.pairs(found)
     assert [(p.one, p.other, p.kind) for p in pairs] == [("net", "pid", "best, base"), ("bad", "pid", "base")]
     best, worse = shown.comparisons(found)
     assert best.worse == best.farther == []
@@ -115,18 +115,18 @@ def test_each_policy_stands_beside_its_own_base_and_is_marked_where_it_is_worse(
 
 def test_steps_of_training_and_search_stand_beside_each_other():
     found = results()
-    own = learned.effort(found, learned.Pair("net", "pid"))
+    own = rivals.effort(found, rivals.Pair("net", "pid"))
     assert (own.training, own.whole, own.search, own.training_cpu, own.search_cpu) == (51e6, 651e6, 600e6, 190.0, 350.0)
     assert "0.0850 times the steps" in shown.spent("net", "pid", own)
     found.meta["tuning"]["pid"] = {"trials": 10}
-    unknown = learned.effort(found, learned.Pair("net", "pid"))
+    unknown = rivals.effort(found, rivals.Pair("net", "pid"))
     assert "So nothing can be said of equal steps." in shown.spent("net", "pid", unknown)
     assert "not at equal steps" in shown.spent("net", "pid", replace(own, training=700e6))
 
 
 def test_without_a_policy_there_is_nothing_to_compare(tmp_path):
     found = results(policies=())
-    assert learned.pairs(found) == []
+    assert rivals.pairs(found) == []
     assert not any("classical" in sheet.title for sheet in terminal.sheets(found))
     archive.save_tables(tmp_path, {"following": found}, {}, {})
     assert not (tmp_path / "learned.csv").exists()
@@ -142,11 +142,11 @@ def test_runs_that_all_failed_are_failures_and_no_figures(tmp_path):
     found = results()
     for scenario in ("wavy", "rough"):
         found = failing(found, "net", scenario, SEEDS)
-    row = learned.side_by_side(found, learned.Pair("net", "pid")).iloc[-1]
+    row = rivals.side_by_side(found, rivals.Pair("net", "pid")).iloc[-1]
     assert math.isnan(row["gain"])
     assert math.isnan(row["one"])
     assert (row["failed_one"], row["runs_one"]) == (60, 90)
-    sentence = shown.headline(shown.Comparison(learned.Pair("net", "pid"), row.to_frame().T), "net", "pid", "µm")
+    sentence = shown.headline(shown.Comparison(rivals.Pair("net", "pid"), row.to_frame().T), "net", "pid", "µm")
     assert "cannot be compared" in sentence
     page.page(tmp_path, {"following": found}, found.meta)
 
