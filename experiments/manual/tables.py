@@ -322,6 +322,30 @@ _MOST = {"gain_margin": float(margins.GAINS[-1]), "delay_margin": float(margins.
 """The largest that is tried."""
 
 
+@made("learners", "learners")
+def learners(found: dict[str, Any]) -> str:
+    """Scores over the base's, by what is equal, best first."""
+    rows = []
+    for equal, each in found["numbers"].items():
+        for name, own in sorted(each.items(), key=lambda item: item[1]["median"]):
+            score = f"{written(own['median'])} ({written(own['best'])} … {written(own['worst'])})"
+            cost = (f"{1e-6 * own['training_steps']:.2f} M", written(own["cpu_seconds"], ".0f"))
+            jitter = written(own["jitter"] / own["base_jitter"], ".2f")
+            rows.append((equal, f"`{name}`", *cost, own["trainings"], score, jitter, own["failed"]))
+    score = "score ÷ base's: median (best … worst)"
+    titles = (
+        "equal",
+        "learner",
+        "steps of training",
+        "CPU-seconds",
+        "trainings",
+        score,
+        "jitter ÷ base's",
+        "failed runs",
+    )
+    return markdown.table(titles, rows)
+
+
 @made("filter-grid", "filter-grid")
 def filter_grid(found: dict[str, Any]) -> str:
     """What search and grids found, and how far apart they are on test seeds."""

@@ -32,7 +32,7 @@ from ..results.conclusions import REFERENCE
 from ..statistics import comparison
 from ..store import runs, script
 from ..store.stamp import LAWS, LOADED, PLANNED, with_imports
-from ..train import held_out
+from ..train import held_out, several
 from ..train.folder import into
 
 TRAINED = Path(__file__).parents[2] / "agents" / "trained"
@@ -79,17 +79,17 @@ def trained(name: str, seed: int) -> Path:
 
 def _trained(name: str, seed: int, run: Path) -> Path:
     algorithm, env, own, changes = SHIPPED[name]
-    _renew(run)
+    renew(run)
     if not (run / "run.json").is_file():
         given = presets.preset(algorithm, env, changes)
-        words = ["kerfgym", "train", algorithm, "--env", env, "--seed", str(seed)]
-        words += [word for key, value in changes.items() for word in ("--set", f"{key}={value}")]
+        differ = [f"{key}={value}" for key, value in changes.items()]
+        words = several.command(algorithm, env, None, None, differ, "cpu", 1)
         with runs.at_work(run, resume=True):
-            into(run, given, seed, "cpu", 1, seed == own, words)
+            into(run, given, seed, "cpu", 1, seed == own, [*words, "--seed", str(seed)])
     return run
 
 
-def _renew(run: Path) -> None:
+def renew(run: Path) -> None:
     """Begins a training anew whose machine, law or settings are no longer those that it began with."""
     now = with_imports([Path(train.__file__)], (*LOADED, *PLANNED, *LAWS, "agents/presets/*.toml"))
     made_from = run / "made-from.json"

@@ -10,6 +10,7 @@ from ...envs.scenarios.material import material
 from ..report import cut_quality
 from ..reproduce import fit_cut
 from ..store.stamp import LOADED, trained
+from .learners import FILE as LEARNERS
 from .registry import Trial, study
 from .ship import TRAINED, suite_of
 
@@ -78,3 +79,23 @@ def _policy(name: str) -> dict[str, Any]:
             for column in columns
         } | {"count": len(frame), "each": frame["score"].tolist()}
     return found
+
+
+@study(
+    "learners",
+    "every learner on the same face, at equal steps and at equal CPU time",
+    "python -m kerfgym.experiments.studies.learners",
+    0.1,
+    ("agents/trained/learners.csv",),
+)
+def learners(trial: Trial) -> dict[str, Any]:
+    """Read from what the trainings left; nothing is trained here."""
+    table = pd.read_csv(LEARNERS)
+    found: dict[str, Any] = {}
+    for (equal, learner), group in table.groupby(["equal", "learner"], sort=False):
+        each = {"trainings": len(group), "failed": int(group["failed"].sum())}
+        each |= {name: group[name].median() for name in ("training_steps", "simulated_steps", "cpu_seconds", "jitter")}
+        each |= {"base_jitter": group["base_jitter"].iloc[0]}
+        each |= {"median": group["of_base"].median(), "best": group["of_base"].min(), "worst": group["of_base"].max()}
+        found.setdefault(str(equal), {})[str(learner)] = each
+    return {"numbers": found}

@@ -117,10 +117,10 @@ def test_within_the_published_settings_nothing_is_left_to_gain_over_huang2024(co
 
 def test_a_training_goes_on_unless_what_it_learns_on_has_changed(tmp_path, monkeypatch):
     run = tmp_path / "run"
-    ship._renew(run)
+    ship.renew(run)
     (run / "checkpoint").write_text("half way", encoding="utf-8")
-    ship._renew(run)
+    ship.renew(run)
     assert (run / "checkpoint").is_file()
     monkeypatch.setattr(ship, "with_imports", lambda entries, patterns: {"baselines/presets/*.toml": "another"})
-    ship._renew(run)
+    ship.renew(run)
     assert not (run / "checkpoint").exists()
