@@ -153,6 +153,7 @@ def _chapter(
         "ranked_by": headings.ranked_by(suite),
         "machines": table.by_machine(suite),
         "unmeasured": table.unmeasured(suite),
+        "ranged": table.ranged(suite),
     }
 
 

@@ -13,6 +13,7 @@ from ...envs.plant.controller import INFORMATION, PERIOD
 from ...envs.plant.machine import SUBSTEPS
 from ...envs.scenarios.material import material
 from ..bounds.stored import LABEL, LINEAR
+from ..measure import margins, stability
 from ..results.conclusions import REFERENCE, Results
 from ..statistics.budgets import MARKS
 from ..statistics.comparison import by_scenario, methods, relative
@@ -26,6 +27,12 @@ from .numbers import part as of_all
 from .suite import Suite
 
 _WIDEST = 1000
+
+RANGED = (
+    f"beyond the feeds of its training such a policy is its base; Ms is measured at {stability.FEED:g} mm/s and the "
+    f"margins at {margins.FEED:g} mm/s, so these may be the base's"
+)
+"""What a reader of a policy's stability must know."""
 
 
 @dataclass
@@ -187,6 +194,7 @@ def _machines(results: Results) -> list[str]:
     return [
         f"Ms, gain, delay: on the worst corner plant {which};",
         *(f"not measured: {', '.join(names)} on {at}: {why}." for (at, why), names in results.unmeasured),
+        *(f"{', '.join(names)}: {RANGED}." for names in [results.ranged] if names),
     ]
 
 
