@@ -572,7 +572,7 @@ def train(
         resume: go on with a run that another command began. The same command goes on without this option.
     """
     _agree(allow_code)
-    from .train.folder import train as run
+    from .train.training import train as run
 
     folder = run(
         algorithm, env, steps, seed, set_, name, device, threads, ms, overwrite, resume, preset, seeds, test_seeds, jobs

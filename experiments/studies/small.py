@@ -10,8 +10,8 @@ from ...envs.scenarios.material import material
 from ..report import cut_quality
 from ..reproduce import fit_cut
 from ..store.stamp import LOADED, trained
-from .learners import FILE as LEARNERS
 from .registry import Trial, study
+from .same_face import FILE as LEARNERS
 from .ship import TRAINED, suite_of
 
 SHEETS = (("c45-10", None), ("thin-sheet", None))
@@ -84,7 +84,7 @@ def _policy(name: str) -> dict[str, Any]:
 @study(
     "learners",
     "every learner on the same face, at equal steps and at equal CPU time",
-    "python -m kerfgym.experiments.studies.learners",
+    "python -m kerfgym.experiments.studies.same_face",
     0.1,
     ("agents/trained/learners.csv",),
 )

@@ -1,4 +1,4 @@
-"""``kerfgym train``: a run folder around a training, with its record and its policy."""
+"""A run folder around one training, with its record and its policy."""
 
 import contextlib
 from pathlib import Path
@@ -8,64 +8,12 @@ import tomli_w
 from ...agents import settings as presets
 from ...agents.settings import Settings
 from ...envs.control import stack as stacks
-from ...envs.engine.quantity import InvalidInput
-from ..measure import grids, stability
+from ..measure import stability
 from ..store import runs
 from ..store.progress import Bars, progress
 from . import held_out
 
 SETTINGS, POLICY = "settings.toml", "policy"
-
-
-def train(
-    algorithm: str,
-    env: str | None,
-    steps: int | None,
-    seed: int,
-    assignments: list[str],
-    name: str | None,
-    device: str,
-    threads: int,
-    ms: bool,
-    overwrite: bool,
-    resume: bool,
-    preset: Path | None = None,
-    seeds: int = 1,
-    test_seeds: int = held_out.SEEDS,
-    jobs: int = 2,
-) -> Path:
-    """Trains a policy, or one with each of several seeds, and writes its run folder; see ``cli.train``.
-
-    Raises:
-        InvalidInput: see :func:`agents.train.train` and :func:`runs.at_work`.
-    """
-    from ...agents.train import untrained
-    from . import several
-
-    for what, value in (("--seeds", seeds), ("--jobs", jobs)):
-        if value < 1:
-            raise InvalidInput(f"{what} {value} is out of range; at least 1")
-    if test_seeds:
-        grids.split_seeds(test_seeds, "test")
-
-    changes = presets.parsed(assignments)
-    if steps is not None:
-        changes["steps"] = steps
-    if preset is not None:
-        settings = presets.from_file(preset, algorithm, env, changes)
-    else:
-        settings = presets.preset(algorithm, env or next(iter(presets.TASKS)), changes)
-    untrained(settings, seed, device, threads)  # errors before anything is written
-    short = presets.TASKS[settings.env].name
-    if seeds == 1:
-        folder = runs.folder(name or f"{short}-{algorithm}-{seed}")
-        with runs.at_work(folder, overwrite, resume):
-            return into(folder, settings, seed, device, threads, ms, test_seeds=test_seeds)
-    words = several.command(algorithm, settings.env, steps, preset, assignments, device, threads)
-    folder = runs.folder(name or f"{short}-{algorithm}-{seed}-{seed + seeds - 1}")
-    with runs.at_work(folder, overwrite, resume):
-        tasks = [several.Task(folder, settings, s, device, threads, ms, words) for s in range(seed, seed + seeds)]
-        return several.into(folder, tasks, test_seeds, jobs)
 
 
 def into(

@@ -11,33 +11,29 @@ import pandas as pd
 from ...agents.evaluation import Evaluator
 from ...agents.settings import TASKS, Settings
 from ...envs import scenarios
-from ...envs.control import stack as stacks
 from ...envs.figures import job_metrics, metrics
 from ..benchmark import benchmarking
 from ..measure import grids
 from ..results.conclusions import Results
 from ..statistics import comparison
-from ..studies import recorded
+from ..store.plain import plain
 
 SEEDS = 24
 """Test seeds of each scenario unless told otherwise: enough to tell a tenth, and a small part of a training."""
 
 
+CLASSICAL = {
+    "kerfgym/HeightFollowing-v0": "forecast",
+    "kerfgym/ContourFollowing-v0": "wu-inverse",
+    "kerfgym/Cutting-v0": "huang2024-static-quality",
+}
+"""By environment, the controller without learning with the best score in the recorded study of its suite, of those that
+know no more than the sensor."""
+
+
 def suite_of(env: str) -> str:
     """The suite that tells how well an environment's task is done."""
     return next(suite for suite in grids.SHOWN if scenarios.rules(suite)["environment"] == env)
-
-
-def classical(env: str) -> str | None:
-    """The shipped controller without learning that has the best score in the recorded study of the environment's suite,
-    of those that know no more than the sensor; None if it was never run."""
-    study, known = recorded.read(suite_of(env)), set(stacks.names())
-    scores = {
-        name: found["score"]
-        for name, found in (study["numbers"] if study else {}).items()
-        if name in known and found.get("information") == "sensor" and isinstance(found.get("score"), int | float)
-    }
-    return min(scores, key=lambda name: scores[name]) if scores else None
 
 
 def compared(settings: Settings, policies: Sequence[str], seeds: int, workers: int = 1) -> Results:
@@ -54,7 +50,7 @@ def compared(settings: Settings, policies: Sequence[str], seeds: int, workers: i
         InvalidInput: more seeds than the split has.
     """
     batch = Evaluator(replace(settings, evaluation={**settings.evaluation, "episodes": 1})).env.batch
-    suite, base, best = suite_of(settings.env), base_of(settings), classical(settings.env)
+    suite, base, best = suite_of(settings.env), base_of(settings), CLASSICAL.get(settings.env)
     others = [name for name in (base, best) if name]
     cases = list({s.name: s for s in batch.scenarios}.values())
     names = tuple(dict.fromkeys([*policies, *others]))
@@ -118,7 +114,7 @@ def record(results: Results, policies: Sequence[str], names: Sequence[str]) -> d
     by_name = {named.get(str(name), str(name)): row for name, row in table.to_dict("index").items()}
     steps = sum(entry["simulated_steps"] for entry in results.meta["ledger"].values())
     about = {"seeds": results.meta["seeds"], "scenarios": results.meta["scenarios"], "simulated_steps": steps}
-    return {**about, "metric": results.metric, "base": results.reference, "controllers": recorded.plain(by_name)}
+    return {**about, "metric": results.metric, "base": results.reference, "controllers": plain(by_name)}
 
 
 def method(results: Results, policies: Sequence[str]) -> dict[str, Any]:

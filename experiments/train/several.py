@@ -23,8 +23,8 @@ from ...envs.engine.quantity import InvalidInput
 from ...envs.safety import files
 from ..results.conclusions import Results
 from ..store import pool, runs
+from ..store.plain import plain
 from ..store.progress import Bars
-from ..studies import recorded
 from . import folder as single
 from . import held_out
 
@@ -157,7 +157,7 @@ def _record(
     if beside is not None:
         policies, names = [str(task.place / single.POLICY) for task in good], [f"seed {task.seed}" for task in good]
         out["test"] = held_out.record(beside, policies, names)
-        out["method"] = recorded.plain(held_out.method(beside, policies))
+        out["method"] = plain(held_out.method(beside, policies))
     return out
 
 

@@ -16,6 +16,7 @@ from kerfgym.envs.control import stack
 from kerfgym.experiments.cli import main
 from kerfgym.experiments.measure import rollout
 from kerfgym.experiments.statistics import comparison
+from kerfgym.experiments.studies import recorded
 from kerfgym.experiments.train import held_out, several
 
 HEIGHT = "kerfgym/HeightFollowing-v0"
@@ -77,7 +78,7 @@ def test_policies_and_base_are_scored_on_the_same_test_seeds(made, monkeypatch):
         "seed 4",
         "seed 5",
         "self-tuning",
-        held_out.classical(HEIGHT),
+        held_out.CLASSICAL[HEIGHT],
     }
     scores = {}
     tilt = scenarios.load("tilt")
@@ -91,6 +92,14 @@ def test_policies_and_base_are_scored_on_the_same_test_seeds(made, monkeypatch):
     assert ratio == pytest.approx(scores["self-tuning"] / scores["seed 4"], rel=1e-4)
     low, high = (found["test"]["controllers"]["seed 4"][f"ratio_{end}"] for end in ("low", "high"))
     assert low <= ratio <= high
+
+
+@pytest.mark.parametrize("env", held_out.CLASSICAL)
+def test_the_best_classical_controller_is_that_of_the_recorded_study(env):
+    found, shipped = recorded.read(held_out.suite_of(env))["numbers"], set(stack.names())
+    informed = {name: row for name, row in found.items() if name in shipped and row.get("information") == "sensor"}
+    assert len(informed) > 5
+    assert min(informed, key=lambda name: informed[name]["score"]) == held_out.CLASSICAL[env]
 
 
 def test_reports_know_them_as_runs_of_one_method(made, monkeypatch):

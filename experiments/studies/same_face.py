@@ -2,7 +2,7 @@
 
 ::
 
-    python -m kerfgym.experiments.studies.learners [LEARNER …]
+    python -m kerfgym.experiments.studies.same_face [LEARNER …]
 
 writes ``agents/trained/learners.csv``, one row for each training: five seeds of each learner at equal CPU time, and
 of those that can do as many steps in it at equal simulated steps. The face is that of the preset by gradients,
@@ -121,4 +121,4 @@ def main(names: Annotated[Positional[tuple[str, ...]], arg(metavar="LEARNER")] =
 
 
 if __name__ == "__main__":
-    script.run(main, "kerfgym.experiments.studies.learners")
+    script.run(main, "kerfgym.experiments.studies.same_face")
