@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/.ready
 
-.PHONY: install benchmark test lint train figures clean
+.PHONY: install benchmark test lint train policies figures clean
 
 install: $(READY)  ## everything into .venv
 
@@ -14,7 +14,10 @@ benchmark: $(READY)  ## all that is shipped, compared: tables here, report in ru
 test: $(READY)  ## all tests, a file after the other on each core
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile
 
-train: $(READY)  ## the shipped policies anew
+train: $(READY)  ## the best follower once more, and whether it comes out as before
+	$(BIN)/python -m kerfgym.experiments.studies.ship --check height-following-gradient
+
+policies: $(READY)  ## the shipped policies anew
 	$(BIN)/python -m kerfgym.experiments.studies.ship
 
 figures: $(READY)  ## what README and manual show and is older than the code, measured anew

@@ -255,12 +255,17 @@ class Compiled:
 
     def install(self, fleet: Fleet) -> None:
         """Gives all machines of the fleet over to the policy."""
+        self.fly(fleet)
+
+    def fly(self, fleet: Fleet) -> Deck:
+        """The same; returns the deck with what it observes, decides and trusts, for those who watch."""
         document, task = self.policy.document, self.policy.task
         if document.control == "schedule":
             fleet.widest_window(LONGEST_WINDOW, LARGEST_TRIM)
         hook = task.hook(fleet, document.control, document.observation["kind"])
         io = _flight(self.policy.network, fleet, hook, task.period)
         fleet.pilot("job" if task.with_job else "height", stage_address(fly), io)
+        return io
 
 
 def _flight(network: Network, fleet: Fleet, hook: tuple[int, int, Deck], period: int) -> Deck:

@@ -326,6 +326,8 @@ def _stack(folder: Path, stamp: tuple[int, ...]) -> Stack:
     made, tuned = policy.provenance, dict(main.provenance)
     tuned.pop("edited", None)  # what its training changed in the base is part of the policy, and in its record
     steps = made.get("ledger", made).get("simulated_steps", 0) + tuned.get("simulated_steps", tuned.get("steps", 0))
+    if policy.document.range is not None:  # beyond it this stack is its base, which a reader of its figures must know
+        made = {**made, "range": list(policy.document.range.names)}
     provenance = {**tuned, "simulated_steps": steps, "policy": made}
     summary = f"policy for {policy.document.environment}, {policy.document.control}, on {main.name}"
     return Stack(str(folder), summary, main.law, main.values, None, provenance, "", Compiled(policy), found)

@@ -24,8 +24,8 @@ changes, has one minimum. Recorded were sheets of the suite's bent kinds at 100,
 on tune seeds.
 
 A **policy** adds to the rules: ``weight = rule + span·action`` with actions from −1 to 1 (:data:`WEIGHTS`), so that no
-action at all is this law. :func:`weigh` makes the command of what lies in the memory and changes nothing; whoever
-writes an action there may call it again.
+action at all is this law. Where there is no sheet below, or far from the set height, it has no say. :func:`weigh` makes
+the command of what lies in the memory and changes nothing; whoever writes an action there may call it again.
 
 Where there is **no sheet below**, the one that was last known is followed (:mod:`slots`).
 
@@ -71,6 +71,12 @@ GROWN = 25.0, 45.0
 
 UNLEARNT = 1.0
 """``edge`` until there are predictions."""
+
+FAR = 0.5
+"""Off the set height, in shares of it, from which on an action has no say [A]."""
+
+REGAINED = 0.005
+"""Of an action's say, what comes back in a period once it may have one again [A]."""
 
 KICKS = 1.0
 """mm/s, speed at which friction has grown to its full value."""
@@ -144,7 +150,8 @@ BEHIND = WAY + 1  # ms, the drive's dead time and lag
 SHEET = BEHIND + 1  # mm, the highest that the sheet is predicted to be until the head could stop
 SINKING = SHEET + 1  # mm/s, the speed at which it is predicted to sink, at most 0
 INTEGRAL = SINKING + 1  # mm/s
-BANK = INTEGRAL + 1
+SAY = INTEGRAL + 1  # 0 … 1, how much say an action has
+BANK = SAY + 1
 RAMP = BANK + drive_bank.MEMORY
 TREND = RAMP + ramps.MEMORY
 LEARNT = TREND + trends.MEMORY
@@ -251,6 +258,16 @@ def _stay(m, plane):
 
 
 @part
+def _say(x, away, before):
+    """How much say an action has, 0 to 1: none where there is no sheet below, the supervisor moves the head, or the
+    reading is far off the set height, as in and after a fault; trainings hardly ever get there."""
+    if x.fresh:
+        return 1.0
+    follows = x.captured and not away and not x.override and abs(x.height - x.set_height) < FAR * x.set_height
+    return min(before + REGAINED, 1.0) if follows else 0.0
+
+
+@part
 def _rules(p, m, kinds):
     """Writes the weights of the rules."""
     w, later = m[RULE:SIGNAL], m[BEHIND] - USUAL
@@ -332,14 +349,14 @@ def shielded(params, signals, memory, command):
 @part
 def weigh(params, state, signals, memory):
     """Head velocity, mm/s, of the signals, rules and action in the memory. Changes nothing."""
-    m, x = memory, signals
+    m, x, say = memory, signals, memory[SAY]
     speed, place = 0.0, m[MEASURED]
     for k in range(_SPEEDS):
-        speed += (m[RULE + k] + SPANS[k] * m[ACTION + k]) * m[SIGNAL + k]
+        speed += (m[RULE + k] + SPANS[k] * say * m[ACTION + k]) * m[SIGNAL + k]
     for k in range(_SPEEDS, _SPEEDS + _PLACES):
-        place += (m[RULE + k] + SPANS[k] * m[ACTION + k]) * m[SIGNAL + k]
-    gain = max(m[RULE + _GAIN] + SPANS[_GAIN] * m[ACTION + _GAIN], 0.0)
-    share = m[RULE + _MOVING] + SPANS[_MOVING] * m[ACTION + _MOVING]
+        place += (m[RULE + k] + SPANS[k] * say * m[ACTION + k]) * m[SIGNAL + k]
+    gain = max(m[RULE + _GAIN] + SPANS[_GAIN] * say * m[ACTION + _GAIN], 0.0)
+    share = m[RULE + _MOVING] + SPANS[_MOVING] * say * m[ACTION + _MOVING]
     command = speed - m[INTEGRAL] + gain * (place + x.set_height - x.head_position - share * m[WAY])
     return shielded(params, x, m, command)
 
@@ -364,6 +381,7 @@ def control(params, state, signals, tables, memory):
     coming, rise = _ahead(p, o, behind)
     _signals(p, x, m, o, coming, rise)
     kinds = _kinds(p, x, m, o.ready)
+    m[SAY] = _say(x, slots.is_away(gone), m[SAY])
     if slots.is_away(gone):
         kinds = _stay(m, gone[slots.PLANE])
     _rules(p, m, kinds)

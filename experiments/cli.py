@@ -343,7 +343,7 @@ def blame(
 def render(
     out: Annotated[Positional[Path], arg(metavar="OUT")],
     controller: Annotated[str, arg(aliases=["-c"])] = "pid",
-    scenario: Annotated[str, arg(aliases=["-s"])] = "wavy",
+    scenario: Annotated[str | None, unset("NAME|FILE", "-s")] = None,
     machine: On = None,
     seed: int = 1000,
     seconds: Real = None,
@@ -358,13 +358,14 @@ def render(
     joints: Whole = None,
     joint_spacing: Millimetres = None,
     joint_width: Millimetres = None,
+    explain: Annotated[str | None, unset("POLICY")] = None,
 ) -> None:
-    """Write one episode as MP4 or GIF, or its last moment as PNG; or, before anything is cut, the plan of a job.
+    """Write one episode as MP4 or GIF, or its last moment as PNG; or a job's plan; or what a policy does differently.
 
     Args:
         out: file to write; .mp4, .gif or .png.
         controller: as for benchmark.
-        scenario: name or TOML file.
+        scenario: name or TOML file. Default: wavy; with --explain a step, a wave and a hole.
         machine: what cuts, in place of what the scenarios say of a machine: a preset (kerfgym machine list) or a file.
         seed: scenario seed.
         seconds: of the episode to show. Default: all of it.
@@ -381,8 +382,18 @@ def render(
         joints: of jobs, micro-joints that hold each part.
         joint_spacing: of jobs, mm from joint to joint.
         joint_width: of jobs, mm of sheet that a joint leaves. Default: 0.5.
+        explain: policy of a height follower whose actions over time are drawn instead, with what they add to the
+            command, the sheet, and the error beside that of its base.
     """
     _agree(allow_code)
+    if explain is not None:
+        from .render.explained_picture import paint as paint_actions
+
+        for note in paint_actions(out, explain, (scenario,) if scenario else (), seed):
+            typed.say(f"{explain}: {note}")
+        print(out)
+        return
+    scenario = scenario or "wavy"
     how = cut_as(lead_in, kerf, joints, joint_spacing, joint_width)
     if plan is not None:
         from .render.plans import paint
@@ -443,6 +454,7 @@ def tune(
     trials: Whole = None,
     budget: Annotated[str | None, unset("STEPS|NAME")] = None,
     sampler: Text = None,
+    gradient: bool = False,
     metric: Annotated[UseAppendAction[list[str]], arg(aliases=["-m"], metavar="METRIC")] = [],  # noqa: B006
     ms: Real = None,
     jitter: Real = None,
@@ -488,6 +500,9 @@ def tune(
             tuned and trained with, so that both can be compared. Steps that tuned --controller before count, too.
         sampler: tpe+cmaes (TPE explores, CMA-ES finishes), tpe, cmaes, gp, random or nsga2. Default: tpe+cmaes, for
             several metrics and for an algorithm's settings tpe.
+        gradient: TPE explores, and from the best that it finds a minimiser goes down along exact slopes of score and Ms
+            through the known machine. For rms_true and followers whose law has a derivative. A trial with slopes counts
+            its steps once more for each parameter.
         metric: what is made best; several give a Pareto front. Default: rms_true, for jobs the suite's own.
         ms: largest sensitivity peak Ms that is allowed; inf: any. Default: 2, for jobs any.
         jitter: largest command jitter that is allowed, mm/s per ms. Default: any.
@@ -520,6 +535,7 @@ def tune(
     for_controllers: dict[str, Any] = {"controller": controller, "suite": suite}
     for_controllers |= {"metric": metric or None, "ms": ms, "jitter": jitter, "overshoot": overshoot}
     for_controllers |= {"limit": limit or None, "seeds": seeds, "budget": budget, "extrapolate": extrapolate or None}
+    for_controllers |= {"gradient": gradient or None}
     cuts = loaded(machine)
     if study is not None:
         from .tune import searches, study_file
@@ -538,7 +554,7 @@ def tune(
         return
     run: Any = controllers.tune
     if command.trains(what, env, steps, set_):
-        from .train.folder import trained_in
+        from .train.training import trained_in
         from .tune import learners
 
         more = trained_in([suite] if suite else [], scenario, cuts)
@@ -564,6 +580,9 @@ def train(
     env: Text = None,
     steps: Whole = None,
     seed: int = 0,
+    seeds: int = 1,
+    test_seeds: int = 24,
+    jobs: int = 2,
     preset: Annotated[Path | None, unset("FILE")] = None,
     set_: Annotated[UseAppendAction[list[str]], arg(name="set", metavar="KEY=VALUE")] = [],  # noqa: B006
     suite: Annotated[UseAppendAction[list[str]], arg(metavar="NAME|FOLDER")] = [],  # noqa: B006
@@ -584,6 +603,10 @@ def train(
         env: id of the environment. Default: the preset's, or kerfgym/HeightFollowing-v0.
         steps: simulated steps of training. Default: the preset's.
         seed: of everything random.
+        seeds: trainings, with the seeds from --seed on; runs/<name>/ then holds a folder for each, and a summary.
+        test_seeds: of each scenario by which the training is evaluated, on which the policy is compared with its base
+            and the best classical controller at the end; 0: it is not.
+        jobs: trainings at a time.
         preset: settings to train with, such as tune ppo writes, or the settings.toml of another training. Default: the
             shipped ones of environment and algorithm.
         set_: a value of the preset, by dotted name (algorithm.gamma=0.97, environment.scenario=["wavy","step"],
@@ -601,11 +624,17 @@ def train(
         resume: go on with a run that another command began. The same command goes on without this option.
     """
     _agree(allow_code)
-    from .train.folder import train as run
-    from .train.folder import trained_in
+    from .train.training import train as run
+    from .train.training import trained_in
 
     more = trained_in(suite, scenario, loaded(machine))
-    folder = run(algorithm, env, steps, seed, set_, name, device, threads, ms, overwrite, resume, preset, more)
+    given = [*(("--suite", each) for each in suite), *(("-s", each) for each in scenario)]
+    given += [("--machine", machine)] if machine else []
+    where = [word for pair in given for word in pair]
+    folder = run(
+        algorithm, env, steps, seed, set_, name, device, threads, ms, overwrite, resume, preset, seeds, test_seeds,
+        jobs, more, where,
+    )  # fmt: skip
     print(f"\n{folder}")
 
 

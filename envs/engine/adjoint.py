@@ -1,4 +1,4 @@
-"""Derivatives of parts, made from their own text: reverse-mode differentiation (Griewank and Walther 2008).
+"""Derivatives of parts, made from their own text: reverse and forward mode (Griewank and Walther 2008).
 
 Parts are written once. The compiler reads them as machine code; this module reads the same text as a graph of numbers,
 and walks that graph backwards::
@@ -10,6 +10,9 @@ and walks that graph backwards::
 ``back`` is a part itself. A number's *adjoint*, written with a bar or here with an underscore, is the derivative of
 whatever one asks for by that number: ``s_after_`` and ``head_`` are those of the results, ``r_`` and ``s_`` those of
 the arguments that ``of`` names. They have the classes of what they belong to.
+
+:func:`tangent` makes the other direction of the same graph: how results change when arguments do. That is the cheaper
+one where little is moved and much depends on it, such as a law's few gains.
 
 What can be read: assignments, arithmetic, comparisons, ``a if c else b``, ``if``, ``return``, loops over a ``range``
 that is known beforehand, NamedTuples with ``_replace``, calls of other parts, arrays at indices that are known
@@ -589,6 +592,30 @@ def _spread(
         add(x, g.times(bar, g.make("sine", g.make("+", x, 0.5 * math.pi))))
 
 
+# ------------------------------------------------------------------------------------------- the graph, forwards
+
+
+def forwards(graph: Graph, seeds: dict[int, Any]) -> dict[int, Any]:
+    """Tangents of all nodes, from those of some (forward mode); a node without any has a tangent of 0.
+
+    The graph grows by what computes them. A node's tangent is what each of its arguments hands on to it, and what it
+    hands back to that argument is the same product; so :func:`_spread` knows both.
+    """
+    dots = dict(seeds)
+    for index in range(len(graph.nodes)):
+        operation, *arguments = graph.nodes[index]
+        for source in dict.fromkeys(each for each in arguments if isinstance(each, Number)):
+            dot = dots.get(source, 0.0)
+
+            def add(x: Any, share: Any, source: Number = source, index: int = index) -> None:
+                if same(x, source):
+                    dots[Number(index)] = graph.plus(dots.get(Number(index), 0.0), share)
+
+            if not is_zero(dot):
+                _spread(graph, operation, arguments, Number(index), dot, add)
+    return dots
+
+
 # ------------------------------------------------------------------------------------------- from graph to part
 
 
@@ -683,14 +710,8 @@ def adjoint(
     Raises:
         InvalidInput: the part holds something whose derivative is not known; says where.
     """
-    graph, heap = Graph(), dict[tuple[str, int], Any]()
-    names = list(inspect.signature(function).parameters)
-    unknown = {*kinds, *of} - set(names)
-    if unknown or set(names) - set(kinds):
-        raise InvalidInput(f"{function.__name__} takes {names}; kinds are those of {sorted(kinds)}, of is {list(of)}")
-    arguments = {name: given(graph, kinds[name], name) for name in names}
-    reader = Reader(graph, heap)
-    returned = reader.call(function, [*arguments.values()], {})
+    reader, arguments, returned = _opened(function, of, kinds)
+    graph, names = reader.graph, [*arguments]
     results = returned if isinstance(returned, tuple) else (() if returned is None else (returned,))
     arrays = [name for name, value in arguments.items() if isinstance(value, Array)]
 
@@ -719,9 +740,57 @@ def adjoint(
     lines += [f"{place} = {writer.text(value)}" for place, value in changes.items()]
     if wanted:
         lines.append(f"return {writer.text(wanted[0] if len(wanted) == 1 else tuple(wanted))}")
-    taken = [name for name in names if not isinstance(kinds[name], bool | int | float | np.generic)]
+    taken = _taken(kinds, names)
     taken += [f"result_{i}" for i in range(len(results))] + [f"{name}_bar" for name in arrays]
     return _made(f"{function.__name__}_adjoint", taken, lines or ["pass"], writer.space)
+
+
+def tangent(function: Callable[..., Any], of: Iterable[str], **kinds: Any) -> Callable[..., Any]:
+    """The forward-mode derivative of a part, as a part.
+
+    Args:
+        function: the part; it may read arrays, whose numbers are constants here, but must not write into them.
+        of: names of the arguments that have tangents.
+        kinds: as for :func:`adjoint`.
+
+    Returns:
+        a part that takes the arguments that are no constants, in order, then the tangents of those of ``of``, in their
+        order. It returns the tangent of what the part returns. Its attribute ``text`` holds all that it computes.
+
+    Raises:
+        InvalidInput: the part holds something whose derivative is not known; says where.
+    """
+    reader, arguments, returned = _opened(function, of, kinds)
+    if reader.heap:
+        raise InvalidInput(f"no tangent of {function.__name__}: it writes into an array")
+    graph, seeds = reader.graph, dict[int, Any]()
+    for name in of:
+        _seed(graph, seeds, arguments[name], given(graph, kinds[name], f"{name}_dot"))
+    dots = forwards(graph, seeds)
+    writer = _Writer(graph)
+    several = isinstance(returned, tuple)
+    whole = tuple(_dots(each, dots) for each in returned) if several else _dots(returned, dots)
+    lines = [*writer.lines([whole]), f"return {writer.text(whole)}"]
+    taken = [*_taken(kinds, [*arguments]), *(f"{name}_dot" for name in of)]
+    return _made(f"{function.__name__}_tangent", taken, lines, writer.space)
+
+
+def _opened(
+    function: Callable[..., Any], of: Iterable[str], kinds: dict[str, Any]
+) -> tuple[Reader, dict[str, Any], Any]:
+    """A part as a graph: what has read it, its arguments by name, and what it returns."""
+    names = list(inspect.signature(getattr(function, "py_func", function)).parameters)
+    unknown = {*kinds, *of} - set(names)
+    if unknown or set(names) - set(kinds):
+        raise InvalidInput(f"{function.__name__} takes {names}; kinds are those of {sorted(kinds)}, of is {list(of)}")
+    reader = Reader(Graph(), {})
+    arguments = {name: given(reader.graph, kinds[name], name) for name in names}
+    return reader, arguments, reader.call(function, [*arguments.values()], {})
+
+
+def _taken(kinds: dict[str, Any], names: list[str]) -> list[str]:
+    """Arguments that are no constants."""
+    return [name for name in names if not isinstance(kinds[name], bool | int | float | np.generic)]
 
 
 def _seed(graph: Graph, seeds: dict[int, Any], value: Any, bar: Any) -> None:
@@ -747,6 +816,14 @@ def _bars(graph: Graph, value: Any, bars: dict[int, Any]) -> Any:
     if isinstance(value, Struct):
         return Struct(value.cls, [_bars(graph, each, bars) for each in value.values])
     return bars.get(value, 0.0) if isinstance(value, Number) else 0.0
+
+
+def _dots(value: Any, dots: dict[int, Any]) -> Any:
+    """Tangents of a result, in its class; those of what is true or false are False."""
+    if isinstance(value, Struct):
+        pairs = zip(value.values, lanes.kinds(value.cls), strict=True)
+        return Struct(value.cls, [False if kind is bool else _dots(each, dots) for each, kind in pairs])
+    return dots.get(value, 0.0) if isinstance(value, Number) else 0.0
 
 
 def _made(name: str, arguments: list[str], lines: list[str], space: dict[str, Any]) -> Callable[..., Any]:

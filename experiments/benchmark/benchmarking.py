@@ -147,6 +147,26 @@ def run_grids(
     return found
 
 
+def unwritten(grid: Grid, workers: int = 1) -> Results:
+    """The results of one small grid, without Ms, and without a folder: whoever is interrupted begins anew."""
+    known = grid.known()
+    todo = cases(grid.controllers, grid.scenarios, grid.seeds, False)
+    for team in {case.controller: known[case.controller] for case in todo}.values():
+        _warm(team)
+    tasks = sorted([(case.key(known[case.controller]), case) for case in todo], key=lambda task: task[0])
+    tables: dict[str, list[pd.DataFrame]] = {}
+    done = dict(pool.spread(_named, tasks, workers))
+    for key, _ in tasks:  # in an order of their own: the tables are those of any number of workers
+        for name, frame in done[key].items():
+            tables.setdefault(name, []).append(frame)
+    joined = {name: pd.concat(frames, ignore_index=True) for name, frames in tables.items()}
+    return _results(grid, known, joined, {})
+
+
+def _named(task: tuple[str, Case]) -> tuple[str, dict[str, pd.DataFrame]]:
+    return task[0], _work(task[1])[1]
+
+
 def _quickness(case: Case, team: Team) -> int:
     """Where a task comes: what takes longest goes first, so that the cores finish together."""
     return 0 if team.z.python else 1 if case.scenario is None else 2 if case.with_job else 3

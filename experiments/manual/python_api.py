@@ -40,6 +40,7 @@ PUBLIC: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
         "Simulate without an environment, and measure. [Add a metric](add-a-metric.md) lists the metrics.",
         {
             "experiments.measure.rollout": ("roll",),
+            "experiments.measure.slopes": ("Slopes",),
             "envs.figures.recording": ("Recording", "Recording.error", "Recording.reported_error", "Recording.scored"),
             "envs.figures.metrics": ("metric", "evaluate"),
             "envs.figures.job_metrics": ("Jobs", "metric"), "envs.figures.registered": ("Shown", "Called"),

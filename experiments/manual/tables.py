@@ -13,6 +13,7 @@ from ...envs.control import stack as stacks
 from ...envs.engine.quantity import InvalidInput, did_you_mean
 from ...envs.figures import job_metrics, metrics
 from ...envs.figures.registered import Registry
+from ..measure import margins
 from ..store import markdown
 from ..studies import recorded
 from ..studies.marks import written
@@ -295,19 +296,54 @@ def policies(found: dict[str, Any]) -> str:
     return markdown.table(titles, rows)
 
 
-_SUITES = {
-    "kerfgym/HeightFollowing-v0": "following",
-    "kerfgym/ContourFollowing-v0": "contour",
-    "kerfgym/Cutting-v0": "cutting",
-}
-
-
 def _of_base(own: dict[str, Any], base: str) -> str:
-    """The median of the trainings' scores over that of what they stand on, in the suite of their environment."""
-    suite = recorded.read(_SUITES[own["environment"]])
+    """The median of the trainings' scores over that of what they stand on, in the suite that they were made for."""
+    suite = recorded.read(own["suite"])
     if not own.get("seeds") or suite is None or base not in suite["numbers"]:
         return "–"
     return written(own["seeds"]["score"]["median"] / suite["numbers"][base]["score"], ".2f")
+
+
+@made("at-work", "at-work")
+def at_work(found: dict[str, Any]) -> str:
+    """Ms and margins at feeds at which policies act."""
+    rows = []
+    for suite, controllers in found["numbers"].items():
+        for name, feeds in controllers.items():
+            for feed, own in feeds.items():
+                noise = f"{own['ms_noise']:.2f} ({own['ms_noise_low']:.2f} … {own['ms_noise_high']:.2f})"
+                room = (margins.in_words(float(own[key]), most) for key, most in _MOST.items())
+                rows.append((f"`{name}`", f"`{suite}`", feed, f"{own['ms']:.2f}", noise, *room))
+    titles = ("controller", "machine of", "feed, mm/s", "Ms sine", "Ms noise", "gain", "delay, ms")
+    return markdown.table(titles, rows)
+
+
+_MOST = {"gain_margin": float(margins.GAINS[-1]), "delay_margin": float(margins.DELAYS[-1])}
+"""The largest that is tried."""
+
+
+@made("learners", "learners")
+def learners(found: dict[str, Any]) -> str:
+    """Scores over the base's, by what is equal, best first."""
+    rows = []
+    for equal, each in found["numbers"].items():
+        for name, own in sorted(each.items(), key=lambda item: item[1]["median"]):
+            score = f"{written(own['median'])} ({written(own['best'])} … {written(own['worst'])})"
+            cost = (f"{1e-6 * own['training_steps']:.2f} M", written(own["cpu_seconds"], ".0f"))
+            jitter = written(own["jitter"] / own["base_jitter"], ".2f")
+            rows.append((equal, f"`{name}`", *cost, own["trainings"], score, jitter, own["failed"]))
+    score = "score ÷ base's: median (best … worst)"
+    titles = (
+        "equal",
+        "learner",
+        "steps of training",
+        "CPU-seconds",
+        "trainings",
+        score,
+        "jitter ÷ base's",
+        "failed runs",
+    )
+    return markdown.table(titles, rows)
 
 
 @made("filter-grid", "filter-grid")

@@ -18,7 +18,8 @@ and its variance). What friction, thresholds and limits add scatters too. Its li
 of a loop near its limit of stability the sines tell more.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from scipy import stats
@@ -33,6 +34,9 @@ from .plants import STANDARD, Machine
 
 LIMIT_MS = 2.0
 """Largest Ms that tuning allows a follower unless told otherwise, as the following suite's ranking does."""
+
+FEED = 0.0
+"""mm/s: the sheet moves, the head need not travel. A law that learns over travel is another one at another feed."""
 
 AMPLITUDE = 0.020
 """mm"""
@@ -95,8 +99,8 @@ class Sensitivity:
         return float(self.low[at]), float(self.high[at])
 
 
-def _scenario(settle: float, window: float) -> Scenario:
-    return Scenario(name="injection", duration=settle + window, settle=settle, feed=0.0, set_height=0.8)
+def _scenario(settle: float, window: float, feed: float) -> Scenario:
+    return Scenario(name="injection", duration=settle + window, settle=settle, feed=feed, set_height=0.8)
 
 
 class Injection:
@@ -108,6 +112,7 @@ class Injection:
         settle, window: s.
         threads: worker threads.
         machine: whose corner plants are measured.
+        feed: mm/s.
     """
 
     def __init__(
@@ -118,44 +123,75 @@ class Injection:
         window: float = WINDOW,
         threads: int = 1,
         machine: Machine = STANDARD,
+        feed: float = FEED,
     ) -> None:
-        self.frequencies, self.scenario, self.machine = np.asarray(frequencies), _scenario(settle, window), machine
+        self.frequencies, self.machine = np.asarray(frequencies), machine
+        self.scenario = _scenario(settle, window, feed)
         corners, tones = np.meshgrid(np.arange(machine.size), self.frequencies, indexing="ij")
         self.corner, self.tone = corners.ravel(), tones.ravel()
         self.fleet = Fleet(self.corner.size, stack.law, heads.ensure([0]), threads)
         machine.prepare(self.fleet, self.scenario, self.corner)
         self.fleet.put_vibration(np.arange(self.fleet.size), 0, AMPLITUDE, self.tone, 0.0)
+        self._slopes: Any = None
 
     def measure(self, stack: Stack) -> Sensitivity:
         """|S| of ``stack``, whose law must be the fleet's."""
+        return self._measured(stack)[0]
+
+    def measure_with_slopes(self, stack: Stack, names: tuple[str, ...]) -> tuple[Sensitivity, np.ndarray]:
+        """The same, and slopes of the logarithm of |S| by parameters of the stack, per unit, at each frequency on the
+        corner plant where it is highest, (frequencies, parameters).
+
+        The steps are those of the machines and of their tangents, see :mod:`slopes`.
+
+        Raises:
+            InvalidInput: there is no slope by one of them.
+        """
+        from .slopes import Slopes  # makes its tangents when it is loaded
+
+        if self._slopes is None or self._slopes.names != names:
+            self._slopes = Slopes(self.fleet, stack, names, self.scenario.steps)
+        with self._slopes:
+            found, waves = self._measured(stack)
+        found = replace(found, steps=found.steps * (1 + len(names)))
+        if not np.isfinite(found.peak):
+            return found, np.full((len(self.frequencies), len(names)), np.nan)
+        highest = np.argmax(found.magnitude, axis=0) * len(self.frequencies) + np.arange(len(self.frequencies))
+        wave, first = waves[:, highest], self.scenario.settle_steps
+        gaps, tones = self._slopes.of_gap()[:, first:, highest], self.tone[highest]
+        change = np.stack([_waves(gap, tones, first) for gap in gaps])  # (parameters, 2, frequencies)
+        return found, ((change * wave).sum(axis=1) / (wave**2).sum(axis=0)).T
+
+    def _measured(self, stack: Stack) -> tuple[Sensitivity, np.ndarray]:
+        """|S|, and the sine and cosine of each machine's true gap, mm, (2, machines)."""
         record = rollout.anew(self.fleet, self.scenario, stack, np.zeros(self.fleet.size))
         gap = record["gap"][self.scenario.settle_steps :].astype(np.float64)
-        magnitude = _amplitude(gap, self.tone, self.scenario.settle_steps) / AMPLITUDE
+        waves = _waves(gap, self.tone, self.scenario.settle_steps)
+        magnitude = np.hypot(*waves) / AMPLITUDE
         magnitude[record.collided | ~np.isfinite(gap).all(axis=0)] = np.inf
-        shape = self.machine.size, len(self.frequencies)
-        return Sensitivity(self.frequencies, magnitude.reshape(shape), self.fleet.size * self.scenario.steps)
+        shape, steps = (self.machine.size, len(self.frequencies)), self.fleet.size * self.scenario.steps
+        return Sensitivity(self.frequencies, magnitude.reshape(shape), steps), waves
 
 
-def _amplitude(x: np.ndarray, tones: np.ndarray, first: int) -> np.ndarray:
-    """Amplitude at each column's own frequency: least squares on sine, cosine and a constant."""
+def _waves(x: np.ndarray, tones: np.ndarray, first: int) -> np.ndarray:
+    """Sine and cosine at each column's own frequency, (2, columns): least squares, with a constant beside them."""
     t = (np.arange(len(x)) + 1 + first) * 1e-3
-    out = np.empty(x.shape[1])
+    out = np.empty((2, x.shape[1]))
     for tone in np.unique(tones):
         columns = np.flatnonzero(tones == tone)
         basis = np.stack([np.sin(2 * np.pi * tone * t), np.cos(2 * np.pi * tone * t), np.ones_like(t)], axis=1)
         q, r = np.linalg.qr(basis)  # a tenth of the time of a general solver, whose threads get in each other's way
-        a, b, _ = np.linalg.solve(r, q.T @ x[:, columns])
-        out[columns] = np.hypot(a, b)
+        out[:, columns] = np.linalg.solve(r, q.T @ x[:, columns])[:2]
     return out
 
 
-def sensitivity(stack: Stack, threads: int = 1, machine: Machine = STANDARD) -> Sensitivity:
+def sensitivity(stack: Stack, threads: int = 1, machine: Machine = STANDARD, feed: float = FEED) -> Sensitivity:
     """|S| of a stack with sines, at the suite's frequencies and around its peak, on a machine's corner plants."""
-    found = Injection(stack, threads=threads, machine=machine).measure(stack)
+    found = Injection(stack, threads=threads, machine=machine, feed=feed).measure(stack)
     around = _around(found)
     if not around.size:
         return found
-    finer = Injection(stack, around, threads=threads, machine=machine).measure(stack)
+    finer = Injection(stack, around, threads=threads, machine=machine, feed=feed).measure(stack)
     order = np.argsort(np.concatenate([found.frequencies, finer.frequencies]), kind="stable")
     return Sensitivity(
         np.concatenate([found.frequencies, finer.frequencies])[order],
@@ -191,11 +227,14 @@ class Noise:
         threads: worker threads.
         machine: whose corner plants are measured.
         draws: of the phases, on each corner plant.
+        feed: mm/s.
     """
 
-    def __init__(self, stack: Stack, threads: int = 1, machine: Machine = STANDARD, draws: int = DRAWS) -> None:
+    def __init__(
+        self, stack: Stack, threads: int = 1, machine: Machine = STANDARD, draws: int = DRAWS, feed: float = FEED
+    ) -> None:
         self.machine, self.draws = machine, draws
-        self.scenario = _scenario(REST, PERIODS / LINE)
+        self.scenario = _scenario(REST, PERIODS / LINE, feed)
         self.fleet = Fleet(machine.size * draws, stack.law, heads.ensure([0]), threads)
         machine.prepare(self.fleet, self.scenario, np.repeat(np.arange(machine.size), draws))
         phases = np.random.default_rng(SEED).uniform(0.0, 2 * np.pi, (self.fleet.size, LINES.size))
@@ -257,6 +296,6 @@ def _cross_spectral(x: np.ndarray, y: np.ndarray, draws: int) -> tuple[np.ndarra
     return size_of, np.maximum(size_of - half, 0.0), size_of + half
 
 
-def broadband(stack: Stack, threads: int = 1, machine: Machine = STANDARD) -> Sensitivity:
+def broadband(stack: Stack, threads: int = 1, machine: Machine = STANDARD, feed: float = FEED) -> Sensitivity:
     """|S| of a stack with noise on a machine's corner plants."""
-    return Noise(stack, threads, machine).measure(stack)
+    return Noise(stack, threads, machine, feed=feed).measure(stack)

@@ -17,6 +17,7 @@ from ...envs.scenarios import SPLITS
 from ..measure.stability import LIMIT_MS
 from ..plots.palette import Look, looks
 from ..results.conclusions import Results
+from ..statistics.rivals import is_learned
 from ..store.runs import write_text
 from . import (
     answer,
@@ -26,6 +27,7 @@ from . import (
     headings,
     heat,
     kerfs,
+    learned,
     limits,
     out_of_distribution,
     performance,
@@ -71,7 +73,7 @@ def page(folder: Path, grids: dict[str, Results], meta: dict[str, Any]) -> str:
     standings = {suite.name: all_of(suite) for suite in suites}
     chapters = [_chapter(suite, standings[suite.name], look, labels) for suite in suites]
     curves = training.curves(controllers)
-    learned = [labels[n] for n in controllers if any(_learned(s.results.meta, n) for s in suites)]
+    policies = [labels[n] for n in controllers if any(is_learned(s.results, n) for s in suites)]
     widgets = {"oscilloscope": scope.widget(suites, labels), "kerfs": kerfs.widget(suites, labels)}
     for data in widgets.values():
         if data:
@@ -104,7 +106,7 @@ def page(folder: Path, grids: dict[str, Results], meta: dict[str, Any]) -> str:
         blamed=_there(blame.figure(s, look, labels) for s in suites),
         headroom=[row for s in suites for row in blame.headroom(s, labels)],
         widgets={name: Markup(as_json(data)) if data else None for name, data in widgets.items()},
-        limits=limits.sentences(suites, learned),
+        limits=limits.sentences(suites, policies),
         record=record(suites, meta),
         is_figure=_is_figure,
         css=Markup((HERE / "report.css").read_text(encoding="utf-8")),
@@ -124,10 +126,6 @@ def _there(figures: Iterable[Figure | None]) -> list[Figure]:
 
 def _is_figure(thing: Any) -> bool:
     return isinstance(thing, Figure)
-
-
-def _learned(meta: dict[str, Any], name: str) -> bool:
-    return "policy" in str((meta.get("tuning") or {}).get(name, {}).keys()) if meta else False
 
 
 def _chapter(
@@ -151,9 +149,11 @@ def _chapter(
         "groups": table.groups(suite, standings),
         "unranked": {name: list(why) for name, why in own.frame["reasons"].items() if why},
         "methods": table.methods(suite),
+        "learned": learned.chapter(suite, labels),
         "ranked_by": headings.ranked_by(suite),
         "machines": table.by_machine(suite),
         "unmeasured": table.unmeasured(suite),
+        "ranged": table.ranged(suite),
     }
 
 

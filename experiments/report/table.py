@@ -9,6 +9,7 @@ from . import cells, headings
 from .numbers import ends, fixed, known, listed, number, span
 from .standing import Standing
 from .suite import Suite
+from .terminal import RANGED
 
 FOLLOWERS = {"score": True, "true gap error": True, "reported": False, "cut of thin sheet": False, "command": False}
 JOBS = {"ranked by": True, "contour error": True, "true gap error": False, "cut": True, "time": True}
@@ -70,6 +71,12 @@ def unmeasured(suite: Suite) -> list[str]:
     """Why some have no Ms or no margins, in sentences."""
     found = suite.results.unmeasured
     return [f"{', '.join(names)} on the machine {machine}: {why}" for (machine, why), names in found]
+
+
+def ranged(suite: Suite) -> str:
+    """Whose Ms and margins may be its base's, in a sentence; empty if nobody's are."""
+    names = suite.results.ranged if len(suite.results.stability) else []
+    return f"{', '.join(names)}: {RANGED}" if names else ""
 
 
 def by_machine(suite: Suite) -> list[dict[str, Any]]:

@@ -13,18 +13,26 @@ from ...envs.plant.controller import INFORMATION, PERIOD
 from ...envs.plant.machine import SUBSTEPS
 from ...envs.scenarios.material import material
 from ..bounds.stored import LABEL, LINEAR
+from ..measure import margins, stability
 from ..results.conclusions import REFERENCE, Results
 from ..statistics.budgets import MARKS
 from ..statistics.comparison import by_scenario, methods, relative
 from ..statistics.pooling import declared
 from ..statistics.ranks import order
 from ..store.markdown import table
-from . import headings
+from . import headings, learned
 from .headings import figure as _figure
 from .headings import number as _number
+from .numbers import part as of_all
 from .suite import Suite
 
 _WIDEST = 1000
+
+RANGED = (
+    f"beyond the feeds of its training such a policy is its base; Ms is measured at {stability.FEED:g} mm/s and the "
+    f"margins at {margins.FEED:g} mm/s, so these may be the base's"
+)
+"""What a reader of a policy's stability must know."""
 
 
 @dataclass
@@ -91,7 +99,7 @@ class TextTable:
 
 def sheets(results: Results) -> list[TextTable]:
     """The tables of a grid: one row a controller, best score first, and what explains it."""
-    return (_jobs(results) if results.jobs else _following(results)) + _methods(results)
+    return (_jobs(results) if results.jobs else _following(results)) + _methods(results) + _learned(results)
 
 
 def budget_note(summary: Any) -> str:
@@ -186,6 +194,7 @@ def _machines(results: Results) -> list[str]:
     return [
         f"Ms, gain, delay: on the worst corner plant {which};",
         *(f"not measured: {', '.join(names)} on {at}: {why}." for (at, why), names in results.unmeasured),
+        *(f"{', '.join(names)}: {RANGED}." for names in [results.ranged] if names),
     ]
 
 
@@ -297,6 +306,29 @@ def _methods(results: Results) -> list[TextTable]:
         rows.append([row["method"], str(len(row["members"])), *figures])
     note = "members: trainings that differ in their seed alone; intervals are over trainings and over seeds."
     return [TextTable("methods that were trained or tuned several times", titles, [rows], [note])]
+
+
+def _learned(results: Results) -> list[TextTable]:
+    """Policies against the best classical controller and against their bases, a row each."""
+    found = learned.comparisons(results)
+    if not found:
+        return []
+    unit = results.registered[results.metric].unit
+    titles = ["learned", "against", unit, f"its {unit}", "gain, %", "P99 gain, %", "closed, %"]
+    titles += ["closer in", "farther in", "collisions", "its collisions"]
+    rows, notes = [], []
+    for each in found:
+        pair, row = each.pair, each.score
+        gains = [_figure(row, name, "{:.1f}") for name in ("gain", "p99_gain")]
+        sure = [f"{len(names)}/{len(each.apart)}" for names in (each.closer, each.farther)]
+        cells = [pair.one, pair.other + " (its base)" * pair.base, _number(row["one"]), _number(row["other"]), *gains]
+        cells += [_number(row["closed"], "{:.0f}"), *sure]
+        rows.append([*cells, *(of_all(row[f"collisions_{side}"], row[f"runs_{side}"]) for side in ("one", "other"))])
+        notes += [words for words in (learned.choice(pair), learned.beside_base(each) if pair.base else "") if words]
+        notes.append(learned.spent(pair.one, pair.other, learned.effort(results, pair)))
+    notes.insert(0, "over the runs in which neither failed; closed: share of the way to the bound; closer, farther: in")
+    notes[0] += " how many scenarios that is sure. Scenario by scenario: report.html and learned.csv."
+    return [TextTable("learned against classical", titles, [rows], notes, words=(0, 1))]
 
 
 def _seeds(results: Results) -> str:

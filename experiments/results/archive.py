@@ -23,6 +23,7 @@ from ...envs import scenarios
 from ...envs.engine.quantity import InvalidInput, did_you_mean
 from ...envs.safety import files
 from ...envs.tasks import workshop
+from ..statistics import rivals
 from ..store import kinds, runs, tabular
 from .conclusions import Results
 
@@ -96,6 +97,8 @@ def save_tables(
         at = place(folder, name, len(grids) > 1)
         runs.write_table(at, "runs", results.runs)
         runs.write_table(at, "summary", named(results))
+        if len(beside := rivals.table(results)):
+            runs.write_table(at, "learned", beside)
         kind = "jobs" if results.jobs else "following"
         for table in TABLES[kind]:
             frame = getattr(results, table)

@@ -22,7 +22,7 @@ from ...envs.figures import evidence, job_metrics, metrics
 from ...envs.figures.registered import Metric, Registry
 from ..measure.plants import STANDARD
 from ..statistics import comparison, pooling
-from ..statistics.budgets import budgets
+from ..statistics.budgets import budgets, slots
 from ..statistics.ranks import standings
 
 REFERENCE, INFORMED = "xi2023-tuned", "preview-5ms"
@@ -226,6 +226,18 @@ class Results:
         """Machine and reason for which some have no Ms or no margins, and their names."""
         found = self.stability.reindex(columns=["machine", "reason", "controller"])
         return found[found["reason"] != ""].groupby(["machine", "reason"], sort=False)["controller"]
+
+    @property
+    def ranged(self) -> list[str]:
+        """Policies that are their base beyond a range of feeds, so that Ms and margins, measured at rest and at a high
+        feed, may be their base's."""
+        told = {name: slots(record) for name, record in (self.meta.get("tuning") or {}).items()}
+        policies = {name: [body.get("policy") for body in bodies.values()] for name, bodies in told.items()}
+        return [
+            name
+            for name in self.controllers
+            if any(isinstance(made, dict) and "feed" in str(made.get("range", "")) for made in policies.get(name, ()))
+        ]
 
     def summary(self) -> pd.DataFrame:
         """One row per controller: score and ratio with intervals, budget, collision and failure counts, other metrics

@@ -157,7 +157,7 @@ def _ratio(
         return _exp(replicates.interval(one[names.index(reference)] - one[names.index(name)]))
     if name == reference:
         return Interval(1.0, 1.0, 1.0)
-    pair = _neither_failed(found[name], found[reference])
+    pair = neither_failed(found[name], found[reference])
     if pair is None:
         return Interval(math.nan)
     return _exp(replicate(pair, pooled(power)).interval([-1.0, 1.0]))
@@ -233,14 +233,14 @@ def _steadier(one: Sample, other: Sample, risk: float) -> int:
 def _closer(one: Sample, other: Sample, risk: float, power: float) -> int:
     """1 if the first has the significantly smaller score over the runs in which neither failed, −1 if the second has, 0
     if neither; ``risk`` of an error."""
-    pair = _neither_failed(one, other)
+    pair = neither_failed(one, other)
     if pair is None or not math.isfinite(power):
         return 0
     apart = replicate(pair, pooled(power)).interval([1.0, -1.0], 1.0 - risk)
     return int(apart.high < 0.0) - int(apart.low > 0.0)
 
 
-def _neither_failed(one: Sample, other: Sample) -> list[Sample] | None:
+def neither_failed(one: Sample, other: Sample) -> list[Sample] | None:
     """Both on the seeds that both have, without the runs in which one failed; None if a scenario has none left."""
     mine, theirs = common(one, other)
     both = np.isfinite(mine) & np.isfinite(theirs)

@@ -78,9 +78,18 @@ async def _greeted(scheduler: str) -> None:
 
 
 def spread(
-    function: Callable[[Any], Any], tasks: list[Any], workers: int, backend: str = "loky", scheduler: str | None = None
+    function: Callable[[Any], Any],
+    tasks: list[Any],
+    workers: int,
+    backend: str = "loky",
+    scheduler: str | None = None,
+    few: int = 2,
 ) -> Iterator[Any]:
     """``function`` of every task, in the order in which they are done.
+
+    Args:
+        function, tasks, workers, backend, scheduler: what is done, and by whom.
+        few: so many tasks are done here: they are over before processes have begun.
 
     Raises:
         InvalidInput: the scheduler does not answer or has no workers; or what ``function`` raises.
@@ -90,7 +99,7 @@ def spread(
     if backend == "dask" and tasks:
         with _cluster(workers, scheduler):
             yield from Parallel(n_jobs=-1, return_as="generator_unordered")(delayed(function)(task) for task in tasks)
-    elif workers == 1 or len(tasks) <= 2:
+    elif workers == 1 or len(tasks) <= few:
         for task in tasks:
             yield function(task)
     else:

@@ -11,7 +11,8 @@ from ..report import cut_quality
 from ..reproduce import fit_cut
 from ..store.stamp import LOADED, trained
 from .registry import Trial, study
-from .ship import TRAINED
+from .same_face import FILE as LEARNERS
+from .ship import TRAINED, suite_of
 
 SHEETS = (("c45-10", None), ("thin-sheet", None))
 """Materials, and their thickness where there are several."""
@@ -50,7 +51,7 @@ def of_quality(trial: Trial) -> dict[str, Any]:
 @study(
     "policies",
     "what the shipped policies' trainings cost, and what other seeds come to",
-    "python -m kerfgym.experiments.studies.ship --seeds 3",
+    "python -m kerfgym.experiments.manual policies",
     0.1,
     (*trained(), "agents/trained/*/run.json", "agents/trained/*/*.csv"),
 )
@@ -64,7 +65,8 @@ def _policy(name: str) -> dict[str, Any]:
     record = files.json_(folder / "run.json")
     document = files.json_(folder / "policy.json")
     ledger, settings = record["ledger"], record["settings"]
-    found = {"environment": record["env"], "algorithm": record["algorithm"], "seed": record["seed"]}
+    found = {"environment": record["env"], "suite": suite_of(name), "algorithm": record["algorithm"]}
+    found |= {"seed": record["seed"]}
     found |= {"steps": ledger["training_steps"], "simulated_steps": ledger["simulated_steps"]}
     found |= {"cpu_seconds": ledger["cpu_seconds"], "layers": settings["policy.net_arch"]}
     found |= {"base": settings.get("environment.base"), "control": settings.get("environment.control")}
@@ -77,3 +79,23 @@ def _policy(name: str) -> dict[str, Any]:
             for column in columns
         } | {"count": len(frame), "each": frame["score"].tolist()}
     return found
+
+
+@study(
+    "learners",
+    "every learner on the same face, at equal steps and at equal CPU time",
+    "python -m kerfgym.experiments.studies.same_face",
+    0.1,
+    ("agents/trained/learners.csv",),
+)
+def learners(trial: Trial) -> dict[str, Any]:
+    """Read from what the trainings left; nothing is trained here."""
+    table = pd.read_csv(LEARNERS)
+    found: dict[str, Any] = {}
+    for (equal, learner), group in table.groupby(["equal", "learner"], sort=False):
+        each = {"trainings": len(group), "failed": int(group["failed"].sum())}
+        each |= {name: group[name].median() for name in ("training_steps", "simulated_steps", "cpu_seconds", "jitter")}
+        each |= {"base_jitter": group["base_jitter"].iloc[0]}
+        each |= {"median": group["of_base"].median(), "best": group["of_base"].min(), "worst": group["of_base"].max()}
+        found.setdefault(str(equal), {})[str(learner)] = each
+    return {"numbers": found}

@@ -8,6 +8,7 @@ from ...envs.engine.quantity import InvalidInput
 from ...envs.scenarios import Machine
 from ..measure.stability import LIMIT_MS
 from ..statistics import budgets
+from . import gradients
 from .evaluate import with_jobs
 from .goals import Limit, Limits
 from .study import Task
@@ -39,6 +40,7 @@ def task(
     seeds: int | None,
     budget: str | None,
     extrapolate: bool | None,
+    gradient: bool | None = None,
     named: list[str] | None = None,
     machine: Machine | None = None,
 ) -> Task:
@@ -47,6 +49,9 @@ def task(
     Raises:
         InvalidInput: anything that no study can be made of.
     """
+    if gradient and sampler not in (None, gradients.SAMPLER):
+        raise InvalidInput(f"--gradient is a sampler of its own; --sampler {sampler} is not given beside it")
+    sampler = gradients.SAMPLER if gradient else sampler
     those = tuple(named or ())
     usual = "contour" if those and scenarios.load(those[0]).job else "following"
     suite = suite or usual

@@ -3,6 +3,7 @@
 Only *tune* seeds, and a suite's core, with those scenarios behind it in which nobody may collide.
 """
 
+import contextlib
 import time
 from typing import Any
 
@@ -21,6 +22,9 @@ from ..results import jobs
 from ..statistics.pooling import declared
 from ..store.ledger import Ledger
 from .goals import DESCENT, Figures
+
+PEAKS = 3
+"""Peaks of |S| whose slopes are measured."""
 
 TOGETHER = 2
 """Scenarios that share a fleet: what a candidate is judged by before it goes on. Not the number of cores, since a study
@@ -102,6 +106,7 @@ class Evaluator:
         self._rungs: dict[int, _Rung] = {}
         self._machines = list(plants.machines(self.scenarios))
         self._injections: list[stability.Injection] = []
+        self.bent: dict[str, np.ndarray] = {}  # slopes of each scenario's mean square, see :meth:`part`
 
     @property
     def follower(self) -> Stack:
@@ -120,6 +125,26 @@ class Evaluator:
             found = [injection.measure(candidate.full.z) for injection in self._injections]
         self.ledger.steps += sum(each.steps for each in found)
         return max(each.peak for each in found)
+
+    def bent_peaks(self, candidate: Team, names: tuple[str, ...]) -> tuple[float, np.ndarray, np.ndarray]:
+        """Ms as a benchmark measures it; the logarithms of the highest peaks of |S|, (peaks,); and their slopes by
+        these parameters, (peaks, parameters), per unit.
+
+        A descent would find the gaps between few frequencies, and what lowers the highest peak raises the next. Only at
+        the peaks tangents are needed.
+
+        Raises:
+            InvalidInput: there is no slope by one of them.
+        """
+        stack = candidate.full.z
+        with self.ledger.timed():
+            found = [stability.sensitivity(stack, self.threads, each) for each in self._machines]
+            at = max(range(len(found)), key=lambda i: found[i].peak)
+            highest = _peaks(found[at])
+            near = stability.Injection(stack, highest, threads=self.threads, machine=self._machines[at])
+            bent, slopes = near.measure_with_slopes(stack, names)
+        self.ledger.steps += sum(each.steps for each in (*found, bent))
+        return found[at].peak, np.log(bent.worst), slopes
 
     def exact_peak(self, candidate: Team) -> float:
         """Ms of sines on the suite's machines, as a benchmark measures it."""
@@ -146,9 +171,13 @@ class Evaluator:
         """Parts in which the scenarios are run."""
         return len(self._groups)
 
-    def part(self, i: int, candidate: Team, wanted: tuple[str, ...]) -> Figures:
-        """The metrics ``wanted`` of the scenarios of part ``i``; failed runs are NaN."""
-        found = self._part(i, candidate, wanted)
+    def part(self, i: int, candidate: Team, wanted: tuple[str, ...], by: tuple[str, ...] = ()) -> Figures:
+        """The metrics ``wanted`` of the scenarios of part ``i``; failed runs are NaN.
+
+        With ``by``, parameters of the slot z, :attr:`bent` then has the slopes of the mean square of the true gap
+        error over all runs, µm² per unit, (parameters,), of these scenarios.
+        """
+        found = self._part(i, candidate, wanted, by)
         if self._plain is None:
             return found
         if (i, wanted) not in self._unit:
@@ -162,15 +191,16 @@ class Evaluator:
             for s, of in found.items()
         }
 
-    def _part(self, i: int, candidate: Team, wanted: tuple[str, ...]) -> Figures:
+    def _part(self, i: int, candidate: Team, wanted: tuple[str, ...], by: tuple[str, ...]) -> Figures:
         self.ledger.use(int(s) for s in self.seeds)
         if self.jobs:
             return self._part_of_jobs(self._groups[i][0], candidate.full, wanted)
         if i not in self._rungs:
             self._rungs[i] = _Rung(self._groups[i], self.follower, self._groups[i][0].some(self.seeds), self.threads)
         start = time.process_time()
-        found = self._rungs[i].run(candidate.z, wanted)
-        self.ledger.add(self._rungs[i].steps, time.process_time() - start)
+        found = self._rungs[i].run(candidate.z, wanted, by)
+        self.bent |= self._rungs[i].bent
+        self.ledger.add(self._rungs[i].steps * (1 + len(by)), time.process_time() - start)
         return found
 
     def whole(self, candidate: Team, wanted: tuple[str, ...]) -> Figures:
@@ -191,6 +221,16 @@ class Evaluator:
         }
         self.ledger.add(int(fleet.tick) * len(self.seeds), time.process_time() - start)
         return {scenario.name: found}
+
+
+def _peaks(found: stability.Sensitivity) -> np.ndarray:
+    """The frequencies of the highest peaks, Hz, the highest first; no two side by side."""
+    worst = np.concatenate([[0.0], found.worst, [0.0]])
+    tops = np.flatnonzero((found.worst >= worst[:-2]) & (found.worst > worst[2:]))
+    tops = tops[np.argsort(-found.worst[tops], kind="stable")]
+    if not len(tops):  # it is infinite somewhere
+        tops = np.array([int(np.argmax(found.worst))])
+    return found.frequencies[tops[:PEAKS]]
 
 
 def _grouped(cases: list[Scenario], size: int) -> list[list[Scenario]]:
@@ -216,9 +256,12 @@ class _Rung:
         for scenario, mine in zip(group, self.machines, strict=True):
             scenarios.prepare(self.fleet, scenario, mine, seeds)
         self.steps = self.fleet.size * group[0].steps
+        self.bent: dict[str, np.ndarray] = {}
+        self._slopes: Any = None
 
-    def run(self, stack: Stack, wanted: tuple[str, ...]) -> Figures:
-        whole = rollout.anew(self.fleet, self.scenarios[0], stack, self.seeds)
+    def run(self, stack: Stack, wanted: tuple[str, ...], by: tuple[str, ...] = ()) -> Figures:
+        with self._tangents(stack, by):
+            whole = rollout.anew(self.fleet, self.scenarios[0], stack, self.seeds)
         found: Figures = {}
         for scenario, mine in zip(self.scenarios, self.machines, strict=True):
             part = slice(mine[0], mine[-1] + 1)
@@ -226,6 +269,8 @@ class _Rung:
             head = (scenario, whole.seeds[part], whole.set_height[part])
             record = Recording(*head, whole.data[:, :, part], *ends, to_the_end=True)
             broken = metrics.broken(record)
+            if by:
+                self.bent[scenario.name] = _mean_square_slopes(record, self._slopes.of_gap()[:, :, part])
             found[scenario.name] = {
                 name: figure if name == "collision" else np.where(broken, np.nan, figure)
                 for name in dict.fromkeys(wanted)
@@ -234,3 +279,22 @@ class _Rung:
             if scenario.start_above != 0:
                 found[scenario.name][DESCENT] = np.zeros(0)
         return found
+
+    def _tangents(self, stack: Stack, by: tuple[str, ...]) -> Any:
+        """A context in which the machines run with tangents, if there are parameters to have some."""
+        if not by:
+            return contextlib.nullcontext()
+        from ..measure.slopes import Slopes  # makes its tangents when it is loaded
+
+        if self._slopes is None or self._slopes.names != by:
+            self._slopes = Slopes(self.fleet, stack, by, self.scenarios[0].steps)
+        return self._slopes
+
+
+def _mean_square_slopes(record: Recording, slopes: np.ndarray) -> np.ndarray:
+    """Slopes of what ``rms_true`` is the root of, mean over the runs, µm² per unit, (parameters,).
+
+    ``slopes``: of the true gap, mm per unit, shape (parameters, periods, machines).
+    """
+    weight = 1e6 * record.scored / np.maximum(record.scored.sum(axis=0), 1) / record.scored.shape[1]
+    return 2.0 * np.einsum("tm,ptm->p", weight * record.error, slopes)

@@ -71,6 +71,9 @@ def _odd(trial: FrozenTrial) -> Any:
     fits = isinstance(asked, dict) and _whole(asked.get("generation")) and isinstance(asked.get("point"), list)
     if not fits or not all(map(_number, asked["point"])):
         yield "cmaes", asked, "a table of generation and point"
+    slopes = attributes.get("slopes", {})
+    if not (isinstance(slopes, dict) and all(isinstance(of, list) and all(map(_number, of)) for of in slopes.values())):
+        yield "slopes", slopes, "a table of lists of numbers"
     for value in trial.values or ():
         if not _number(value):
             yield "value", value, "a number"

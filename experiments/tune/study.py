@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
 import optuna
 from optuna.trial import FrozenTrial, Trial
 
@@ -13,7 +14,7 @@ from ...envs.control.stack import Team
 from ...envs.engine.quantity import InvalidInput
 from ...envs.scenarios import Machine
 from ..store.ledger import Ledger
-from . import goals, sampling, staged, storage
+from . import goals, gradients, sampling, staged, storage
 from .evaluate import Evaluator, with_jobs
 from .goals import Limits
 from .space import Space, space
@@ -103,6 +104,11 @@ class Task(Search):
         return len(self.metrics) == 1 and not self.stages
 
     @property
+    def descends(self) -> bool:
+        """Whether slopes are followed, see :mod:`gradients`."""
+        return self.sampler == gradients.SAMPLER
+
+    @property
     def peaks(self) -> bool:
         """Whether Ms is measured; of a search in stages, of whose results much is asked, even where any is allowed."""
         return math.isfinite(self.limits.ms) or (bool(self.stages) and not self.jobs)
@@ -139,6 +145,13 @@ class Task(Search):
             return self.trials
         return min(self.trials, self.budget // self.evaluator().steps)
 
+    @property
+    def explored(self) -> int:
+        """See :attr:`Search.explored`; before a descent at most half of the trials."""
+        if not self.descends:
+            return super().explored
+        return max(1, min(sampling.explored(self.expected, self.space), self.expected // 2))
+
     def evaluator(self, seeds: Any = None, threads: int = 1) -> Evaluator:
         """What runs its candidates, on its *tune* seeds unless told otherwise."""
         seeds = range(self.seeds) if seeds is None else seeds
@@ -153,6 +166,8 @@ class Task(Search):
             return Staged(self.stages, self.space, self.seed, self.trials, self.limits.ms, also), pruner
         positive = not goals.metric(self.metrics[0], self.jobs).zero
         cost = sampling.costs(1.0, positive, self.directions[0] == "maximize")
+        if self.descends:
+            return gradients.Descents(self.space, self.seed, explore, cost, self.limits.ms), pruner
         return sampling.Seeded(self.sampler, self.space, self.seed, explore, cost), pruner
 
     def check(self, workers: int = 1) -> None:
@@ -170,6 +185,8 @@ class Task(Search):
             raise InvalidInput(f"metric '{twice[0]}' is given twice")
         if self.stages:
             staged.check(self.stages, self.trials, self.directions, workers, self.space)
+        elif self.descends:
+            gradients.check(self, workers)
         else:
             sampling.check(self.sampler, len(self.metrics))
         evaluator = self.evaluator()  # refuses what does not fit the suite
@@ -219,6 +236,7 @@ class _Known:
 
     peak: float | None = None
     parts: list[goals.Figures] = field(default_factory=list)
+    slopes: dict[str, Any] = field(default_factory=dict)
 
 
 class RollOuts(Work):
@@ -262,17 +280,19 @@ class RollOuts(Work):
         except InvalidInput:  # what is in range alone may be impossible together
             trial.set_constraint("possible", goals.FAR)
             raise optuna.TrialPruned from None
-        known = self._known.setdefault(word := str(sorted(values.items())), _Known())
+        by = self._by(trial)
+        word = str(sorted(values.items())) + (" with slopes" if by else "")
+        known = self._known.setdefault(word, _Known())
         lost, ledger = self._lost.get(word, (False, 0)), self.evaluator.ledger
         trial.set_user_attr("candidate", word)
         if task.peaks:
             if known.peak is None:
                 before = ledger.steps
-                known.peak = self.evaluator.peak(candidate)
+                known.peak, known.slopes = self._peak(candidate, by)
                 self._again += (ledger.steps - before) * lost[0]
             peak = known.peak
             broken = self._broken(trial, peak)
-            if task.pruned and not first and broken > math.log(NEAR):
+            if task.pruned and not first and not by and broken > math.log(NEAR):
                 raise optuna.TrialPruned
         figures: goals.Figures = {}
         core = self.evaluator.core
@@ -280,14 +300,14 @@ class RollOuts(Work):
             if i == len(known.parts):
                 before = ledger.steps
                 try:
-                    known.parts.append(self.evaluator.part(i, candidate, task.wanted))
+                    known.parts.append(self.evaluator.part(i, candidate, task.wanted, by))
                     trial.set_user_attr("parts", len(known.parts))
                     self._again += (ledger.steps - before) * (i < lost[1])
                 except InvalidInput:  # a feed that the axes cannot do, a dither that the optics cannot
                     trial.set_constraint("possible", goals.FAR)
                     raise optuna.TrialPruned from None
             figures |= known.parts[i]
-            if not task.pruned:
+            if not task.pruned or by:
                 continue
             ran = [s for s in core if s in figures]
             value = goals.score(task.metrics[0], figures, core)
@@ -298,6 +318,8 @@ class RollOuts(Work):
         for name, broken in kept.items():
             trial.set_constraint(name, broken)
         found = [goals.score(name, figures, core) for name in task.metrics]
+        if by:
+            self._tell_slopes(trial, known, figures)
         if task.stages and task.peaks and peak <= limits.ms and max(kept.values()) <= 0:
             self._look_closer(trial, candidate, peak, found[0])
         trial.set_constraint("finite", -1.0 if all(map(math.isfinite, found)) else goals.FAR)
@@ -305,6 +327,28 @@ class RollOuts(Work):
         return [
             v if math.isfinite(v) else -goals.FAILED if h else goals.FAILED for v, h in zip(found, higher, strict=True)
         ]
+
+    def _by(self, trial: Trial) -> tuple[str, ...]:
+        """The parameters whose slopes the trial is to find; none while the study explores."""
+        if not self.task.descends or trial.number < self.study.user_attrs.get("explore", 0):
+            return ()
+        return tuple(axis.name for axis in gradients.axes(self.space))
+
+    def _peak(self, candidate: Team, by: tuple[str, ...]) -> tuple[float, dict[str, Any]]:
+        """Ms, and the slopes of its peaks if some are wanted."""
+        if not by:
+            return self.evaluator.peak(candidate), {}
+        peak, peaks, slopes = self.evaluator.bent_peaks(candidate, by)
+        return peak, {"peaks": peaks, "ms": slopes.ravel()}
+
+    def _tell_slopes(self, trial: Trial, known: "_Known", figures: goals.Figures) -> None:
+        """Tells the study the slopes of the score, a geometric mean over the core of roots of mean squares, and of
+        Ms."""
+        if "score" not in known.slopes:
+            each = [self.evaluator.bent[s] / np.mean(figures[s]["rms_true"] ** 2) for s in self.evaluator.core]
+            known.slopes["score"] = 0.5 * np.mean(each, axis=0)
+        told = {name: [told_number(x) for x in of.tolist()] for name, of in known.slopes.items()}
+        trial.set_user_attr(gradients.SLOPES, told)
 
     def _broken(self, trial: Trial, peak: float) -> float:
         """By how much the cap on Ms is broken; the study is told."""

@@ -59,6 +59,11 @@ class Search(ABC):
         return self.trials
 
     @property
+    def explored(self) -> int:
+        """Trials before another sampler takes over."""
+        return sampling.explored(self.expected, self.space) if self.sampler == "tpe+cmaes" else 1
+
+    @property
     @abstractmethod
     def space(self) -> Space:
         """What is searched."""
@@ -92,7 +97,7 @@ class Search(ABC):
         Raises:
             InvalidInput: the storage cannot be used, or holds another study of this name.
         """
-        explore = sampling.explored(self.expected, self.space) if self.sampler == "tpe+cmaes" else 1
+        explore = self.explored
         study = storage.study_of(self.url, self.name, self.directions, self.words, {"explore": explore})
         study.sampler, study.pruner = self.samplers(study.user_attrs.get("explore", explore))
         return study

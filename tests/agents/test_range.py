@@ -89,6 +89,13 @@ def test_beyond_its_range_the_machine_is_its_base_s_to_the_bit(folder):
     np.testing.assert_array_equal(rollout.roll(high, stack.resolve(str(folder)), [3, 5])["gap"], base["gap"])
 
 
+def test_where_it_hands_over_is_part_of_what_a_comparison_records(folder):
+    made = stack.resolve(str(folder)).provenance["policy"]
+    assert made["range"] == Policy.load(folder).document.range.names
+    assert "feed" in stack.resolve("height-following-gradient").provenance["policy"]["range"]
+    assert "range" not in stack.resolve("height-following-ppo").provenance["policy"]
+
+
 def test_the_onnx_graph_hands_over_as_the_policy_does(folder, tmp_path):
     runtime = pytest.importorskip("onnxruntime")
     policy = Policy.load(folder)

@@ -1,5 +1,6 @@
 """The forecast law and what it is made of: against numpy's least squares, scipy's drives, closed forms."""
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from scipy import signal
@@ -256,12 +257,17 @@ def test_under_the_shield_a_head_that_is_sent_down_stops_above_the_sheet():
 # ------------------------------------------------------------------------------------------------ no sheet below
 
 
-def over_a_slot(length=200.0, feed=200.0, rise=0.0, seed=201, controller="forecast"):
-    """A run over a slot of ``length`` mm; with a ``rise`` below 0 the sheet goes on so much lower instead."""
+def slotted(length=200.0, feed=200.0, rise=0.0):
+    """A scenario with one slot."""
     change = {"sheet": {"holes": {"length": length, "count": 1, "jitter": 0.0}}, "feed": feed, "duration": 400.0 / feed}
     if rise:
         change["sheet"] = {"holes": None, "steps": {"height": rise, "spacing": 150.0, "count": 1}}
-    return rollout.roll(load("long-hole").varied(**change), stack.resolve(controller), seed)
+    return load("long-hole").varied(**change)
+
+
+def over_a_slot(length=200.0, feed=200.0, rise=0.0, seed=201, controller="forecast"):
+    """A run over a slot of ``length`` mm; with a ``rise`` below 0 the sheet goes on so much lower instead."""
+    return rollout.roll(slotted(length, feed, rise), stack.resolve(controller), seed)
 
 
 @pytest.mark.parametrize(("length", "feed", "sinks"), [(120.0, 200.0, 0.07), (200.0, 200.0, 0.07), (200.0, 60.0, 0.4)])
@@ -312,6 +318,54 @@ def test_the_sheet_is_away_after_a_hold_that_the_supervisor_ends_without_it():
     slots.update(stopped, told(captured=False, mode=supervisor.STOP))
     assert not slots.is_away(back)
     assert not slots.is_away(stopped)
+
+
+def test_an_action_has_no_say_where_there_is_no_sheet_and_regains_it_within_a_fifth_of_a_second():
+    env = gym.make_vec("kerfgym/HeightFollowing-v0", 1, control="weights", observation="sheet", base="forecast",
+                       scenario=slotted(), max_steps=2000)  # fmt: skip
+    batch = env.unwrapped.batch
+    env.reset(seed=3)
+    fleet, generator, said, moved, modes = batch.fleet, np.random.default_rng(0), [], [], []
+    for _ in range(1900):
+        before = fleet.memories[0].copy()
+        env.step(generator.uniform(-0.02, 0.02, (1, len(law.WEIGHTS))).astype(np.float32))
+        after = fleet.memories[0]
+        said.append(before[law.SAY])
+        moved.append(slots.is_away(before[law.GONE :]))
+        modes.append(fleet.column("signals.mode")[0])
+        if after[law.SAY] > said[-1]:
+            assert after[law.SAY] - said[-1] <= law.REGAINED + 1e-12
+    said, away, held = np.array(said), np.array(moved), np.array(modes) == supervisor.HOLD
+    assert away.sum() > 200
+    assert not said[away].any()
+    assert not said[1:][held[:-1] & held[1:]].any()
+    assert said[~away].max() == 1.0
+    x, s, m = signals([0.3], [1.0], [0.0])[0], law.init(P), np.random.default_rng(1).normal(size=law.MEMORY)
+    m[law.SAY] = 0.0
+    told_nothing = m.copy()
+    told_nothing[law.ACTION : law.RULE] = 0.0
+    assert law.weigh(P, s, x, m) == law.weigh(P, s, x, told_nothing)
+
+
+@pytest.mark.parametrize(
+    ("changes", "away", "say"),
+    [
+        ({}, False, 0.505),
+        ({"height": 0.7 + 0.34}, False, 0.505),
+        ({"height": 0.7 + 0.36}, False, 0.0),
+        ({"height": 0.01}, False, 0.0),
+        ({"height": 0.01, "set_height": 0.3}, False, 0.0),  # whatever the set height, it is a fault
+        ({"height": np.nan}, False, 0.0),
+        ({"captured": False}, False, 0.0),
+        ({"override": True}, False, 0.0),
+        ({}, True, 0.0),
+        ({"fresh": True, "captured": False}, False, 1.0),
+    ],
+)
+def test_an_action_has_a_say_while_the_head_follows(changes, away, say):
+    x = told(height=0.7, captured=True, override=False)._replace(**changes)
+    assert law._say(x, away, 0.5) == pytest.approx(say)
+    assert law._say(x, away, 1.0) <= 1.0
 
 
 @pytest.mark.parametrize("feed", [50.0, 200.0, 400.0])

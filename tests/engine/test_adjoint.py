@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from kerfgym.envs.engine.adjoint import adjoint
+from kerfgym.envs.engine.adjoint import adjoint, tangent
 from kerfgym.envs.engine.lanes import clip, exponential, flat, fma, logarithm, part, sine, unflat
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.plant import filters, z_axis
@@ -95,6 +95,37 @@ def test_every_kind_of_statement_has_the_derivative_that_differences_have(on):
         assert mine == pytest.approx(np.array(theirs), rel=1e-6, abs=1e-6)
         met.add((p.y > 0.5, p.y > -2.0, p.x > 3.0))
     assert len(met) >= 5  # the conditions went both ways
+
+
+@pytest.mark.parametrize("on", [True, False])
+def test_tangents_are_adjoints_the_other_way(on):
+    """w·(J·d) = (Jᵀ·w)·d, for any direction d and weights w."""
+    kinds = {"p": Pair, "q": Nest, "k": float, "on": on}
+    back, forth = adjoint(everything, of=("p", "q", "k"), **kinds), tangent(everything, of=("p", "q", "k"), **kinds)
+    random = np.random.default_rng(1)
+    for _ in range(400):
+        x, d, w = random.uniform(-4.0, 4.0, 6), random.normal(size=6), random.normal(size=5)
+        given = Pair(*x[:2]), unflat(Nest, x[2:5]), x[5]
+        bars = back(*given, Pair(*w[:2]), unflat(Nest, w[2:]))
+        dots = forth(*given, Pair(*d[:2]), unflat(Nest, d[2:5]), d[5])
+        assert w @ numbers(dots) == pytest.approx(d @ numbers(bars), rel=1e-10, abs=1e-10)
+
+
+def test_a_tangent_of_what_is_true_or_false_is_false():
+    class Told(NamedTuple):
+        x: float = 0.0
+        high: bool = False
+
+    @part
+    def told(x):
+        return Told(3.0 * x, x > 1.0)
+
+    assert tangent(told, of=("x",), x=float)(2.0, 1.0) == Told(3.0, False)
+
+
+def test_a_part_that_writes_into_an_array_has_no_tangent():
+    with pytest.raises(InvalidInput, match="writes into an array"):
+        tangent(with_memory, of=("x",), m=np.ndarray, x=float)
 
 
 def test_what_returns_early_has_the_derivative_of_the_way_it_took():

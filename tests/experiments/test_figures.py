@@ -18,6 +18,7 @@ from kerfgym.experiments.manual import __main__ as command
 from kerfgym.experiments.manual import docs, tables
 from kerfgym.experiments.measure.grids import Grid
 from kerfgym.experiments.store import imports, stamp, tabular
+from kerfgym.experiments.store.plain import plain
 from kerfgym.experiments.studies import agreement, marks, recorded, registry, stages, suites
 
 SOURCE = '''"""Of a module."""
@@ -335,7 +336,7 @@ def test_the_tables_of_blame_are_made_of_what_blame_gives(monkeypatch, tmp_path)
         frame.to_parquet(tmp_path / f"{i}.parquet")
         assert tabular.read_parquet(tmp_path / f"{i}.parquet").equals(frame)
     numbers = {"shares": stages.nested(frames[0], "stage"), "headroom": stages.nested(frames[1], "informed")}
-    body = {"command": "c", "kerfgym": "0", "numbers": recorded.plain(numbers)}
+    body = {"command": "c", "kerfgym": "0", "numbers": plain(numbers)}
     monkeypatch.setattr(recorded, "read", lambda name: body)
     assert "| `pid` | wavy | 2.2 | `oracle` | 1.1 |" in tables.MADE["headroom"]()
     assert "| `pid` | wavy |" in tables.MADE["blame"]()
@@ -373,10 +374,10 @@ def test_a_run_that_was_made_from_the_same_is_read_back(place, monkeypatch):
     def made(what=grid):
         return suites.benchmarked(trial, what, ["kerfgym", "list"], with_ms=False, quiet=True)
 
-    first = recorded.plain(suites.concluded(made()))
+    first = plain(suites.concluded(made()))
     runs = trial.folder / "runs.parquet"
     age = runs.stat().st_mtime_ns
-    assert recorded.plain(suites.concluded(made())) == first
+    assert plain(suites.concluded(made())) == first
     assert runs.stat().st_mtime_ns == age
     pid = first["numbers"]["pid"]
     assert pid["ratio"] == pytest.approx(first["numbers"]["xi2023-tuned"]["score"] / pid["score"], 1e-5)
@@ -390,6 +391,6 @@ def test_a_run_that_was_made_from_the_same_is_read_back(place, monkeypatch):
 
 
 def test_what_is_stored_is_json(place):
-    body = recorded.plain({"a": float("nan"), "b": float("-inf"), "c": 1.23456789, "d": (True, SimpleNamespace(x=1))})
+    body = plain({"a": float("nan"), "b": float("-inf"), "c": 1.23456789, "d": (True, SimpleNamespace(x=1))})
     assert json.loads(json.dumps(body)) == body
     assert body == {"a": None, "b": "-inf", "c": 1.23457, "d": [True, "namespace(x=1)"]}

@@ -12,7 +12,8 @@ from kerfgym.envs.scenarios import machines
 from kerfgym.experiments.cli import main
 from kerfgym.experiments.measure import grids
 from kerfgym.experiments.speed import timed
-from kerfgym.experiments.train.folder import cut_by, trained_in
+from kerfgym.experiments.train.held_out import cut_by
+from kerfgym.experiments.train.training import trained_in
 
 NEW = ["machine", "new", "mine.toml", "--set", "axis.bandwidth=25", "--set", "axis.dead_time=0.004"]
 NEW += ["--set", "head.bore=1.5", "--set", "head.noise={ log_uniform = [2e-3, 1e-2] }"]

@@ -366,6 +366,21 @@ def test_ms_that_was_not_measured_says_why(made_up, tmp_path):
     assert "on the worst corner plant of the machine that was run (axis.dead_time 0.0005)" in notes
 
 
+def test_whose_ms_may_be_its_bases_is_told(made_up, tmp_path):
+    results = made_up.following()
+    words = "pid: beyond the feeds of its training such a policy is its base; Ms is measured at 0 mm/s"
+
+    def told():
+        return "\n".join(sheets(results)[0].notes)
+
+    assert words not in told()
+    results.meta["tuning"]["pid"] = {"policy": {"range": ["noise"]}}  # it hands over, but not for a feed
+    assert words not in told()
+    results.meta["tuning"]["pid"] = {"z": {"policy": {"range": ["feed", "noise"]}}}
+    assert words in told()
+    assert words in read(page.page(tmp_path, {"following": results}, {})).text
+
+
 def test_several_machines_have_a_table_of_their_own(made_up, tmp_path):
     results = made_up.following()
     curves, margins = results.sensitivity, results.margins

@@ -1,4 +1,4 @@
-"""What is shipped is small, is what ``make train`` makes, and runs."""
+"""What is shipped is small, is what ``make policies`` makes, and runs."""
 
 import json
 
@@ -9,6 +9,7 @@ import pytest
 from kerfgym.agents import settings
 from kerfgym.envs import scenarios
 from kerfgym.envs.control import stack
+from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.figures import job_metrics
 from kerfgym.envs.plant import spot
 from kerfgym.envs.tasks import workshop
@@ -37,14 +38,46 @@ def test_a_shipped_policy_is_small_and_carries_the_record_of_its_making(name):
 @pytest.mark.parametrize("name", [name for name in ship.SHIPPED if (ship.TRAINED / name / "seeds.csv").is_file()])
 def test_the_other_seeds_were_trained_with_the_policy_that_is_shipped(name):
     """The shipped seed's row is of the training on record, and its score that of the suite's study."""
-    _, env, seed, _ = ship.SHIPPED[name]
+    _, _, seed, _ = ship.SHIPPED[name]
     row = pd.read_csv(ship.TRAINED / name / "seeds.csv").set_index("seed").loc[seed]
     ledger = json.loads((ship.TRAINED / name / "run.json").read_text(encoding="utf-8"))["ledger"]
     assert row["simulated_steps"] == ledger["simulated_steps"]
-    study = recorded.read(ship._suite_of(env))["numbers"][name]
+    study = recorded.read(ship.suite_of(name))["numbers"][name]
     # Other trainings come to scores that differ by more than a percent.
     assert row["score"] == pytest.approx(study["score"], rel=1e-3)
     assert row["ratio"] == pytest.approx(study["ratio"], rel=1e-3)
+
+
+def test_one_more_training_lies_within_its_interval_as_often_as_is_said():
+    """By simulation: six trainings whose logarithms are normal, of which five are known."""
+    scores = np.exp(np.random.default_rng(0).normal(1.0, 0.1, (4000, 6)))
+    inside = [low <= each[5] <= high for each in scores for low, high in [ship.further(each[:5])]]
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.011)  # three standard errors
+    with pytest.raises(InvalidInput, match="at least 2"):
+        ship.further(scores[0, :1])
+
+
+@pytest.mark.parametrize(("score", "failed", "holds"), [(3.05, 0, True), (3.6, 0, False), (3.05, 1, False)])
+def test_a_training_that_comes_out_otherwise_is_told(monkeypatch, tmp_path, capsys, score, failed, holds):
+    name = "height-following-gradient"
+    (tmp_path / name).mkdir()
+    pd.DataFrame({"seed": range(5), "score": [3.0, 3.1, 3.05, 3.02, 3.08]}).to_csv(tmp_path / name / "seeds.csv")
+    row = {"score": score, "ratio": 5.0, "ratio_low": 4.8, "ratio_high": 5.2, "failed": failed, "cpu_seconds": 200.0}
+    monkeypatch.setattr(ship, "TRAINED", tmp_path)
+    monkeypatch.setattr(ship, "judged", lambda name, folders: pd.DataFrame([row]))
+    trained = []
+    monkeypatch.setattr(ship, "_trained", lambda name, seed, run: trained.append(run) or run)
+    monkeypatch.chdir(tmp_path)
+    before = tmp_path / "runs" / f"again-{name}"
+    before.mkdir(parents=True)
+    (before / "run.json").write_text("{}")
+    assert ship.reproduced(name) is holds
+    assert ("NOT reproduced" in capsys.readouterr().out) is not holds
+    assert [run.name for run in trained] == [before.name], "not the run that the stored scores are of"
+    assert not before.exists(), "what an earlier check trained says nothing about this one"
+    assert ship.main((name,), check=True) == (not holds)
+    with pytest.raises(InvalidInput, match="leave --seeds away"):
+        ship.main((name,), seeds=2, check=True)
 
 
 def figures(name, team, seeds=6):
@@ -84,10 +117,10 @@ def test_within_the_published_settings_nothing_is_left_to_gain_over_huang2024(co
 
 def test_a_training_goes_on_unless_what_it_learns_on_has_changed(tmp_path, monkeypatch):
     run = tmp_path / "run"
-    ship._renew(run)
+    ship.renew(run)
     (run / "checkpoint").write_text("half way", encoding="utf-8")
-    ship._renew(run)
+    ship.renew(run)
     assert (run / "checkpoint").is_file()
     monkeypatch.setattr(ship, "with_imports", lambda entries, patterns: {"baselines/presets/*.toml": "another"})
-    ship._renew(run)
+    ship.renew(run)
     assert not (run / "checkpoint").exists()
