@@ -16,6 +16,9 @@ from . import held_out
 
 SETTINGS, POLICY = "settings.toml", "policy"
 
+MODEL = "model.zip"
+"""What stable-baselines3 loads, for those who go on with its tools. It holds pickles, so nothing here reads it."""
+
 
 def into(
     folder: Path,
@@ -54,6 +57,9 @@ def into(
             origin |= {"machine": on.record} if on else {}
             origin |= {"score_tune": trained.score, "ledger": trained.ledger}
             exported = export(trained.model, folder / POLICY, origin, known="measured")
+            if settings.name != "gradient":
+                with runs.atomic(folder / MODEL) as part, part.open("wb") as file:
+                    trained.model.save(file)
         if ms and short == "height-following":
             plant = plants.of(machines.put_on(Scenario(name="corner"), on)) if on else plants.STANDARD
             with bars.busy(f"Ms of the {plants_of} machine's corner plants"):

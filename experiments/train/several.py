@@ -152,6 +152,7 @@ def _record(
     out: dict[str, Any] = {"kind": "trainings", "env": first.settings.env, "algorithm": first.settings.name}
     out |= {"seeds": [task.seed for task in tasks], "settings": first.settings.flat()}
     out["ledger"] = {key: round(sum(each[key] for each in ledgers), 1) for key in ("simulated_steps", "cpu_seconds")}
+    out |= {"cut_by": on.record} if (on := held_out.cut_by(first.settings)) else {}
     out["ledgers"] = {f"seed {task.seed}": ledger for task, ledger in zip(good, ledgers, strict=True)}
     if diverged:
         out["diverged"] = {f"seed {seed}": why for seed, why in diverged.items()}

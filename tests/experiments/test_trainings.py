@@ -4,11 +4,15 @@ import json
 import math
 import shutil
 
+import gymnasium as gym
 import numpy as np
 import pandas as pd
 import pytest
+from sb3_contrib import TQC, RecurrentPPO
+from stable_baselines3 import PPO, SAC, TD3
 
 from kerfgym.agents import settings
+from kerfgym.agents.policy import Policy
 from kerfgym.agents.train import Diverged
 from kerfgym.agents.train import train as learn
 from kerfgym.envs import scenarios
@@ -17,6 +21,7 @@ from kerfgym.experiments.cli import main
 from kerfgym.experiments.measure import rollout
 from kerfgym.experiments.statistics import comparison
 from kerfgym.experiments.studies import recorded
+from kerfgym.experiments.train import folder as single
 from kerfgym.experiments.train import held_out, several
 
 HEIGHT = "kerfgym/HeightFollowing-v0"
@@ -158,6 +163,36 @@ def test_one_training_too_says_whether_it_beats_its_base(monkeypatch, tmp_path, 
     assert "the policy is" in said
     assert said.count("self-tuning") >= 2
     assert set(record(tmp_path / "runs" / "x")["test"]["controllers"]) >= {"policy", "self-tuning"}
+
+
+OFF = {"learning_starts": 64, "batch_size": 16, "gradient_steps": 1, "buffer_size": 1000}
+OWN = {
+    "ppo": (PPO, {"n_steps": 16, "batch_size": 32, "n_epochs": 2}),
+    "sac": (SAC, OFF),
+    "td3": (TD3, OFF),
+    "tqc": (TQC, OFF),
+    "recurrent-ppo": (RecurrentPPO, {"n_steps": 16, "batch_size": 32, "n_epochs": 2}),
+}
+
+
+@pytest.mark.parametrize("name", OWN)
+def test_what_stable_baselines_loads_acts_as_the_artefact(name, tmp_path):
+    """On what a machine shows, from the beginning of an episode."""
+    learner, given = OWN[name]
+    changes = {key: value for key, value in TINY.items() if not key.startswith("algorithm")}
+    changes |= {f"algorithm.{key}": value for key, value in given.items()}
+    folder = single.into(tmp_path, settings.preset(name, HEIGHT, changes), 0, "cpu", 1, False, quiet=True)
+    model, policy = learner.load(folder / single.MODEL, device="cpu"), Policy.load(folder / single.POLICY)
+    assert (folder / single.MODEL).stat().st_size < 2_000_000, "networks, and no replay buffer"
+    env, state, largest = gym.make(HEIGHT, scenario="tilt"), None, 0.0
+    seen, _ = env.reset(seed=7)
+    for i in range(1000):
+        its, state = model.predict(seen, state, np.array([i == 0]), deterministic=True)
+        mine = policy.act(seen, start=i == 0)
+        largest = max(largest, float(np.abs(its - mine).max()))
+        seen, *_ = env.step(mine)
+    assert float(np.abs(mine).max()) > 0.0
+    assert largest < 1e-5
 
 
 @pytest.mark.parametrize(
