@@ -5,6 +5,7 @@ import builtins
 import contextlib
 import json
 import os
+import pickle
 import re
 import shutil
 import socket
@@ -12,6 +13,7 @@ import subprocess
 import sys
 import time
 import tracemalloc
+import zipfile
 from pathlib import Path
 
 import ezdxf
@@ -683,6 +685,21 @@ def test_hashes_show_damage_and_are_no_signature(policy):
     policy(lambda document: document.update(weights=hashlib.sha256(changed).hexdigest()))
     seen = np.full(before.network.size, 0.3, np.float32)
     assert (Policy.load(folder).act(seen, True) != before.act(seen, True)).any()
+
+
+@line(
+    "`model.zip` beside a policy is for the tools of stable-baselines3 and holds pickles. Nothing here reads it, "
+    "whoever wrote it."
+)
+def test_what_stable_baselines_saved_is_not_read(policy, capsys):
+    folder = policy(lambda document: None)
+    for place in (folder, folder.parent):
+        with zipfile.ZipFile(place / "model.zip", "w") as file:
+            file.writestr("data", pickle.dumps(Runs()))
+    Policy.load(folder).act(np.zeros(Policy.load(folder).network.size, np.float32), True)
+    said(capsys, "benchmark", "-c", str(folder.parent / "model.zip"), "-s", "tilt", "--seeds", "1", "--name", "x")
+    main(["benchmark", "-c", str(folder), "-s", "tilt", "--seeds", "1", "--name", "x", "--no-ms"])
+    assert not list(folder.parent.rglob("EXECUTED"))
 
 
 @pytest.mark.parametrize("size", [1e5, 1e20, 3e38])
