@@ -17,7 +17,7 @@ from ..envs.plant import machine
 from ..envs.plant.controller import stage_address
 from ..envs.plant.fleet import Fleet
 from ..envs.tasks.interface import LARGEST_TRIM, LONGEST_WINDOW
-from .network import ACTIVATIONS, FALL, LN2_HIGH, LN2_LOW, LOG2E, OUTPUTS, RISE, SERIES, UNKNOWN, Network
+from .network import ACTIVATIONS, FALL, LN2_HIGH, LN2_LOW, LOG2E, OUTPUTS, REMEMBER, RISE, SERIES, UNKNOWN, Network
 
 
 class Io(NamedTuple):
@@ -130,6 +130,17 @@ def _remember(work, gates, cell, hidden, outputs):
 
 
 @stage
+def _renew(work, gates, hidden, outputs):
+    """The gates of a GRU (Cho et al. 2014), with the candidate as in :class:`torch.nn.GRU`, change its outputs."""
+    for o in range(outputs):
+        reset, update = _logistic(work[gates + o]), _logistic(work[gates + outputs + o])
+        given = reset * work[gates + _U3 * outputs + o]
+        candidate = _tanh(work[gates + _U2 * outputs + o] + given)
+        kept = update * (work[hidden + o] - candidate)
+        work[hidden + o] = candidate + kept
+
+
+@stage
 def _normalise(work, x, y, size, scales, means, length):
     """``work[y…]``: the ``size`` numbers of ``work[x…]`` scaled."""
     limit = scales[U0]
@@ -160,8 +171,8 @@ def _run(io, machine_):
         x = all_frames
     y, w, inputs = _U2 * all_frames, U0, all_frames
     for k in range(io[IO.depth]):
-        lstm, outputs, kind = layers[k * _U4], layers[k * _U4 + U1], layers[k * _U4 + _U2]
-        if lstm == U1:
+        memory, outputs, kind = layers[k * _U4], layers[k * _U4 + U1], layers[k * _U4 + _U2]
+        if memory > U0:
             # What it takes and its hidden state side by side, then its gates, then its cells.
             hidden = y + inputs
             gates = hidden + outputs
@@ -169,7 +180,10 @@ def _run(io, machine_):
             for i in range(inputs):
                 work[y + i] = work[x + i]
             _linear(work, y, gates, weights, w, inputs + outputs, _U4 * outputs)
-            _remember(work, gates, cell, hidden, outputs)
+            if memory == U1:
+                _remember(work, gates, cell, hidden, outputs)
+            else:
+                _renew(work, gates, hidden, outputs)
             w += (inputs + outputs + U1) * _U4 * outputs
             x, y = hidden, cell + outputs
         else:
@@ -306,7 +320,7 @@ def _laid_out(network: Network) -> tuple[np.ndarray, np.ndarray, int]:
     pieces, about, stride = [], [], 2 * network.size * network.frames
     for layer in network.layers:
         pieces += [layer.weight.T.ravel(), layer.bias]
-        lstm = layer.kind == "lstm"
-        about.append((int(lstm), layer.outputs, ACTIVATIONS.index(layer.activation), 0))
-        stride += layer.inputs + 6 * layer.outputs if lstm else layer.outputs
+        memory = 1 + REMEMBER.index(layer.kind) if layer.kind in REMEMBER else 0
+        about.append((memory, layer.outputs, ACTIVATIONS.index(layer.activation), 0))
+        stride += layer.inputs + 6 * layer.outputs if memory else layer.outputs
     return np.concatenate(pieces, dtype=np.float32), np.array(about, np.uint64), stride

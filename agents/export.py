@@ -27,7 +27,7 @@ from .policy import FORMAT, Document, Policy, Range, check, describe, describe_b
 
 SUPPORTED = (
     "PPO, SAC, TD3, TQC, RecurrentPPO, gradient with one-dimensional observations; layers: linear with tanh, ReLU or "
-    "no activation, LSTM; output: tanh (squashing) or clipping to −1 … 1; VecNormalize, VecFrameStack"
+    "no activation, LSTM, GRU; output: tanh (squashing) or clipping to −1 … 1; VecNormalize, VecFrameStack"
 )
 """What can be exported; anything else is refused."""
 
@@ -182,6 +182,7 @@ def _layers(model: Any) -> tuple[tuple[Layer, ...], str]:
         modules = [*_flat(policy.mlp_extractor.policy_net), *_flat(policy.action_net)]
         output = "tanh" if policy.squash_output else "clip"
     elif name == "Gradient":
+        found += _gru(policy.memory) if policy.memory is not None else []
         modules, output = _flat(policy.net), "tanh"
     elif name == "TD3":
         modules, output = _flat(actor.mu), "tanh"
@@ -222,6 +223,18 @@ def _lstm(module: Any) -> list[Layer]:
         weight = np.concatenate([parts["weight_ih"], parts["weight_hh"]], axis=1)
         found.append(Layer("lstm", weight, parts["bias_ih"] + parts["bias_hh"]))
     return found
+
+
+def _gru(module: Any) -> list[Layer]:
+    """Reset, update, and the candidate's two shares apart, because the reset is between them."""
+    parts = {k: _array(getattr(module, f"{k}_l0")) for k in ("weight_ih", "weight_hh", "bias_ih", "bias_hh")}
+    n, taken, given = module.hidden_size, parts["weight_ih"], parts["weight_hh"]
+    gates = np.concatenate([taken[: 2 * n], given[: 2 * n]], axis=1)
+    own = np.concatenate([taken[2 * n :], np.zeros((n, n), np.float32)], axis=1)
+    past = np.concatenate([np.zeros((n, taken.shape[1]), np.float32), given[2 * n :]], axis=1)
+    both = parts["bias_ih"][: 2 * n] + parts["bias_hh"][: 2 * n]
+    bias = np.concatenate([both, parts["bias_ih"][2 * n :], parts["bias_hh"][2 * n :]])
+    return [Layer("gru", np.concatenate([gates, own, past]), bias)]
 
 
 def _array(tensor: Any) -> np.ndarray:

@@ -8,7 +8,8 @@ drive and loop are the machine's own parts, run backwards (:mod:`envs.plant.deri
 2. Drive and loop alone live through it again, ``epochs`` times, by the policy as it is then, in pieces of ``horizon``
    periods; with the recorded policy it is what the machines did, to the bit. After each piece its adjoints give the
    loss by each action.
-3. That gradient goes on through the network, whatever it is, and Adam (Kingma and Ba 2015) takes a step.
+3. That gradient goes on through the network, whatever it is, and Adam (Kingma and Ba 2015) takes a step. What a network
+   with memory knows goes on from piece to piece, its gradient ends with the piece.
 
 No critic, no exploration, no reward. The loss is Σ MSE/usual MSE over the scenarios, whose gradient is that of the
 score (twice the logarithm of the geometric mean), plus the same of the command's changes with the weight ``jitter``. A
@@ -19,7 +20,7 @@ The class has the interface of stable-baselines3's algorithms, so settings, chec
 same. Its steps are those of the machines and those of drive and loop alone.
 """
 
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -43,7 +44,17 @@ _GAP, _COMMAND = Made._fields.index("gap"), Made._fields.index("command")
 
 
 class GradientPolicy(BasePolicy):
-    """A network from observation to action, which tanh keeps within ±1."""
+    """A network from observation to action, which tanh keeps within ±1.
+
+    Args:
+        observation_space, action_space, lr_schedule, optimizer_kwargs: as stable-baselines3 gives them.
+        net_arch: sizes of the hidden layers.
+        activation_fn: between them.
+        gru_hidden_size: numbers of a GRU before them, which remembers (Cho et al. 2014); 0: there is none.
+
+    Raises:
+        InvalidInput: the size is not a whole number from 0 on.
+    """
 
     def __init__(
         self,
@@ -52,21 +63,62 @@ class GradientPolicy(BasePolicy):
         lr_schedule: Any,
         net_arch: list[int] | None = None,
         activation_fn: Any = nn.ReLU,
+        gru_hidden_size: int = 0,
         optimizer_kwargs: dict[str, Any] | None = None,
     ) -> None:
         super().__init__(observation_space, action_space, squash_output=True)
         sizes = [64, 64] if net_arch is None else list(net_arch)
         self.net_arch, self.activation_fn = sizes, activation_fn
-        layers = create_mlp(observation_space.shape[0], action_space.shape[0], sizes, activation_fn)
+        if (
+            isinstance(gru_hidden_size, bool)
+            or not isinstance(gru_hidden_size, int)
+            or not 0 <= gru_hidden_size <= 4096
+        ):
+            raise InvalidInput(f"policy.gru_hidden_size = {gru_hidden_size!r}; a whole number, from 0 to 4096")
+        seen = observation_space.shape[0]
+        self.memory = nn.GRU(seen, gru_hidden_size, batch_first=True) if gru_hidden_size else None
+        layers = create_mlp(gru_hidden_size or seen, action_space.shape[0], sizes, activation_fn)
         self.net = nn.Sequential(*layers)
-        self.optimizer = torch.optim.Adam(self.net.parameters(), lr_schedule(1), **(optimizer_kwargs or {}))
+        # The order of a network without memory is that of earlier versions' checkpoints.
+        self.optimizer = torch.optim.Adam(self.parameters(), lr_schedule(1), **(optimizer_kwargs or {}))
+
+    def nothing(self, count: int) -> torch.Tensor:
+        """What is remembered of ``count`` machines when episodes begin, (1, n, h)."""
+        return torch.zeros(1, count, self.memory.hidden_size if self.memory is not None else 0, device=self.device)
+
+    def course(self, observations: torch.Tensor, known: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Actions, (n, t, k), of observations in a row, (n, t, d), and what is remembered then, (1, n, h)."""
+        if self.memory is None:
+            return torch.tanh(self.net(observations)), known
+        found, known = self.memory(observations, known)
+        return torch.tanh(self.net(found)), known
 
     def forward(self, observation: torch.Tensor, deterministic: bool = True) -> torch.Tensor:
-        """Actions, (n, k), of observations, (n, d)."""
-        return torch.tanh(self.net(observation))
+        """Actions, (n, k), of observations, (n, d), of which nothing is remembered."""
+        return self.course(observation[:, None], self.nothing(len(observation)))[0][:, 0]
 
     def _predict(self, observation: Any, deterministic: bool = True) -> torch.Tensor:
         return self(observation)
+
+    def predict(
+        self,
+        observation: Any,
+        state: tuple[np.ndarray, ...] | None = None,
+        episode_start: np.ndarray | None = None,
+        deterministic: bool = False,
+    ) -> tuple[np.ndarray, tuple[np.ndarray, ...] | None]:
+        """Actions of observations, (n, d) or (d,), and what is remembered, which the next call takes."""
+        if self.memory is None:
+            return super().predict(observation, state, episode_start, deterministic)
+        seen = np.asarray(observation, np.float32)
+        seen, single = np.atleast_2d(seen), seen.ndim == 1
+        with torch.no_grad():
+            known = self.nothing(len(seen)) if state is None else torch.as_tensor(state[0], device=self.device).clone()
+            if episode_start is not None:
+                known[:, torch.as_tensor(np.asarray(episode_start, bool))] = 0.0
+            actions, known = self.course(torch.as_tensor(seen, device=self.device)[:, None], known)
+        found = actions[:, 0].cpu().numpy()
+        return (found[0] if single else found), (known.cpu().numpy(),)
 
 
 class Gradient(BaseAlgorithm):
@@ -178,8 +230,10 @@ class Gradient(BaseAlgorithm):
         self.passed = passed = self.passed or Pass(env.batch, self.horizon)
         seen = env.reset()
         passed.begin()
+        known = self.remembering.nothing(len(seen))
         for t in range(passed.periods):
-            actions = self.decided(seen)
+            actions, known = self.decided(seen[:, None], known)
+            actions = actions[:, 0]
             passed.before(t, seen, actions)
             seen, _, dones, infos = env.step(actions)
             passed.after(t, dones)
@@ -190,21 +244,31 @@ class Gradient(BaseAlgorithm):
         self.num_timesteps += passed.lived.size
         return passed
 
-    def decided(self, observations: np.ndarray) -> np.ndarray:
-        """Actions for observations, (n, d)."""
+    @property
+    def remembering(self) -> GradientPolicy:
+        """The policy, as what it is."""
+        policy: Any = self.policy
+        return cast(GradientPolicy, policy)
+
+    def decided(self, observations: np.ndarray, known: torch.Tensor) -> tuple[np.ndarray, torch.Tensor]:
+        """Actions for observations in a row, (n, t, d), and what is remembered then."""
         with torch.no_grad():
-            return self.policy(torch.as_tensor(observations, device=self.device)).cpu().numpy()
+            actions, known = self.remembering.course(torch.as_tensor(observations, device=self.device), known)
+            return actions.cpu().numpy(), known
 
     def _learn_from(self, passed: "Pass") -> None:
         passed.restart()
+        known = self.remembering.nothing(len(passed.lived))
         count, squares = np.zeros(self.usual.shape[1]), np.zeros(self.usual.shape[1])
         for first in range(0, passed.periods, self.horizon):
             piece = slice(first, first + self.horizon)
-            seen = passed.observations[:, piece]
-            passed.decide(first, self.decided(seen.reshape(-1, seen.shape[2])))
+            seen = np.ascontiguousarray(passed.observations[:, piece])
+            actions, then = self.decided(seen, known)
+            passed.decide(first, actions)
             errors, changes = passed.rolled(first)
             self._get_usual(passed, piece, errors, changes)
-            self._step(seen, self._bars(passed, piece, errors, changes))
+            self._step(seen, known, self._bars(passed, piece, errors, changes))
+            known = then
             np.add.at(squares, passed.scenario, (errors**2).sum(axis=1))
             np.add.at(count, passed.scenario, passed.counts[:, piece].sum(axis=1))
             self.num_timesteps += errors.size
@@ -225,12 +289,12 @@ class Gradient(BaseAlgorithm):
         made_[:, :-1, _COMMAND] -= pull[:, 1:]
         return np.where(passed.lived[:, piece, None], passed.roll.backward(made_), 0.0)
 
-    def _step(self, observations: np.ndarray, bars: np.ndarray) -> None:
-        """One of Adam's, from the gradient by the actions."""
-        x = torch.as_tensor(observations.reshape(-1, observations.shape[-1]), device=self.device)
-        g = torch.as_tensor(bars.reshape(len(x), -1).astype(np.float32), device=self.device)
+    def _step(self, observations: np.ndarray, known: torch.Tensor, bars: np.ndarray) -> None:
+        """One of Adam's, from the gradient by the actions, (n, t, k), after what was ``known``."""
+        x = torch.as_tensor(observations, device=self.device)
+        g = torch.as_tensor(bars.astype(np.float32), device=self.device)
         self.policy.optimizer.zero_grad()
-        (self.policy(x) * g).sum().backward()
+        (self.remembering.course(x, known)[0] * g).sum().backward()
         nn.utils.clip_grad_norm_(self.policy.parameters(), self.clip)
         self.policy.optimizer.step()
         self._n_updates += 1

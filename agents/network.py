@@ -26,9 +26,15 @@ UNKNOWN = np.float32(-1.0)
 """Trust before an episode's first decision."""
 
 
+REMEMBER = ("lstm", "gru")
+"""Kinds of layers with memory: four gates from what they take and what they gave."""
+
+
 class Layer(NamedTuple):
     """``linear``: activation(weight·x + bias), weight (outputs, inputs). ``lstm``: weight (4·hidden, inputs + hidden)
-    of the gates input, forget, cell, output, as in :class:`torch.nn.LSTM`, whose two biases are added up."""
+    of the gates input, forget, cell, output, as in :class:`torch.nn.LSTM`, whose two biases are added up. ``gru``: the
+    same shape, of the gates reset, update, and of the candidate's share of what it takes and of what it gave, as in
+    :class:`torch.nn.GRU`; in each of the last two the weights of the other are 0."""
 
     kind: str
     weight: np.ndarray
@@ -38,12 +44,12 @@ class Layer(NamedTuple):
     @property
     def outputs(self) -> int:
         """Numbers that it gives."""
-        return len(self.bias) // 4 if self.kind == "lstm" else len(self.bias)
+        return len(self.bias) // 4 if self.kind in REMEMBER else len(self.bias)
 
     @property
     def inputs(self) -> int:
         """Numbers that it takes."""
-        return self.weight.shape[1] - (self.outputs if self.kind == "lstm" else 0)
+        return self.weight.shape[1] - (self.outputs if self.kind in REMEMBER else 0)
 
 
 class Normaliser(NamedTuple):
@@ -85,14 +91,14 @@ class Network(NamedTuple):
 
 
 class Memory:
-    """What the network keeps of ``count`` machines from step to step: frames, and state of the LSTMs."""
+    """What the network keeps of ``count`` machines from step to step: frames, and state of layers with memory."""
 
     def __init__(self, network: Network, count: int) -> None:
         self.frames = np.zeros((count, network.frames * network.size), np.float32)
         self.trust = np.full((count, 1), UNKNOWN)
-        widths = [layer.outputs if layer.kind == "lstm" else 0 for layer in network.layers]
+        widths = [layer.outputs if layer.kind in REMEMBER else 0 for layer in network.layers]
         self.hidden = [np.zeros((count, n), np.float32) for n in widths]
-        self.cell = [np.zeros((count, n), np.float32) for n in widths]
+        self.cell = [np.zeros((count, n), np.float32) for n in widths]  # of LSTMs alone
 
     def forget(self, which: Any) -> None:
         """Episodes begin: nothing is known."""
@@ -176,6 +182,11 @@ def run(network: Network, memory: Memory, observations: np.ndarray) -> np.ndarra
             enter, forget, candidate, out = np.split(gates, 4, axis=1)
             memory.cell[i] = logistic(forget) * memory.cell[i] + logistic(enter) * tanh(candidate)
             memory.hidden[i] = x = logistic(out) * tanh(memory.cell[i])
+        elif layer.kind == "gru":
+            gates = linear(layer.weight, layer.bias, np.concatenate([x, memory.hidden[i]], axis=1))
+            reset, update, taken, given = np.split(gates, 4, axis=1)
+            candidate = tanh(taken + logistic(reset) * given)
+            memory.hidden[i] = x = candidate + logistic(update) * (memory.hidden[i] - candidate)
         else:
             x = linear(layer.weight, layer.bias, x)
             x = tanh(x) if layer.activation == "tanh" else x

@@ -1,7 +1,8 @@
 """A policy as an ONNX graph, for run-times of other machines.
 
 Inputs: ``observation`` (n, frames·size) float32, frames oldest first and those before an episode 0, as the environment
-gives them; for each LSTM ``hidden_i`` and ``cell_i`` (n, outputs), 0 when an episode begins; for a policy with a range
+gives them; for each LSTM ``hidden_i`` and ``cell_i`` (n, outputs), for each GRU ``hidden_i``, 0 when an episode begins;
+for a policy with a range
 ``trust`` (n, 1), −1 when one begins. Outputs: ``action`` (n, k) in −1 … 1, and ``next_hidden_i``, ``next_cell_i``,
 ``next_trust``. The normaliser is inside. With a normaliser ahead of the frame stack the graph takes frames that were
 not normalised, 0 before the episode standing for "none".
@@ -12,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from .network import FALL, RISE, Network
+from .network import FALL, REMEMBER, RISE, Network
 from .policy import Policy
 
 OPSET = 17
@@ -33,6 +34,21 @@ LSTM = """
     next_hidden_{i} = Mul (out_{i}, level_{i})
 """
 """A layer with memory (:func:`network.run`), in ONNX' own words; ``x`` is what it takes."""
+
+GRU = """
+    joined_{i} = Concat <axis = 1> ({x}, hidden_{i})
+    gates_{i} = Gemm <transB = 1> (joined_{i}, weight_{i}, bias_{i})
+    gate_{i}_0, gate_{i}_1, gate_{i}_2, gate_{i}_3 = Split <axis = 1> (gates_{i})
+    reset_{i} = Sigmoid (gate_{i}_0)
+    update_{i} = Sigmoid (gate_{i}_1)
+    past_{i} = Mul (reset_{i}, gate_{i}_3)
+    sum_{i} = Add (gate_{i}_2, past_{i})
+    candidate_{i} = Tanh (sum_{i})
+    off_{i} = Sub (hidden_{i}, candidate_{i})
+    kept_{i} = Mul (update_{i}, off_{i})
+    next_hidden_{i} = Add (candidate_{i}, kept_{i})
+"""
+"""The same of a layer without cells."""
 
 NORMALISED = """
     wide = Cast <to = 11> (observation)
@@ -108,10 +124,11 @@ def described(network: Network) -> tuple[str, dict[str, np.ndarray]]:
             text, x = text + UNSEEN, "seen"
     for i, layer in enumerate(network.layers):
         numbers |= {f"weight_{i}": layer.weight, f"bias_{i}": layer.bias}
-        if layer.kind == "lstm":
-            inputs |= {f"hidden_{i}": layer.outputs, f"cell_{i}": layer.outputs}
-            outputs |= {f"next_hidden_{i}": layer.outputs, f"next_cell_{i}": layer.outputs}
-            text, x = text + LSTM.format(i=i, x=x), f"next_hidden_{i}"
+        if layer.kind in REMEMBER:
+            kept = ("hidden", "cell") if layer.kind == "lstm" else ("hidden",)
+            inputs |= {f"{name}_{i}": layer.outputs for name in kept}
+            outputs |= {f"next_{name}_{i}": layer.outputs for name in kept}
+            text, x = text + (LSTM if layer.kind == "lstm" else GRU).format(i=i, x=x), f"next_hidden_{i}"
         else:
             kind = {"none": "Identity", "tanh": "Tanh", "relu": "Relu"}[layer.activation]
             text += f"y_{i} = Gemm <transB = 1> ({x}, weight_{i}, bias_{i}) x_{i} = {kind} (y_{i})\n"

@@ -27,7 +27,7 @@ from ..envs.engine.quantity import InvalidInput, check_choice, did_you_mean
 from ..envs.plant.controller import Law
 from ..envs.safety import files
 from ..envs.tasks.all_tasks import TASKS
-from .network import Known, Layer, Memory, Network, Normaliser, run
+from .network import REMEMBER, Known, Layer, Memory, Network, Normaliser, run
 
 FORMAT = 1
 """Version of the folder's format."""
@@ -54,7 +54,7 @@ class _Table(BaseModel):
 class LayerShape(_Table):
     """One layer; a ``linear`` one has an activation."""
 
-    kind: Literal["linear", "lstm"]
+    kind: Literal["linear", "lstm", "gru"]
     inputs: int = Field(ge=1, le=LARGEST)
     outputs: int = Field(ge=1, le=LARGEST)
     activation: Literal["none", "tanh", "relu"] = "none"
@@ -393,9 +393,9 @@ def _network(document: Document, data: bytes, folder: Path) -> Network:
     shape, size = document.network, int(document.observation["shape"][0])
     wanted: dict[str, tuple[tuple[int, ...], Any]] = {}
     for i, layer in enumerate(shape.layers):
-        lstm = layer.kind == "lstm"
-        gates = 4 * layer.outputs if lstm else layer.outputs
-        wanted[f"layers.{i}.weight"] = (gates, layer.inputs + (layer.outputs if lstm else 0)), np.float32
+        memory = layer.kind in REMEMBER
+        gates = 4 * layer.outputs if memory else layer.outputs
+        wanted[f"layers.{i}.weight"] = (gates, layer.inputs + (layer.outputs if memory else 0)), np.float32
         wanted[f"layers.{i}.bias"] = (gates,), np.float32
     if shape.normaliser != "none":
         length = size * (shape.frames if shape.normaliser == "frames" else 1)
@@ -440,7 +440,7 @@ def _bounded(layers: tuple[Layer, ...], most: float, where: str) -> None:
         largest = float((rows * max(most, 1.0) + np.abs(layer.bias)).max())
         if not largest <= FARTHEST:
             raise InvalidInput(f"{where}: layers.{i} can give {largest:.0e}; allowed: {FARTHEST:.0e}")
-        most = 1.0 if layer.kind == "lstm" or layer.activation == "tanh" else largest
+        most = 1.0 if layer.kind in REMEMBER or layer.activation == "tanh" else largest
 
 
 def _document(text: str, folder: Path) -> Document:

@@ -47,6 +47,7 @@ _OUTSIDE = (  # set by the run itself, or not a plain value
 )
 _SHARES = ("gamma", "gae_lambda", "tau", "clip_range")
 _POLICY = ("net_arch", "activation", "spread", "output_gain")
+_MEMORY = ("gru_hidden_size",)
 _RECURRENT = ("lstm_hidden_size", "n_lstm_layers", "shared_lstm", "enable_critic_lstm")
 _BY_STATE = ("spread_by_state",)
 _CRITICS = ("n_critics",)
@@ -204,7 +205,7 @@ def known(settings: Settings, table: str) -> list[str]:
     if table == "algorithm":
         return [*_arguments(settings.name), *(n for n in _OURS if n != "noise" or settings.name == "td3")]
     if table == "policy":
-        more = {"recurrent-ppo": _RECURRENT, "ppo": _BY_STATE, "tqc": (*_CRITICS, _QUANTILES[0])}
+        more = {"recurrent-ppo": _RECURRENT, "ppo": _BY_STATE, "tqc": (*_CRITICS, _QUANTILES[0]), "gradient": _MEMORY}
         return [*_POLICY, *more.get(settings.name, _CRITICS)]
     if table == "checkpoint":
         return ["every"]
