@@ -21,6 +21,7 @@ PUBLIC: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
                 "load", "read", "parse", "suite", "core", "suites", "Scenario.varied", "Scenario.along",
                 "Scenario.to_toml",
             ),
+            "envs.scenarios.machines": ("Machine", "load", "presets", "put_on", "given_up"),
         },
     ),
     "Controllers": (

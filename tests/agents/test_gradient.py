@@ -104,22 +104,22 @@ def test_the_loss_changes_along_its_gradient_as_its_adjoints_say():
     model._setup_learn(1)
     passed = model._live()
     passed.restart()
-    seen = passed.observations[:, :200]
-    flat = seen.reshape(-1, seen.shape[2])
+    seen, nothing = passed.observations[:, :200].copy(), model.policy.nothing(len(passed.lived))
+    acted, _ = model.decided(seen, nothing)
 
     passed.counts[:] = True
-    passed.decide(0, model.decided(flat))
+    passed.decide(0, acted)
     errors, _ = passed.rolled(0)
     made_ = np.zeros((*errors.shape, 3))
     made_[:, :, 0] = 2.0 * errors
     bars = passed.roll.backward(made_)
-    step = 3e-3 / np.abs(bars).max() * bars.reshape(len(flat), -1)  # beyond the converter's steps
+    step = 3e-3 / np.abs(bars).max() * bars  # beyond the converter's steps
     moved = []
     for side in (1.0, -1.0):
         passed.restart()
-        passed.decide(0, model.decided(flat) + side * step)
+        passed.decide(0, acted + side * step)
         moved.append(float((passed.rolled(0)[0] ** 2).sum()))
-    assert 0.5 * (moved[0] - moved[1]) == pytest.approx((step * bars.reshape(step.shape)).sum(), rel=0.03)
+    assert 0.5 * (moved[0] - moved[1]) == pytest.approx((step * bars).sum(), rel=0.03)
 
 
 def test_its_policy_is_exported_and_runs_compiled(trained, tmp_path):
