@@ -32,7 +32,7 @@ SEEDS, TESTED = 5, 50
 """Trainings of each learner, and test seeds that they are judged by."""
 
 STEPS = {
-    "gradient": {"equal steps": 2_400_000, "equal CPU time": 20_000_000},
+    "gradient": {"equal steps": 2_304_000, "equal CPU time": 20_000_000},
     "ppo": {"equal steps": 2_400_000, "equal CPU time": 2_400_000},
     "recurrent-ppo": {"equal CPU time": 400_000},
     "sac": {"equal CPU time": 36_000},
