@@ -327,11 +327,12 @@ def learners(found: dict[str, Any]) -> str:
     """Scores over the base's, by what is equal, best first."""
     rows = []
     for equal, each in found["numbers"].items():
-        for name, own in sorted(each.items(), key=lambda item: item[1]["median"]):
-            score = f"{written(own['median'])} ({written(own['best'])} … {written(own['worst'])})"
+        for name, own in sorted(each.items(), key=lambda item: float(item[1]["median"])):
+            median, best, worst = (written(float(own[key]), ".3g") for key in ("median", "best", "worst"))
             cost = (f"{1e-6 * own['training_steps']:.2f} M", written(own["cpu_seconds"], ".0f"))
             jitter = written(own["jitter"] / own["base_jitter"], ".2f")
-            rows.append((equal, f"`{name}`", *cost, own["trainings"], score, jitter, own["failed"]))
+            many = f"{own['trainings']}, {own['diverged']} diverged" if own["diverged"] else own["trainings"]
+            rows.append((equal, f"`{name}`", *cost, many, f"{median} ({best} … {worst})", jitter, own["failed"]))
     score = "score ÷ base's: median (best … worst)"
     titles = (
         "equal",

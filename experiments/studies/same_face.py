@@ -17,6 +17,7 @@ import pandas as pd
 from tyro.conf import Positional, arg
 
 from ...agents import settings as presets
+from ...agents.train import Diverged
 from ...envs.safety import files
 from ..benchmark import benchmarking
 from ..measure import grids
@@ -42,8 +43,24 @@ STEPS = {
 """Steps of training by learner and by what is equal. CPU times are equal to some ten percent, as the table shows: a
 learner's rates follow its steps, so these must be known beforehand. The others would need hours for PPO's steps."""
 
-CALM = {"policy.spread": 0.02, "policy.output_gain": 0.02, "algorithm.learning_starts": 1000, "algorithm.noise": 0.02}
-"""A weight has a wider say than a velocity, so learners explore less than in their presets."""
+_SLOWLY = {"policy.output_gain": 0.003, "algorithm.learning_rate": 1e-5, "algorithm.learning_starts": 100}
+OWN: dict[str, dict[str, Any]] = {
+    "gradient": {},
+    "ppo": {
+        "policy.spread": 0.02, "policy.output_gain": 0.003,
+        "algorithm.learning_rate": 1e-4, "algorithm.final_learning_rate": 1e-5,
+    },
+    "recurrent-ppo": {
+        "policy.spread": 0.1, "policy.output_gain": 0.003,
+        "algorithm.learning_rate": 3e-5, "algorithm.final_learning_rate": 1e-5,
+    },
+    "sac": {**_SLOWLY, "policy.spread": 0.02},
+    "td3": {**_SLOWLY, "algorithm.noise": 0.02},
+    "tqc": {**_SLOWLY, "policy.spread": 0.02},
+}  # fmt: skip
+"""What differs from a learner's preset besides: a weight has a wider say than a velocity, and with the rate and the
+exploration of their presets all learners by rewards lose their base, or come to no finite numbers. The best of up to
+five short trainings of each on tune seeds. The preset by gradients is made for this face."""
 
 FILE = TRAINED / "learners.csv"
 
@@ -55,18 +72,16 @@ def changes(learner: str, equal: str) -> dict[str, Any]:
     half = max(steps // 2, 1)  # best of two: one evaluation costs as much as seconds of training
     found = {f"environment.{key}": face[key] for key in ("control", "observation", "base", "scenario")}
     found |= {"steps": steps, "evaluation.every": half, "checkpoint.every": half, "evaluation.episodes": 132}
-    given = presets.preset(learner, ENV)
-    calm = {} if learner == "gradient" else CALM  # its preset is for this face
-    return found | {key: value for key, value in calm.items() if given.value(key) is not None}
+    return found | OWN[learner]
 
 
 def folder(learner: str, equal: str, seed: int) -> Path:
-    """Of a training's run."""
-    return Path("runs") / f"learner-{learner}-{equal.split()[1]}-{seed}"
+    """Of a training's run; one that stands for both kinds of equality is done once."""
+    return Path("runs") / f"learner-{learner}-{STEPS[learner][equal]}-{seed}"
 
 
-def trained(which: tuple[str, str, int]) -> None:
-    """A training, if it is not there yet."""
+def trained(which: tuple[str, str, int]) -> bool:
+    """Whether a training came to a policy; it is done if it is not there yet."""
     learner, equal, seed = which
     run, changed = folder(*which), changes(learner, equal)
     renew(run)
@@ -76,22 +91,33 @@ def trained(which: tuple[str, str, int]) -> None:
         )
         with runs.at_work(run, resume=True):
             given = presets.preset(learner, ENV, changed)
-            into(run, given, seed, "cpu", 1, False, [*words, "--seed", str(seed)])
+            try:
+                into(run, given, seed, "cpu", 1, False, [*words, "--seed", str(seed)], quiet=True)
+            except Diverged:
+                return False
+    return True
 
 
 def judged(which: list[tuple[str, str, int]], workers: int) -> pd.DataFrame:
-    """One row for each training: what it cost, and its score on test seeds beside its base's."""
-    policies = {str(folder(*each) / "policy"): each for each in which}
+    """One row for each training: what it cost, and its score on test seeds beside its base's; one that came to no finite
+    numbers has none of these."""
+    good = {each: str(folder(*each) / "policy") for each in which if (folder(*each) / "run.json").is_file()}
+    policies = dict.fromkeys(good.values())
     base = presets.preset("gradient", ENV).environment["base"]
     (grid,) = grids.plan([SUITE], [base, *policies], seeds=TESTED)
     found = benchmarking.run_grids([grid], Path("runs") / "learners", with_ms=False, overwrite=True, workers=workers)
     summary = found[SUITE].summary()
     surely = comparison.figures(found[SUITE])
     rows: list[dict[str, Any]] = []
-    for policy, (learner, equal, seed) in policies.items():
+    for learner, equal, seed in which:
+        row = {"learner": learner, "equal": equal, "seed": seed, "diverged": (learner, equal, seed) not in good}
+        if row["diverged"]:
+            rows.append(row)
+            continue
+        policy = good[learner, equal, seed]
         ledger = files.json_(folder(learner, equal, seed) / "run.json")["ledger"]
-        rows.append({
-            "learner": learner, "equal": equal, "seed": seed, "training_steps": ledger["training_steps"],
+        rows.append(row | {
+            "training_steps": ledger["training_steps"],
             "simulated_steps": ledger["simulated_steps"], "cpu_seconds": ledger["cpu_seconds"],
             "failed": int(summary.loc[policy, "failed"]), "score": surely.loc[policy, "score"],
             "of_base": surely.loc[policy, "score"] / surely.loc[base, "score"],
@@ -109,7 +135,8 @@ def main(names: Annotated[Positional[tuple[str, ...]], arg(metavar="LEARNER")] =
     """
     chosen = script.known(names, STEPS, "learner")
     which = [(name, equal, seed) for name in chosen for equal in STEPS[name] for seed in range(SEEDS)]
-    for _ in pool.spread(trained, which, jobs):
+    once = {folder(*each): each for each in which}
+    for _ in pool.spread(trained, list(once.values()), jobs):
         pass
     table = judged(which, jobs)
     if FILE.is_file():

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from ...envs.control import stack as stacks
@@ -93,9 +94,11 @@ def learners(trial: Trial) -> dict[str, Any]:
     table = pd.read_csv(LEARNERS)
     found: dict[str, Any] = {}
     for (equal, learner), group in table.groupby(["equal", "learner"], sort=False):
-        each = {"trainings": len(group), "failed": int(group["failed"].sum())}
+        each: dict[str, Any] = {"trainings": len(group), "diverged": int(group["diverged"].sum())}
+        each |= {"failed": int(group["failed"].sum())}
         each |= {name: group[name].median() for name in ("training_steps", "simulated_steps", "cpu_seconds", "jitter")}
         each |= {"base_jitter": group["base_jitter"].iloc[0]}
-        each |= {"median": group["of_base"].median(), "best": group["of_base"].min(), "worst": group["of_base"].max()}
+        scores = group["of_base"].fillna(np.inf)  # one without finite numbers is the worst
+        each |= {"median": scores.median(), "best": scores.min(), "worst": scores.max()}
         found.setdefault(str(equal), {})[str(learner)] = each
     return {"numbers": found}
