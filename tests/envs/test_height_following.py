@@ -421,7 +421,7 @@ def test_the_machine_may_be_changed_from_outside():
         ({"reward": {"error": -1.0}}, r"reward\.error = -1\.0 is out of range; allowed: 0 and up"),
         ({"reward": {"rate": np.nan}}, r"reward\.rate = nan is out of range; allowed: 0 and up"),
         ({"machine": {"axis": {"dead_tme": 0.001}}}, r"unknown key 'axis\.dead_tme'; did you mean 'dead_time'\?"),
-        ({"machine": {"axis": {"dead_time": 1.0}}}, r"dead_time = 1\.0 is out of range; allowed: 0 to 0\.004 s"),
+        ({"machine": {"axis": {"dead_time": 1.0}}}, r"dead_time = 1\.0 is out of range; allowed: 0 to 0\.02 s"),
         ({"max_steps": 0}, r"max_steps = 0 is out of range; at least 1"),
         ({"max_steps": -5}, r"max_steps = -5 is out of range; at least 1"),
     ],

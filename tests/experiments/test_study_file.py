@@ -52,7 +52,7 @@ class Pretended(evaluate.Evaluator):
 
     parts = 1
 
-    def part(self, i, candidate, wanted):
+    def part(self, i, candidate, wanted, by=()):
         self.ledger.add(len(self.seeds), 0.0)
         gain = candidate.parameters()["law.kp"].value
         crash = float(gain % 2.0 >= 1.0 and len(self.seeds) > 16)
