@@ -40,8 +40,8 @@ STEPS = {
     "td3": {"equal CPU time": 50_000},
     "tqc": {"equal CPU time": 18_000},
 }
-"""Steps of training by learner and by what is equal. CPU times are as nearly equal as that allows, as the table shows: a
-learner's rates follow its steps, so these must be known beforehand. The others would need hours for PPO's steps."""
+"""Steps of training by learner and by what is equal. CPU times are as nearly equal as that allows, as the table shows:
+a learner's rates follow its steps, so these must be known beforehand. The others would need hours for PPO's steps."""
 
 _SLOWLY = {"policy.output_gain": 0.003, "algorithm.learning_rate": 1e-5, "algorithm.learning_starts": 100}
 OWN: dict[str, dict[str, Any]] = {
