@@ -99,8 +99,10 @@ def trained(which: tuple[str, str, int]) -> bool:
 
 
 def judged(which: list[tuple[str, str, int]], workers: int) -> pd.DataFrame:
-    """One row for each training: what it cost, and its score on test seeds beside its base's; one that came to no finite
-    numbers has none of these."""
+    """One row for each training: what it cost, and its score on test seeds beside its base's.
+
+    One that came to no finite numbers has none of these.
+    """
     good = {each: str(folder(*each) / "policy") for each in which if (folder(*each) / "run.json").is_file()}
     policies = dict.fromkeys(good.values())
     base = presets.preset("gradient", ENV).environment["base"]
