@@ -73,10 +73,10 @@ UNLEARNT = 1.0
 """``edge`` until there are predictions."""
 
 FAR = 0.5
-"""mm off the set height from which on an action has no say."""
+"""Off the set height, in shares of it, from which on an action has no say [A]."""
 
 REGAINED = 0.005
-"""Of an action's say, what comes back in a period once it may have one again."""
+"""Of an action's say, what comes back in a period once it may have one again [A]."""
 
 KICKS = 1.0
 """mm/s, speed at which friction has grown to its full value."""
@@ -259,11 +259,11 @@ def _stay(m, plane):
 
 @part
 def _say(x, away, before):
-    """How much say an action has: none where there is no sheet below, the supervisor moves the head, or the reading is
-    far from the set height, as after a fault: nobody learns there."""
+    """How much say an action has, 0 to 1: none where there is no sheet below, the supervisor moves the head, or the
+    reading is far off the set height, as in and after a fault; trainings hardly ever get there."""
     if x.fresh:
         return 1.0
-    follows = x.captured and not away and not x.override and abs(x.height - x.set_height) < FAR
+    follows = x.captured and not away and not x.override and abs(x.height - x.set_height) < FAR * x.set_height
     return min(before + REGAINED, 1.0) if follows else 0.0
 
 

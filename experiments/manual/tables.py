@@ -13,6 +13,7 @@ from ...envs.control import stack as stacks
 from ...envs.engine.quantity import InvalidInput, did_you_mean
 from ...envs.figures import job_metrics, metrics
 from ...envs.figures.registered import Registry
+from ..measure import margins
 from ..store import markdown
 from ..studies import recorded
 from ..studies.marks import written
@@ -301,6 +302,24 @@ def _of_base(own: dict[str, Any], base: str) -> str:
     if not own.get("seeds") or suite is None or base not in suite["numbers"]:
         return "–"
     return written(own["seeds"]["score"]["median"] / suite["numbers"][base]["score"], ".2f")
+
+
+@made("at-work", "at-work")
+def at_work(found: dict[str, Any]) -> str:
+    """Ms and margins at feeds at which policies act."""
+    rows = []
+    for suite, controllers in found["numbers"].items():
+        for name, feeds in controllers.items():
+            for feed, own in feeds.items():
+                noise = f"{own['ms_noise']:.2f} ({own['ms_noise_low']:.2f} … {own['ms_noise_high']:.2f})"
+                room = (margins.in_words(float(own[key]), most) for key, most in _MOST.items())
+                rows.append((f"`{name}`", f"`{suite}`", feed, f"{own['ms']:.2f}", noise, *room))
+    titles = ("controller", "machine of", "feed, mm/s", "Ms sine", "Ms noise", "gain", "delay, ms")
+    return markdown.table(titles, rows)
+
+
+_MOST = {"gain_margin": float(margins.GAINS[-1]), "delay_margin": float(margins.DELAYS[-1])}
+"""The largest that is tried."""
 
 
 @made("filter-grid", "filter-grid")

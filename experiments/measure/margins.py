@@ -98,8 +98,8 @@ def fault(block_address, at, n, numbers_address, tick):
     _fault_all(doubles(block_address, _ANY), at, n, doubles(numbers_address, _ANY), tick)
 
 
-def _scenario() -> Scenario:
-    return Scenario(name="margins", duration=SETTLE + 3 * WINDOW, settle=SETTLE, feed=FEED, set_height=0.8)
+def _scenario(feed: float) -> Scenario:
+    return Scenario(name="margins", duration=SETTLE + 3 * WINDOW, settle=SETTLE, feed=feed, set_height=0.8)
 
 
 class Bench:
@@ -109,14 +109,15 @@ class Bench:
         stack: any stack with the law.
         threads: worker threads.
         machine: whose corner plants are measured.
+        feed: mm/s.
 
     Raises:
         InvalidInput: a corner plant has less dead time than a control period, so that a command acts before the fault
             can take hold of it.
     """
 
-    def __init__(self, stack: Stack, threads: int = 1, machine: Machine = STANDARD) -> None:
-        self.scenario, self.corners = _scenario(), machine.size
+    def __init__(self, stack: Stack, threads: int = 1, machine: Machine = STANDARD, feed: float = FEED) -> None:
+        self.scenario, self.corners = _scenario(feed), machine.size
         self.corner = np.tile(np.arange(machine.size), 2 * CANDIDATES)
         size = self.corner.size
         self.fleet = Fleet(size, stack.law, heads.ensure([0]), threads)
@@ -125,7 +126,7 @@ class Bench:
         self.dead_time = self.fleet.column("z.dead_time")
         if self.dead_time.min() < 1.0:
             raise InvalidInput(f"margins need a dead time of at least a control period, {1e3 * PERIOD:g} ms")
-        self.fleet.put_feature(every, 0, FEED * SETTLE, sheet.FAR, STEP, 0.0)
+        self.fleet.put_feature(every, 0, feed * SETTLE, sheet.FAR, STEP, 0.0)
         self.padded = self.fleet.blocks * W
         self.numbers = np.zeros(1 + (2 + RING) * self.padded)
         self.numbers[0] = self.padded

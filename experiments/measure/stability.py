@@ -34,6 +34,9 @@ from .plants import STANDARD, Machine
 LIMIT_MS = 2.0
 """Largest Ms that tuning allows a follower unless told otherwise, as the following suite's ranking does."""
 
+FEED = 0.0
+"""mm/s: the sheet moves, the head need not travel. A law that learns over travel is another one at another feed."""
+
 AMPLITUDE = 0.020
 """mm"""
 
@@ -95,8 +98,8 @@ class Sensitivity:
         return float(self.low[at]), float(self.high[at])
 
 
-def _scenario(settle: float, window: float) -> Scenario:
-    return Scenario(name="injection", duration=settle + window, settle=settle, feed=0.0, set_height=0.8)
+def _scenario(settle: float, window: float, feed: float) -> Scenario:
+    return Scenario(name="injection", duration=settle + window, settle=settle, feed=feed, set_height=0.8)
 
 
 class Injection:
@@ -108,6 +111,7 @@ class Injection:
         settle, window: s.
         threads: worker threads.
         machine: whose corner plants are measured.
+        feed: mm/s.
     """
 
     def __init__(
@@ -118,8 +122,10 @@ class Injection:
         window: float = WINDOW,
         threads: int = 1,
         machine: Machine = STANDARD,
+        feed: float = FEED,
     ) -> None:
-        self.frequencies, self.scenario, self.machine = np.asarray(frequencies), _scenario(settle, window), machine
+        self.frequencies, self.machine = np.asarray(frequencies), machine
+        self.scenario = _scenario(settle, window, feed)
         corners, tones = np.meshgrid(np.arange(machine.size), self.frequencies, indexing="ij")
         self.corner, self.tone = corners.ravel(), tones.ravel()
         self.fleet = Fleet(self.corner.size, stack.law, heads.ensure([0]), threads)
@@ -149,13 +155,13 @@ def _amplitude(x: np.ndarray, tones: np.ndarray, first: int) -> np.ndarray:
     return out
 
 
-def sensitivity(stack: Stack, threads: int = 1, machine: Machine = STANDARD) -> Sensitivity:
+def sensitivity(stack: Stack, threads: int = 1, machine: Machine = STANDARD, feed: float = FEED) -> Sensitivity:
     """|S| of a stack with sines, at the suite's frequencies and around its peak, on a machine's corner plants."""
-    found = Injection(stack, threads=threads, machine=machine).measure(stack)
+    found = Injection(stack, threads=threads, machine=machine, feed=feed).measure(stack)
     around = _around(found)
     if not around.size:
         return found
-    finer = Injection(stack, around, threads=threads, machine=machine).measure(stack)
+    finer = Injection(stack, around, threads=threads, machine=machine, feed=feed).measure(stack)
     order = np.argsort(np.concatenate([found.frequencies, finer.frequencies]), kind="stable")
     return Sensitivity(
         np.concatenate([found.frequencies, finer.frequencies])[order],
@@ -191,11 +197,14 @@ class Noise:
         threads: worker threads.
         machine: whose corner plants are measured.
         draws: of the phases, on each corner plant.
+        feed: mm/s.
     """
 
-    def __init__(self, stack: Stack, threads: int = 1, machine: Machine = STANDARD, draws: int = DRAWS) -> None:
+    def __init__(
+        self, stack: Stack, threads: int = 1, machine: Machine = STANDARD, draws: int = DRAWS, feed: float = FEED
+    ) -> None:
         self.machine, self.draws = machine, draws
-        self.scenario = _scenario(REST, PERIODS / LINE)
+        self.scenario = _scenario(REST, PERIODS / LINE, feed)
         self.fleet = Fleet(machine.size * draws, stack.law, heads.ensure([0]), threads)
         machine.prepare(self.fleet, self.scenario, np.repeat(np.arange(machine.size), draws))
         phases = np.random.default_rng(SEED).uniform(0.0, 2 * np.pi, (self.fleet.size, LINES.size))
@@ -257,6 +266,6 @@ def _cross_spectral(x: np.ndarray, y: np.ndarray, draws: int) -> tuple[np.ndarra
     return size_of, np.maximum(size_of - half, 0.0), size_of + half
 
 
-def broadband(stack: Stack, threads: int = 1, machine: Machine = STANDARD) -> Sensitivity:
+def broadband(stack: Stack, threads: int = 1, machine: Machine = STANDARD, feed: float = FEED) -> Sensitivity:
     """|S| of a stack with noise on a machine's corner plants."""
-    return Noise(stack, threads, machine).measure(stack)
+    return Noise(stack, threads, machine, feed=feed).measure(stack)

@@ -11,7 +11,6 @@ where its last checkpoint stands, unless machine, laws or settings have changed 
 """
 
 import shutil
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -37,13 +36,14 @@ from ..train.folder import into
 
 TRAINED = Path(__file__).parents[2] / "agents" / "trained"
 
-FIRST = [f"following-v1/{name}" for name in scenarios.core("following-v1")]
+VERSION_1 = [f"following-v1/{name}" for name in scenarios.core("following-v1")]
+"""The core of the following suite's first version."""
 
 SHIPPED: dict[str, tuple[str, str, int, dict[str, Any]]] = {
     "height-following-gradient": ("gradient", "kerfgym/HeightFollowing-v0", 0, {}),
     # Version 1 of the suite is another machine, too: its plate is as wide as the tip.
     "height-following-v1-gradient": ("gradient", "kerfgym/HeightFollowing-v0", 0, {
-        "environment.scenario": FIRST, "evaluation.scenario": FIRST, "evaluation.episodes": 24 * len(FIRST),
+        "environment.scenario": VERSION_1, "evaluation.scenario": VERSION_1, "evaluation.episodes": 24 * len(VERSION_1),
     }),
     "height-following-ppo": ("ppo", "kerfgym/HeightFollowing-v0", 0, {}),
     # Window, trim and gain of the paper's loop from millisecond to millisecond, against the best fixed ones.
@@ -63,7 +63,7 @@ SHIPPED: dict[str, tuple[str, str, int, dict[str, Any]]] = {
 }  # fmt: skip
 """Algorithm, environment and seed of each, and what differs from the preset."""
 
-ELSEWHERE = {"height-following-v1-gradient": "following-v1"}
+MADE_FOR = {"height-following-v1-gradient": "following-v1"}
 """Suites of those that were not trained for their environment's present one."""
 
 LARGEST = 1_000_000
@@ -71,9 +71,13 @@ LARGEST = 1_000_000
 
 
 def trained(name: str, seed: int) -> Path:
-    """The run folder of a training, which is done if it is not there yet."""
+    """The run folder of a training, which is done if it is not there yet; Ms is measured of the shipped seed's."""
+    own = SHIPPED[name][2]
+    return _trained(name, seed, Path("runs") / f"shipped-{name}{'' if seed == own else f'-{seed}'}")
+
+
+def _trained(name: str, seed: int, run: Path) -> Path:
     algorithm, env, own, changes = SHIPPED[name]
-    run = Path("runs") / f"shipped-{name}{'' if seed == own else f'-{seed}'}"
     _renew(run)
     if not (run / "run.json").is_file():
         given = presets.preset(algorithm, env, changes)
@@ -113,12 +117,16 @@ def seeds_of(name: str, seeds: Sequence[int]) -> pd.DataFrame:
     Columns: ``seed, cpu_seconds, simulated_steps, failed, score`` (the suite's), ``ratio`` (the reference's over it)
     with its 95 % interval and, of jobs, figures over the reference's.
     """
-    folders = {seed: trained(name, seed) for seed in seeds}
+    return judged(name, {seed: trained(name, seed) for seed in seeds})
+
+
+def judged(name: str, folders: dict[int, Path]) -> pd.DataFrame:
+    """The same of trainings that are done, by seed."""
     suite = suite_of(name)
     policies = {str(run / "policy"): seed for seed, run in folders.items()}
     reference = str(scenarios.rules(suite).get("reference", REFERENCE))
     (grid,) = grids.plan([suite], [reference, *policies])
-    place = Path("runs") / f"shipped-{name}-seeds"
+    place = Path("runs") / f"judged-{name}"
     found = benchmarking.run_grids([grid], place, with_cost=False, overwrite=True, workers=2)[suite]
     summary, surely = found.summary(), comparison.figures(found)
     traded = comparison.relative(found, WEIGHED) if found.jobs else None
@@ -154,7 +162,10 @@ def reproduced(name: str) -> bool:
         raise InvalidInput(f"{name} has no trainings to compare with; first --seeds 5 {name}")
     before = pd.read_csv(stored)
     low, high = further(before["score"].to_numpy())
-    now = seeds_of(name, [SHIPPED[name][2]]).iloc[0]
+    own, run = SHIPPED[name][2], Path("runs") / f"again-{name}"
+    if (run / "run.json").is_file():  # of an earlier check; what an interrupted one left goes on
+        shutil.rmtree(run)
+    now = judged(name, {own: _trained(name, own, run)}).iloc[0]
     within = bool(low <= now["score"] <= high and not now["failed"])
     print(
         f"{name}: score {now['score']:.3f}, {now['ratio']:.2f} × closer than the reference "
@@ -168,8 +179,8 @@ def reproduced(name: str) -> bool:
 
 def suite_of(name: str) -> str:
     """The suite that a shipped policy was trained for."""
-    if name in ELSEWHERE:
-        return ELSEWHERE[name]
+    if name in MADE_FOR:
+        return MADE_FOR[name]
     return next(suite for suite in grids.SHOWN if scenarios.rules(suite)["environment"] == SHIPPED[name][1])
 
 
@@ -177,7 +188,7 @@ def main(
     names: Annotated[Positional[tuple[str, ...]], arg(metavar="NAME")] = (),
     seeds: int = 0,
     check: bool = False,
-) -> None:
+) -> int:
     """Train the shipped policies from the presets as they stand.
 
     Args:
@@ -186,8 +197,10 @@ def main(
         check: ship nothing; tell whether a training comes out as those of seeds.csv did.
     """
     chosen = script.known(names, SHIPPED, "policy")
+    if check and seeds:
+        raise InvalidInput("--check trains the shipped seed alone; leave --seeds away")
     if check:
-        sys.exit(0 if all([reproduced(name) for name in chosen]) else 1)
+        return sum(not reproduced(name) for name in chosen)
     for name in chosen:
         print(ship(name))
         if seeds:
@@ -195,6 +208,7 @@ def main(
             with runs.atomic(TRAINED / name / "seeds.csv") as part:
                 table.to_csv(part, index=False, float_format="%.5g")
             print(table.to_string(index=False))
+    return 0
 
 
 if __name__ == "__main__":

@@ -50,7 +50,7 @@ def of_quality(trial: Trial) -> dict[str, Any]:
 @study(
     "policies",
     "what the shipped policies' trainings cost, and what other seeds come to",
-    "python -m kerfgym.experiments.studies.ship --seeds 3",
+    "python -m kerfgym.experiments.manual policies",
     0.1,
     (*trained(), "agents/trained/*/run.json", "agents/trained/*/*.csv"),
 )

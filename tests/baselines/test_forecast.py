@@ -347,6 +347,27 @@ def test_an_action_has_no_say_where_there_is_no_sheet_and_regains_it_within_a_fi
     assert law.weigh(P, s, x, m) == law.weigh(P, s, x, told_nothing)
 
 
+@pytest.mark.parametrize(
+    ("changes", "away", "say"),
+    [
+        ({}, False, 0.505),
+        ({"height": 0.7 + 0.34}, False, 0.505),
+        ({"height": 0.7 + 0.36}, False, 0.0),
+        ({"height": 0.01}, False, 0.0),
+        ({"height": 0.01, "set_height": 0.3}, False, 0.0),  # whatever the set height, it is a fault
+        ({"height": np.nan}, False, 0.0),
+        ({"captured": False}, False, 0.0),
+        ({"override": True}, False, 0.0),
+        ({}, True, 0.0),
+        ({"fresh": True, "captured": False}, False, 1.0),
+    ],
+)
+def test_an_action_has_a_say_while_the_head_follows(changes, away, say):
+    x = told(height=0.7, captured=True, override=False)._replace(**changes)
+    assert law._say(x, away, 0.5) == pytest.approx(say)
+    assert law._say(x, away, 1.0) <= 1.0
+
+
 @pytest.mark.parametrize("feed", [50.0, 200.0, 400.0])
 def test_only_readings_over_more_than_an_edge_are_a_sheet(feed):
     m = np.zeros(slots.MEMORY)

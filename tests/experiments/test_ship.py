@@ -64,9 +64,20 @@ def test_a_training_that_comes_out_otherwise_is_told(monkeypatch, tmp_path, caps
     pd.DataFrame({"seed": range(5), "score": [3.0, 3.1, 3.05, 3.02, 3.08]}).to_csv(tmp_path / name / "seeds.csv")
     row = {"score": score, "ratio": 5.0, "ratio_low": 4.8, "ratio_high": 5.2, "failed": failed, "cpu_seconds": 200.0}
     monkeypatch.setattr(ship, "TRAINED", tmp_path)
-    monkeypatch.setattr(ship, "seeds_of", lambda name, seeds: pd.DataFrame([row]))
+    monkeypatch.setattr(ship, "judged", lambda name, folders: pd.DataFrame([row]))
+    trained = []
+    monkeypatch.setattr(ship, "_trained", lambda name, seed, run: trained.append(run) or run)
+    monkeypatch.chdir(tmp_path)
+    before = tmp_path / "runs" / f"again-{name}"
+    before.mkdir(parents=True)
+    (before / "run.json").write_text("{}")
     assert ship.reproduced(name) is holds
     assert ("NOT reproduced" in capsys.readouterr().out) is not holds
+    assert [run.name for run in trained] == [before.name], "not the run that the stored scores are of"
+    assert not before.exists(), "what an earlier check trained says nothing about this one"
+    assert ship.main((name,), check=True) == (not holds)
+    with pytest.raises(InvalidInput, match="leave --seeds away"):
+        ship.main((name,), seeds=2, check=True)
 
 
 def figures(name, team, seeds=6):
