@@ -86,6 +86,9 @@ class Choice:
 
 
 def _floats(values: Any) -> tuple[float, ...]:
+    for value in values:
+        if isinstance(value, bool | str | list | tuple | dict):
+            raise ValueError(f"{value!r} is not a number")
     numbers = tuple(float(value) for value in values)
     if any(math.isnan(number) for number in numbers):
         raise ValueError("nan is not a number")

@@ -45,7 +45,7 @@ def refused(words, capsys):
 def test_a_machine_is_made_checked_and_shown(workplace, capsys):
     machine = machines.load("mine.toml")
     assert (machine.axis.bandwidth, machine.axis.dead_time, machine.head.bore) == (25.0, 0.004, 1.5)
-    assert machine.summary.startswith("like standard, with head.noise")
+    assert machine.summary.startswith("begun as standard, with head.noise")
     main(["machine", "check", "mine.toml", "standard"])
     said = capsys.readouterr().out
     assert f"mine.toml: machine 'mine' ({machine.digest}) is good; 4 numbers" in said
@@ -59,6 +59,16 @@ def test_a_machine_is_made_checked_and_shown(workplace, capsys):
     assert all(f"{name} " in listed for name in machines.presets())
     main(["machine", "new", "soft.toml", "--like", "heavy-head"])
     assert machines.load("soft.toml").digest == machines.load("heavy-head").digest
+
+
+def test_a_machine_without_a_number_of_its_own_says_so(here, capsys):
+    main(["machine", "new", "mine.toml"])
+    for action in ("check", "show"):
+        main(["machine", action, "mine.toml"])
+        assert "all numbers are the standard machine's" in capsys.readouterr().out
+    main(["machine", "new", "one.toml", "--set", "axis.bandwidth=25"])
+    main(["machine", "check", "one.toml"])
+    assert "; 1 number is not the standard machine's" in capsys.readouterr().out
 
 
 def test_what_is_hardly_meant_is_told_by_check(workplace, capsys):
@@ -79,6 +89,12 @@ def test_bad_words_of_machine_are_refused(workplace, capsys):
     assert "unknown key 'axis.zta'; did you mean 'zeta'?" in refused(
         ["machine", "new", "x.toml", "--set", "axis.zta=1"], capsys
     )
+    for words, said in (
+        ("axis.zeta", "--set axis.zeta: not of the form key=value, as in axis.bandwidth=25"),
+        ("bandwidth=25", "unknown key 'bandwidth'; did you mean 'axis.bandwidth'?"),
+    ):
+        assert said in refused(["machine", "new", "x.toml", "--set", words], capsys)
+    assert "no machine 'mine'; did you mean the file 'mine.toml'?" in refused(["machine", "show", "mine"], capsys)
     assert "check takes machines" in refused(["machine", "check"], capsys)
     for words in (["benchmark"], ["blame"], ["render", "x.png"], ["tune"], ["train", "ppo"], ["speed"]):
         assert "unknown machine 'moden'; did you mean 'modern'?" in refused([*words, "--machine", "moden"], capsys)
