@@ -389,7 +389,7 @@ def render(
     if explain is not None:
         from .render.explained_picture import paint as paint_actions
 
-        for note in paint_actions(out, explain, (scenario,) if scenario else (), seed):
+        for note in paint_actions(out, explain, (scenario,) if scenario else (), seed, loaded(machine)):
             typed.say(f"{explain}: {note}")
         print(out)
         return
