@@ -141,3 +141,18 @@ def test_a_size_that_is_none_is_refused(size):
 def test_other_learners_have_no_such_setting():
     with pytest.raises(InvalidInput, match=r"unknown setting 'policy\.gru_hidden_size'"):
         settings.preset("ppo", HEIGHT, {"policy.gru_hidden_size": 8})
+
+
+def test_the_learner_takes_what_is_remembered_from_piece_to_piece(monkeypatch):
+    given = tiny(**{"environment.max_steps": 600})
+    mine, begun = learner(given, environment(given), seed=0), []
+    monkeypatch.setattr(mine, "_step", lambda seen, known, bars: begun.append(known.clone()))
+    mine._setup_learn(1)
+    passed = mine._live()
+    mine._learn_from(passed)
+    with torch.no_grad():
+        _, then = mine.policy.course(torch.as_tensor(passed.observations[:, :200]), mine.policy.nothing(16))
+    assert not begun[0].any(), "a pass is of new episodes"
+    torch.testing.assert_close(begun[1], then, atol=1e-6, rtol=0.0)
+    assert then.abs().mean() > 0.05
+    assert not any(known.requires_grad for known in begun)
