@@ -156,7 +156,7 @@ def _steps(rng: Any, about: float, level: float, hold: int, seconds: float, room
 def _follow(cuts: machines.Machine, seed: int) -> Log:
     """Closed loop along a real sheet: the shipped reference law over the suite's waves."""
     scenario = scenarios.load("wavy").varied(duration=FOLLOW)
-    scenario, stack = machines.put_on(scenario, cuts), resolve("xi2023")
+    scenario, stack = machines.put_on(scenario, cuts), resolve("xi2023-improved")
     fleet = rollout.fleet_for(scenario, stack, [seed])
     names = ("head_position", "command", "frequency", "height", "set_height")
     seen, x, rows = [fleet.row(f"signals.{name}") for name in names], fleet.row("journey.here"), []
