@@ -111,12 +111,7 @@ def identify(command: np.ndarray, encoder: np.ndarray, seed: int = 0) -> Found:
     rng = np.random.default_rng(seed)
     errors = Errors(command, encoder)
     x, late = _first(command, encoder, seed)
-    import sys, time
-
-    t0 = time.time()
-    print("first", np.exp(x).round(4).tolist(), late, file=sys.stderr)
     x, late = _nearest(errors, x, late)
-    print("near", np.exp(x).round(4).tolist(), late, time.time() - t0, file=sys.stderr)
     return _sampled(errors, x, late, rng)
 
 
@@ -193,7 +188,8 @@ def _sampled(errors: Errors, x: np.ndarray, late: float, rng: np.random.Generato
     best = int(np.argmin([cost for _, cost, _ in refined]))
     x, cost, slopes = refined[best]
     left = errors([axis(x, cells[best])])[0]
-    scale, tau = float(np.sqrt(np.mean(left**2))), correlation_time(left)
+    scale = float(np.sqrt(np.mean(left**2)))
+    tau = max(correlation_time(left), _overdispersion(slopes, left))
     unit = scale**2 * tau
     prior = (_HIGH - _LOW) ** 2 / 12
     spread = np.linalg.inv(slopes @ slopes.T / unit + np.diag(1 / prior)) * 1.3
@@ -228,6 +224,16 @@ def _sampled(errors: Errors, x: np.ndarray, late: float, rng: np.random.Generato
     draws = dict(zip(NAMES, np.exp(every[kept]).T, strict=True))
     draws["dead_time"] = (cells[chosen[kept]] + rng.uniform(0, 1, len(kept))) / SUBSTEPS * PERIOD
     return Found(draws, scale, tau, float(worth))
+
+
+def _overdispersion(slopes: np.ndarray, left: np.ndarray) -> float:
+    """How much more the score scatters from second to second than independent errors would let it (the sandwich of
+    Huber 1967, as one factor): it holds what counts and the converter's steps leave in one direction for a while."""
+    blocks = left.size // (4 * SEGMENT)
+    cut = blocks * 4 * SEGMENT
+    whitened = np.linalg.solve(np.linalg.cholesky(slopes @ slopes.T + 1e-9 * np.eye(len(slopes))), slopes)
+    scores = (whitened[:, :cut] * left[:cut]).reshape(len(slopes), blocks, -1).sum(axis=2)
+    return float(np.max(np.sum(scores**2, axis=1)) / np.mean(left**2))
 
 
 def _in_cell(errors: Errors, x: np.ndarray, cell: float) -> tuple[np.ndarray, float, np.ndarray]:

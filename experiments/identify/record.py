@@ -31,7 +31,7 @@ GAIN = 5.0
 LOW, HIGH = 15.0, 60.0
 """mm, between which the fast moves of the motion protocol go."""
 
-NEAR = 2.5
+NEAR = 3.0
 """mm, height of its moves within the sensor's range."""
 
 LEAST = 0.6
@@ -132,9 +132,9 @@ def _motion(rng: Any) -> Any:
         for _ in range(120):
             yield 0.0
     yield from _to(rng, NEAR, 2.5, 30.0)
-    for level, hold in ((100.0, 4), (40.0, 8), (150.0, 5)):
+    for level, hold in ((60.0, 4), (30.0, 8), (90.0, 4)):
         yield from _to(rng, NEAR, 0.5)
-        yield from _steps(rng, NEAR, level, hold, 4.0, room=0.9)
+        yield from _steps(rng, NEAR, level, hold, 4.0, room=0.7)
 
 
 def _steps(rng: Any, about: float, level: float, hold: int, seconds: float, room: float = 8.0) -> Any:
@@ -149,7 +149,7 @@ def _steps(rng: Any, about: float, level: float, hold: int, seconds: float, room
         left -= 1
         speed = (encoder - last) / PERIOD
         last = encoder if not np.isnan(encoder) else about
-        low = not np.isnan(encoder) and encoder + 0.03 * min(speed, 0.0) < LEAST
+        low = not np.isnan(encoder) and encoder + 0.05 * min(speed, 0.0) < LEAST + 0.4
         encoder = yield (abs(level) if low else asked + DITHER * rng.uniform(-1, 1))
 
 
