@@ -50,6 +50,7 @@ ROOMS = (
     "experiments.train",
     "experiments.benchmark",
     "experiments.speed",
+    "experiments.identify",
     "experiments.reproduce",
     "experiments",
     "experiments.studies",

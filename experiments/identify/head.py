@@ -68,6 +68,8 @@ def swept(log: Log) -> Swept:
     zero = float(encoder[touched].mean() if len(touched) else encoder[first])
     top = first + int(np.argmax(encoder[first:]))
     height, f = encoder[first : top + 1] - zero, frequency[first : top + 1]
+    rising = height > np.concatenate([[-np.inf], np.maximum.accumulate(height)[:-1]]) + 1e-6  # not where it waits
+    height, f = height[rising], f[rising]
     if not len(height) or height[-1] < 2.0:
         raise InvalidInput(f"{log.name}: the sweep ends {height[-1] if len(height) else 0:.3g} mm above the sheet; it "
                            "must reach 2 mm")  # fmt: skip
