@@ -306,11 +306,10 @@ def _related(log: Log, refuse: Any) -> list[str]:
         wanted = float(np.ptp(asked))
         moves = np.diff(encoder) / PERIOD
         late = [float(np.corrcoef(moves[60:], log["command"][60 - k : len(moves) - k])[0, 1]) for k in range(0, 60, 2)]
-        if max(late, default=0) < 0.3:
-            if min(late) < -0.5:
-                raise refuse(
-                    0, "command", "begins a column of the opposite sign of the encoder's speed; up is positive"
-                )
+        most = late[int(np.argmax(np.abs(late)))]
+        if most < -0.5:
+            raise refuse(0, "command", "begins a column of the opposite sign of the encoder's speed; up is positive")
+        if not max(late) >= 0.3:
             raise refuse(0, "command", "begins a column that the encoder does not follow (no correlation in 60 ms)")
         ratio = travelled / max(wanted, 1e-9)
         if (log.protocol == "follow" and not 0.2 < ratio < 5) or ratio > 20 or ratio < 0.02:
