@@ -92,6 +92,7 @@ def _to(rng: Any, height: float, seconds: float, fastest: float = 50.0) -> Any:
     encoder, start = np.nan, True
     for _ in range(round(seconds / PERIOD)):
         asked = 0.0 if start else float(np.clip(GAIN * (height - encoder), -fastest, fastest))
+        asked += DITHER * rng.uniform(-1, 1) if abs(asked) > 1.0 else 0.0
         encoder, start = (yield asked), False
     return encoder
 
