@@ -689,7 +689,7 @@ def record(
         overwrite: replace an existing file.
     """
     from .identify.log import write
-    from .identify.record import record as recorded
+    from .identify.protocols import record as recorded
 
     target = Path(out or f"{protocol}.csv")
     if target.suffix not in (".csv", ".parquet"):

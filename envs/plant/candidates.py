@@ -101,11 +101,11 @@ def courses(axes: list[z_axis.Params], commands: np.ndarray, start: float, gate:
         mm, shape (axes, periods, 2): motor, and nozzle.
     """
     columns = _Candidates(len(axes), ROWS, _layout.parts)
-    every = np.arange(columns.blocks * W)
+    every: Any = np.arange(columns.blocks * W)
     counted = max(1.0, np.rint(gate * SUBSTEPS))
     columns.lay(COURSE, every, Course(opens=1.0 - counted / SUBSTEPS + 1e-9, weight=1.0 / counted))
     columns.lay(MOTION, every, z_axis.at_rest(start))
-    for i in every:
+    for i in range(columns.blocks * W):
         p = axes[min(i, len(axes) - 1)]
         columns.lay(P_Z, i, p)
         columns.lay(GAINS, i, z_axis.gains(p, DT))

@@ -10,6 +10,7 @@ time acts in substeps of 50 µs: within one, all are equally likely, and the pos
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from cmaes import CMA
@@ -206,7 +207,10 @@ def _sampled(errors: Errors, x: np.ndarray, late: float, rng: np.random.Generato
     middle, size = x, len(x)
     odds = np.array([-(c - cost) / (2 * unit) for _, c, _ in refined])
     odds = 0.9 * special.softmax(odds) + 0.1 / len(cells)
-    xs, ks, likely, proposed = [], [], [], []
+    xs: list[np.ndarray] = []
+    ks: list[np.ndarray] = []
+    likely: list[np.ndarray] = []
+    proposed: list[tuple[Any, np.ndarray]] = []
     for _ in range(ROUNDS):
         proposal = stats.multivariate_t(middle, spread, df=5, allow_singular=True, seed=rng)
         x_new = np.atleast_2d(proposal.rvs(DRAWS))

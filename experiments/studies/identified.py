@@ -14,7 +14,7 @@ import numpy as np
 from ...envs.control.stack import get
 from ...envs.scenarios import Scenario, machines
 from ..identify import drive, head
-from ..identify.record import record
+from ..identify.protocols import record
 from ..measure import rollout
 
 WIDE = {

@@ -6,7 +6,7 @@ import pytest
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.plant import candidates, z_axis
 from kerfgym.envs.scenarios import machines
-from kerfgym.experiments.identify import drive, head, identifying, log, record
+from kerfgym.experiments.identify import drive, head, identifying, log, protocols
 
 KNOWN = {
     "name": "known",
@@ -111,7 +111,7 @@ def test_a_file_beside_the_log_gives_units_and_must_not_contradict_it(tmp_path):
 
 @pytest.mark.parametrize("ending", ["csv", "parquet"])
 def test_a_recorded_log_reads_back_and_holds_no_truth(ending, tmp_path):
-    made = record.record(KNOWN, "sweep")
+    made = protocols.record(KNOWN, "sweep")
     assert set(made.columns) <= set(log.COLUMNS)
     file = tmp_path / f"a.{ending}"
     log.write(made, file)
@@ -122,7 +122,7 @@ def test_a_recorded_log_reads_back_and_holds_no_truth(ending, tmp_path):
 
 
 def test_candidates_move_as_the_machine_that_was_recorded():
-    made = record.record(KNOWN, "motion")
+    made = protocols.record(KNOWN, "motion")
     axis = z_axis.Params()._replace(
         omega=2 * np.pi * 60, zeta=0.7, dead_time=4.3, acceleration=12000.0, speed=400.0, dac=400 / 32768,
         friction=800.0, bristle=0.005, stiction=1.4, stribeck=3.0, jerk=2e6,
@@ -132,16 +132,16 @@ def test_candidates_move_as_the_machine_that_was_recorded():
 
 
 def test_a_sweep_and_a_rest_find_head_and_noise():
-    swept = head.swept(record.record(KNOWN, "sweep", 1))
+    swept = head.swept(protocols.record(KNOWN, "sweep", 1))
     assert swept.values == pytest.approx({"face": 10.0, "body": 10.0, "inductance": 168.0}, rel=0.03)
-    noise = head.noise(record.record(KNOWN, "rest", 1), swept, np.random.default_rng(0))["noise"]
+    noise = head.noise(protocols.record(KNOWN, "rest", 1), swept, np.random.default_rng(0))["noise"]
     assert np.median(noise) == pytest.approx(2e-3, rel=0.06)
     low, high = np.percentile(noise, [0.5, 99.5])
     assert low < 2e-3 < high
 
 
 def test_a_log_of_another_head_than_the_sweeps_is_refused():
-    sweep, rest = record.record(KNOWN, "sweep"), record.record(KNOWN, "rest")
+    sweep, rest = protocols.record(KNOWN, "sweep"), protocols.record(KNOWN, "rest")
     other = log.Log("rest.csv", "rest", {**rest.columns, "frequency": 1.1 * rest["frequency"]})
     with pytest.raises(
         InvalidInput, match=r"rest.csv, line \d+, column frequency: .* is the sweep that of another head"
@@ -150,7 +150,7 @@ def test_a_log_of_another_head_than_the_sweeps_is_refused():
 
 
 def test_the_machines_file_draws_from_what_was_found_and_keeps_what_was_not(tmp_path):
-    made = identifying.identify([record.record(KNOWN, "sweep"), record.record(KNOWN, "rest")])
+    made = identifying.identify([protocols.record(KNOWN, "sweep"), protocols.record(KNOWN, "rest")])
     found = {number.key: number.found for number in made.numbers}
     assert found["head.noise"]
     assert not found["head.jitter"]
@@ -161,7 +161,7 @@ def test_the_machines_file_draws_from_what_was_found_and_keeps_what_was_not(tmp_
 
 
 def test_a_known_drive_is_recovered():
-    made = record.record(KNOWN, "motion", 2)
+    made = protocols.record(KNOWN, "motion", 2)
     draws = drive.identify(made["command"], made["encoder"]).draws
     for key in ("bandwidth", "zeta", "acceleration", "speed"):
         assert np.median(draws[key]) == pytest.approx(KNOWN["axis"][key], rel=0.01), key
