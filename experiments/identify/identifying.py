@@ -118,7 +118,7 @@ def _number(key: str, draws: np.ndarray, prior: tuple[float, float], log: bool =
 
 def _belongs(table: calibration.Table, logs: list[Log]) -> list[str]:
     """Warns of a sweep of another head: frequencies near the plate that the table does not have."""
-    said = []
+    said: list[str] = []
     top = 1.01 * float(table.frequency[-1])
     for log in logs:
         if "frequency" in log:
