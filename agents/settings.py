@@ -336,8 +336,9 @@ def _named(path: Path) -> dict[str, str]:
     return files.get(path.name, {})
 
 
-def parsed(assignments: list[str]) -> dict[str, Any]:
-    """Changes from ``key=value`` as a user types them; values as in TOML, a bare word is text.
+def parsed(assignments: list[str], such_as: str = "algorithm.gamma=0.97") -> dict[str, Any]:
+    """Changes from ``key=value`` as a user types them; values as in TOML, a bare word is text. ``such_as``: an example
+    for the error.
 
     Raises:
         InvalidInput: no equals sign.
@@ -346,7 +347,7 @@ def parsed(assignments: list[str]) -> dict[str, Any]:
     for text in assignments:
         key, equals, value = text.partition("=")
         if not equals or not key.strip():
-            raise InvalidInput(f"--set {text}: not of the form key=value, as in algorithm.gamma=0.97")
+            raise InvalidInput(f"--set {text}: not of the form key=value, as in {such_as}")
         try:
             changes[key.strip()] = files.toml_of(f"x = {value}", text)["x"]
         except InvalidInput:

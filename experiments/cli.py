@@ -389,7 +389,7 @@ def render(
     if explain is not None:
         from .render.explained_picture import paint as paint_actions
 
-        for note in paint_actions(out, explain, (scenario,) if scenario else (), seed):
+        for note in paint_actions(out, explain, (scenario,) if scenario else (), seed, loaded(machine)):
             typed.say(f"{explain}: {note}")
         print(out)
         return
@@ -701,11 +701,58 @@ def machine(
     machine_files.ACTIONS.get(action, machine_files.unknown(action))(what, like, set_, overwrite)
 
 
+def record(
+    machine: Annotated[str, arg(metavar="NAME|FILE")] = "standard",
+    protocol: Annotated[str, arg(metavar="PROTOCOL")] = "motion",
+    out: Annotated[Text, arg(aliases=("-o",))] = None,
+    seed: int = 0,
+    overwrite: bool = False,
+) -> None:
+    """A log of a simulated machine, as a real one would record it; for trying kerfgym identify.
+
+    Args:
+        machine: what is recorded: a preset (kerfgym machine list) or a file.
+        protocol: rest, sweep, motion or follow.
+        out: the log, CSV or Parquet by its ending. Default: PROTOCOL.csv.
+        seed: draws the machine, where it has distributions, and its noise.
+        overwrite: replace an existing file.
+    """
+    from .identify.log import write
+    from .identify.protocols import record as recorded
+
+    target = Path(out or f"{protocol}.csv")
+    if target.suffix not in (".csv", ".parquet"):
+        raise InvalidInput(f"-o takes a .csv or .parquet file, not {target}")
+    if target.exists() and not overwrite:
+        raise InvalidInput(f"'{target}' exists; --overwrite replaces it")
+    write(recorded(machine, protocol, seed), target)
+    print(target)
+
+
+def identify(
+    log: Annotated[Positional[tuple[str, ...]], arg(metavar="LOG ...")],
+    out: Annotated[str, arg(aliases=("-o",))] = "mine.toml",
+    like: str = "standard",
+    overwrite: bool = False,
+) -> None:
+    """A machine's file from its logs; every number that they tell is a distribution, so --machine draws from it.
+
+    Args:
+        log: logs of the protocols rest, sweep and motion, one of each (docs/identification.md).
+        out: the machine's file; the sweep's table lies beside it.
+        like: the machine that holds where the logs say nothing.
+        overwrite: replace an existing file.
+    """
+    from .identify.identifying import command
+
+    command(log, out, like, overwrite)
+
+
 ABOUT = """Testbed for laser-cutting machine control. Everything is simulated; nothing is validated on a machine.
 
 kerfgym list shows what there is, kerfgym COMMAND --help every option of a command."""
 
-_ALL = (list_, benchmark, report, blame, tune, train, reproduce, render, speed, machine)
+_ALL = (list_, benchmark, report, blame, tune, train, reproduce, render, speed, machine, record, identify)
 COMMANDS: dict[str, Any] = {command.__name__.removesuffix("_"): command for command in _ALL}
 """Every command by its name."""
 

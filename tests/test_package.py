@@ -50,6 +50,7 @@ ROOMS = (
     "experiments.benchmark",
     "experiments.train",
     "experiments.speed",
+    "experiments.identify",
     "experiments.reproduce",
     "experiments",
     "experiments.studies",

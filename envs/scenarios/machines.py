@@ -7,6 +7,7 @@ machine's. :func:`load` reads one, by name or from a file; :func:`put_on` puts a
 
 # ruff: noqa: RUF009  (sections that are defaults are frozen)
 
+import difflib
 import hashlib
 import json
 from collections.abc import Iterable, Iterator
@@ -16,7 +17,7 @@ from typing import Any
 
 from ..engine.quantity import InvalidInput, did_you_mean
 from ..safety import files, names
-from .distributions import middle
+from .distributions import check_joint, middle
 from .hardware import DISTURBANCES, Axis, Gantry, Head, Optics
 from .measured import measured_head
 from .schema import STANDARD_MACHINE, Scenario
@@ -43,6 +44,7 @@ class Machine(Section):
     def __post_init__(self) -> None:
         super().__post_init__()
         names.checked(self.name, "name")
+        check_joint(*(getattr(self, table) for table in TABLES))
         if self.head.signal:
             raise ValueError("head.signal is a recording; it belongs to a scenario, not to a machine")
 
@@ -91,9 +93,26 @@ def load(given: Any) -> Machine:
         raise InvalidInput(f"machine = {files.shown(given)} is not allowed; allowed: {allowed}")
     if str(given) in presets():
         return read(_FOLDER / f"{given}.toml")
+    meant = "" if files.is_file(given) else _file_meant(given)
+    if meant:
+        raise InvalidInput(
+            f"no machine '{given}'; did you mean the file '{meant}'? (known: {', '.join(presets())}, or a path to a "
+            "TOML file)"
+        )
     if str(given).endswith(".toml") or files.is_file(given):
         return read(given)
     raise InvalidInput(f"unknown machine '{given}'; {did_you_mean(str(given), presets())}, or a path to a TOML file")
+
+
+def _file_meant(given: str | Path) -> str:
+    """The TOML file that is called nearly so, where one was looked for; empty if none is near, or a preset nearer."""
+    place, stem = Path(given).parent, Path(given).stem
+    try:
+        beside = [found.stem for found in place.glob("*.toml")]
+    except (OSError, ValueError):  # no such folder, or no name of one
+        return ""
+    near = difflib.get_close_matches(stem, [*presets(), *beside], n=1, cutoff=0.7)
+    return str(place / f"{near[0]}.toml") if near and near[0] in beside else ""
 
 
 def read(path: str | Path) -> Machine:
@@ -125,12 +144,25 @@ def of_tables(tables: dict[str, Any], where: str, text: str = "") -> Machine:
         other = [key for key in tables if key in {f.name for f in fields(Scenario)} - {f.name for f in fields(Machine)}]
         if other:
             raise InvalidInput(f"{other[0]} belongs to a scenario, not to a machine; a machine has {', '.join(TABLES)}")
+        _misplaced(tables)
         machine = of_table(Machine, tables)
         if machine.head.table:
             measured_head(machine.head.table)  # a bad file is an error now
         return machine
     except InvalidInput as error:
         raise InvalidInput(f"{where}{line_of(text, str(error))}: {error}") from None
+
+
+def _misplaced(tables: dict[str, Any]) -> None:
+    """Refuses a number that stands outside of its table, or in another's, and says where it belongs."""
+    names_in = {table: {f.name for f in fields(getattr(STANDARD, table))} for table in TABLES}
+    places = {"": (tables, {f.name for f in fields(Machine)})}
+    places |= {f"{t}.": (tables[t], names_in[t]) for t in TABLES if isinstance(tables.get(t), dict)}
+    for place, (found, own) in places.items():
+        for key in found:
+            homes = [f"'{table}.{key}'" for table in TABLES if key in names_in[table]]
+            if key not in own and homes:
+                raise InvalidInput(f"unknown key '{place}{key}'; did you mean {' or '.join(homes)}?")
 
 
 # ------------------------------------------------------------------------------------------- scenarios on a machine

@@ -26,8 +26,8 @@ def new(what: Words, like: str, assignments: list[str], overwrite: bool) -> None
         raise InvalidInput(f"'{file}' exists; --overwrite replaces it")
     begin = machines.load(like)
     tables = {**begin.tables, "name": names.of_file(file.stem)}
-    tables["summary"] = f"like {begin.name}" + ("" if not assignments else ", but for what is listed below")
-    for key, value in parsed(assignments).items():
+    tables["summary"] = f"begun as {begin.name}" + ("" if not assignments else ", but for what is listed below")
+    for key, value in parsed(assignments, "axis.bandwidth=25").items():
         table, dot, name = key.partition(".")
         if not dot:
             tables[key] = value
@@ -38,7 +38,7 @@ def new(what: Words, like: str, assignments: list[str], overwrite: bool) -> None
     made = machines.of_tables(tables, "--set" if assignments else like)
     if assignments and made.summary.endswith("listed below"):
         told = [f"{key} {machine_text.written(v)}" for key, v in machines.differences(made, begin).items()]
-        made = machines.of_tables({**tables, "summary": f"like {begin.name}, with {', '.join(told)}"}, str(file))
+        made = machines.of_tables({**tables, "summary": f"begun as {begin.name}, with {', '.join(told)}"}, str(file))
     write_text(file, machine_text.text_of(made))
     print(file)
 
@@ -60,10 +60,7 @@ def check(what: Words, like: str, assignments: list[str], overwrite: bool) -> No
     for one in _some(what, "check"):
         machine = machines.load(one)
         doubts = list(machines.doubts(machine))
-        said = len(machines.differences(machine, STANDARD))
-        print(
-            f"{one}: machine '{machine.name}' ({machine.digest}) is good; {said} numbers are not the standard machine's"
-        )
+        print(f"{one}: machine '{machine.name}' ({machine.digest}) is good; {_said(machine)}")
         for doubt in doubts:
             print(f"  but {doubt}")
 
@@ -74,7 +71,17 @@ def _some(what: Words, action: str) -> Words:
     return what
 
 
+def _said(machine: Machine) -> str:
+    """How much of it is its own."""
+    count = len(machines.differences(machine, STANDARD))
+    if count == 0:
+        return "all numbers are the standard machine's"
+    return f"{count} number{' is' if count == 1 else 's are'} not the standard machine's"
+
+
 def _show(machine: Machine) -> None:
+    if not machines.differences(machine, STANDARD):
+        print(f"{machine.name} ({machine.digest}): {_said(machine)}")
     table = Table(title=f"{machine.name} ({machine.digest})", caption=machine.summary or None)
     for column in ("", machine.name, "standard", "unit, meaning, range"):
         table.add_column(column)
@@ -83,7 +90,8 @@ def _show(machine: Machine) -> None:
         usual = getattr(getattr(STANDARD, section), name)
         shown = [machine_text.written(v) if v is not None else "–" for v in (value, usual)]
         table.add_row(key, *shown, machine_text.explained(type(getattr(machine, section)), name))
-    Console(width=max(Console().width, 120)).print(table)
+    if table.row_count:
+        Console(width=max(Console().width, 120)).print(table)
     for doubt in machines.doubts(machine):
         print(f"but {doubt}")
 

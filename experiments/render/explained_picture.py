@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from ...envs import scenarios
 from ...envs.engine.quantity import InvalidInput
+from ...envs.scenarios import Machine, machines
 from ..plots.palette import COLOURS, GRID, INK, QUIET, SHADE
 from ..plots.png import png
 from ..store.runs import atomic
@@ -33,8 +34,9 @@ LETTER, SMALL_LETTER = 0.125, 0.078
 """Inches of a letter of the title, and of the line below, on average."""
 
 
-def paint(out: Path, policy: str, chosen: Sequence[str], seed: int) -> list[str]:
-    """Writes the picture of a policy as PNG; returns what a reader must know.
+def paint(out: Path, policy: str, chosen: Sequence[str], seed: int, on: Machine | None = None) -> list[str]:
+    """Writes the picture of a policy as PNG; returns what a reader must know. ``on``: the machine that both drive, in
+    place of what the scenarios say of one.
 
     Raises:
         InvalidInput: another suffix, no such policy, scenario or seed, or a scenario with a job.
@@ -47,14 +49,18 @@ def paint(out: Path, policy: str, chosen: Sequence[str], seed: int) -> list[str]
     for case in cases:
         if case.job:
             raise InvalidInput(f"scenario '{case.name}' has a job; actions are drawn of height followers only")
+    replaced = machines.warnings(cases, on) if on else []
+    cases = [machines.put_on(case, on) for case in cases] if on else cases
     found = [explained(stack, case, seed) for case in cases]
     names = [policy if len(policy) < 40 else Path(policy).name, stack.pilot.policy.document.base["z"].name]  # type: ignore[union-attr]
     with atomic(out) as part:
-        part.write_bytes(png(draw(found, meanings(stack), names[0], names[1], seed)))
-    return [f"in {each.scenario} it hands over to its base {names[1]}" for each in found if each.alone]
+        part.write_bytes(png(draw(found, meanings(stack), names[0], names[1], seed, on.name if on else "")))
+    return replaced + [f"in {each.scenario} it hands over to its base {names[1]}" for each in found if each.alone]
 
 
-def draw(found: Sequence[Explained], names: Sequence[str], policy: str, base: str, seed: int) -> Figure:
+def draw(
+    found: Sequence[Explained], names: Sequence[str], policy: str, base: str, seed: int, machine: str = ""
+) -> Figure:
     """The figure.
 
     Args:
@@ -62,6 +68,7 @@ def draw(found: Sequence[Explained], names: Sequence[str], policy: str, base: st
         names: what the actions are.
         policy, base: what the two are called.
         seed: of the scenarios.
+        machine: on which they were put; empty if the scenarios say what it is.
     """
     weighs = all(each.effects is not None for each in found)
     tall = [2.2, *([1.7] if weighs else []), 1.0, 1.9]
@@ -85,7 +92,7 @@ def draw(found: Sequence[Explained], names: Sequence[str], policy: str, base: st
     if not weighs:
         title = f"What {policy} decides, beside its base, {base}"
     lines = textwrap.wrap(title, int((width - LEFT) / LETTER))
-    below_it = textwrap.wrap(_told(len(names), len(shown), weighs, seed), int((width - LEFT) / SMALL_LETTER))
+    below_it = textwrap.wrap(_told(len(names), len(shown), weighs, seed, machine), int((width - LEFT) / SMALL_LETTER))
     below = 0.25 * len(lines) + 0.19 * len(below_it)
     figure.subplots_adjust(
         LEFT / width, 0.6 / height, 1 - LEGEND / width, 1 - (0.62 + below) / height, wspace=0.15, hspace=0.16
@@ -98,12 +105,13 @@ def draw(found: Sequence[Explained], names: Sequence[str], policy: str, base: st
     return figure
 
 
-def _told(count: int, shown: int, weighs: bool, seed: int) -> str:
+def _told(count: int, shown: int, weighs: bool, seed: int, machine: str) -> str:
     """What stands below the title."""
+    seeded = f"Machine {machine}, seed {seed}" if machine else f"Seed {seed}"
     drawn = f"Of {count} actions the {shown} that matter most here have a colour. " if count > shown > 0 else ""
     if not weighs:
-        return f"{drawn}Seed {seed}; both met the same sheet, machine and noise."
-    return f"0: as its base; 1 and −1: the whole span of a weight. {drawn}Seed {seed}, the same for both."
+        return f"{drawn}{seeded}; both met the same sheet, machine and noise."
+    return f"0: as its base; 1 and −1: the whole span of a weight. {drawn}{seeded}, the same for both."
 
 
 def _axes(weighs: bool) -> list[str]:

@@ -103,7 +103,9 @@ def told(results: Results, policies: Sequence[str], names: Sequence[str]) -> lis
     """Lines for the terminal: a table, and for a single policy whether it beats its base."""
     table, named = rows(results), dict(zip(policies, names, strict=True))
     width, base = max(len(named.get(name, name)) for name in table.index), results.reference
-    lines = [f"{unit(results)}, on {results.runs['seed'].nunique()} test seeds a scenario, 95 % intervals over seeds:"]
+    on = f" on machine {results.meta['cut_by']['name']}" if results.meta.get("cut_by") else ""
+    count = results.runs["seed"].nunique()
+    lines = [f"{unit(results)}, on {count} test seeds a scenario{on}, 95 % intervals over seeds:"]
     for name, row in table.iterrows():
         score = f"{row['score']:.3f} ({row['score_low']:.3f} … {row['score_high']:.3f})"
         ratio = f"{base} ÷ it {row['ratio']:.3f} ({row['ratio_low']:.3f} … {row['ratio_high']:.3f})"

@@ -2,9 +2,9 @@
 
 The minimiser is sequential quadratic programming in a trust region (Nocedal and Wright 2006, ch. 18): of each candidate
 it knows the logarithms of score and Ms and their slopes, and looks for the lowest score below the cap. It starts from
-the best candidate of the exploration, and when it has come to an end, from the next best, until trials or budget are
-spent. A study that goes on after an interruption goes through the minimiser once more with what is known, which takes
-milliseconds.
+the best candidate of the exploration, and when it has come to an end, from the next best whose loop settles; after the
+last of them from what TPE proposes next, until trials or budget are spent. A study that goes on after an interruption
+goes through the minimiser once more with what is known, which takes milliseconds.
 """
 
 import itertools
@@ -128,15 +128,24 @@ class Descents(Seeded):
         if trial.number < self.explore:
             return super().sample_relative(study, trial, search_space)
         over = [t for t in study.get_trials(deepcopy=False) if t.number < trial.number and t.state.is_finished()]
-        before = sorted((t for t in over if t.number < self.explore and t.params), key=self.cost)
+        settled = (t for t in over if t.number < self.explore and t.params and t.user_attrs.get("ms", 0.0) < FAILED)
+        before = sorted(settled, key=self.cost)
         told = iter([t for t in over if t.number >= self.explore])
-        for start in itertools.chain(before, itertools.repeat(before[0])):
-            fixed = {axis.name: start.params[axis.name] for axis in self.space.axes if axis not in self.axes}
-            first = [axis.encode(start.params[axis.name]) for axis in self.axes]
-            asked = _descend(np.clip(first, 0.0, 1.0), self.axes, self.cap, map(self._measured, told))
-            if asked is not None:
-                return fixed | {a.name: a.decode(x) for a, x in zip(self.axes, asked, strict=True)}
-        raise AssertionError
+        for start in before:
+            if asked := self._down(start, told):
+                return asked
+        for start in told:  # from here on a descent's first point is what TPE proposed, which has slopes, too
+            if asked := self._down(start, itertools.chain([start], told)):
+                return asked
+        inner = self._sampler(trial)
+        return inner.sample_relative(study, trial, inner.infer_relative_search_space(study, trial))
+
+    def _down(self, start: FrozenTrial, told: Iterator[FrozenTrial]) -> dict[str, Any]:
+        """The next candidate of the descent from a trial, after ``told``; nothing at its end."""
+        fixed = {axis.name: start.params[axis.name] for axis in self.space.axes if axis not in self.axes}
+        first = [axis.encode(start.params[axis.name]) for axis in self.axes]
+        asked = _descend(np.clip(first, 0.0, 1.0), self.axes, self.cap, map(self._measured, told))
+        return {} if asked is None else fixed | {a.name: a.decode(x) for a, x in zip(self.axes, asked, strict=True)}
 
     def _measured(self, trial: FrozenTrial) -> "Measured":
         """What a trial found: the score is NaN if it did not come to one."""

@@ -136,14 +136,15 @@ def slices(
 
     Args:
         trials, title, name, text: as for :func:`history`.
-        searched: the parameters.
+        searched: the parameters; one that no finished trial has, such as a number of a filter that none of them is,
+            is not shown.
         units: of those that have one.
     """
-    shown = [axis for axis in searched if axis.name in trials]
+    whole = trials[(trials["state"] == "complete")]
+    shown = [axis for axis in searched if axis.name in whole and whole[axis.name].notna().any()]
     rows = max(1, math.ceil(len(shown) / WIDEST))
     figure = _figure(f"{title}: slices, later trials darker", 11.0, 0.6 + 2.3 * rows)
     grid = figure.subplots(rows, min(WIDEST, max(1, len(shown))), squeeze=False)
-    whole = trials[(trials["state"] == "complete")]
     for axes in grid.flat[len(shown) :]:
         axes.set_visible(False)
     for axes, axis in zip(grid.flat, shown, strict=False):

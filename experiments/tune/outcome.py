@@ -87,7 +87,7 @@ def best(work: RollOuts, trials: list[FrozenTrial]) -> tuple[Found, dict[str, An
         if len(kept) == max(task.finalists, 1):
             break
     if not kept:
-        raise NothingFound(_none(trials))
+        raise NothingFound(_none(trials, task.limits.ms))
     if not task.finalists:
         return kept[0][0], {}, Ledger()
     many = task.evaluator(range(task.final_seeds), work.evaluator.threads)
@@ -128,7 +128,7 @@ def front(work: RollOuts, trials: list[FrozenTrial]) -> list[Found]:
     found = [checked(work, trial) for trial in kept]
     found = [f for f in found if f.ms <= work.task.limits.ms or math.isinf(work.task.limits.ms)]
     if not found:
-        raise NothingFound(_none(trials))
+        raise NothingFound(_none(trials, work.task.limits.ms))
     return found
 
 
@@ -154,12 +154,14 @@ def checked(work: RollOuts, trial: FrozenTrial) -> Found:
     return Found(trial.number, parameters, tuple(trial.values), ms, controller)
 
 
-def _none(trials: list[FrozenTrial]) -> str:
+def _none(trials: list[FrozenTrial], cap: float) -> str:
     over = [t for t in trials if t.constraints]
     if not over:
         return "no trial could be evaluated"
     near = min(over, key=lambda t: sum(max(0.0, v) for v in t.constraints.values()))
-    broken = ", ".join(name for name, v in near.constraints.items() if v > 0) or "the exact Ms"
+    ms = near.user_attrs.get("ms", math.inf)
+    told = {"ms": f"ms {ms:.3g}, at most {cap:g} is allowed" if ms < goals.FAILED else "ms, its loop does not settle"}
+    broken = ", ".join(told.get(name, name) for name, v in near.constraints.items() if v > 0) or "the exact Ms"
     return (
         f"no trial keeps all limits; the nearest, trial {near.number}, breaks: {broken}. "
         "Loosen a limit, search more parameters, or --resume with more --trials"

@@ -77,6 +77,19 @@ def test_what_is_written_of_a_machine_reads_back_to_an_equal_one(name, whole, mi
     assert machines.load(machine.tables) == machine
 
 
+def test_numbers_known_together_are_written_read_and_drawn_together(tmp_path):
+    rows = {"bandwidth": [24.1, 25.3, 26.0], "zeta": [0.81, 0.78, 0.74]}
+    machine = machines.of_tables(
+        {"name": "mine", "axis": {key: {"choice": v, "joint": "motion"} for key, v in rows.items()}}, "mine"
+    )
+    file = tmp_path / "mine.toml"
+    file.write_text(machine_text.text_of(machine, whole=False), encoding="utf-8")
+    assert machines.read(file).digest == machine.digest
+    fleet = workshop.fleet_for(machines.put_on(scenarios.load("wavy"), machine), stacks.asked("idle"), range(50))
+    bandwidths = np.round(fleet.column("z.omega") / (2 * np.pi), 6)
+    assert set(zip(bandwidths, fleet.column("z.zeta"), strict=True)) == set(zip(*rows.values(), strict=True))
+
+
 def test_every_number_of_a_machine_is_written_with_unit_and_range():
     lines = machine_text.text_of(machines.STANDARD).splitlines()
     assert "bandwidth = { uniform = [50, 120] }           # Hz, velocity loop; 5 to 500 Hz" in lines
@@ -105,6 +118,9 @@ def test_a_file_without_a_name_has_its_own_and_a_digest_is_of_the_numbers(mine, 
         ("[axis]\nzeta = 'high'", r"line 2: axis\.zeta: a number or a distribution is needed, not 'high'"),
         ("[axis]\nzeta = {uniform = [1, 0.5]}", r"line 2: axis\.zeta: the range \[1.0, 0.5\] must rise"),
         ("[axis]\nzeta = nan", r"line 2: axis\.zeta = nan"),
+        ("[axis]\nzeta = {choice = [1, 'a']}", r"line 2: axis\.zeta: 'a' is not a number"),
+        ("bandwidth = 25", r"line 1: unknown key 'bandwidth'; did you mean 'axis\.bandwidth'\?"),
+        ("[head]\nspeed = 25", r"line 2: unknown key 'head\.speed'; did you mean 'axis\.speed' or 'gantry\.speed'\?"),
         (
             "feed = 200",
             r"line 1: feed belongs to a scenario, not to a machine; a machine has head, axis, gantry, optics",
@@ -134,6 +150,21 @@ def test_an_unknown_machine_is_an_error_that_offers_the_nearest():
         machines.load("moden")
     with pytest.raises(InvalidInput, match="machine = 3 is not allowed; allowed: one of heavy-head"):
         machines.load(3)
+
+
+@pytest.mark.parametrize("given", ["mine", "mine.tml", "mne.toml"])
+def test_a_file_that_is_not_there_is_an_error_that_offers_the_nearest(given, mine):
+    with pytest.raises(InvalidInput, match=r"no machine '.*'; did you mean the file '.*mine\.toml'\? \(known: heavy"):
+        machines.load(mine.parent / given)
+
+
+def test_a_preset_that_is_nearer_than_a_file_is_offered(tmp_path, monkeypatch):
+    (tmp_path / "modest.toml").write_text("", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InvalidInput, match="unknown machine 'modrn'; did you mean 'modern'"):
+        machines.load("modrn")
+    with pytest.raises(InvalidInput, match=r"cannot read '.*none/mine\.toml'"):
+        machines.load(tmp_path / "none" / "mine.toml")
 
 
 def test_a_measured_table_lies_beside_the_file_that_names_it(tmp_path):

@@ -1,16 +1,21 @@
 """Commands on a machine of one's own and on suites in folders: what they run, and what their results say of it."""
 
 import json
+import math
 import tomllib
 
+import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from kerfgym.agents import settings as presets
 from kerfgym.envs import scenarios
+from kerfgym.envs.control import stack as stacks
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.scenarios import machines
 from kerfgym.experiments.cli import main
-from kerfgym.experiments.measure import grids
+from kerfgym.experiments.measure import grids, plants, rollout, stability
+from kerfgym.experiments.render import explained_picture
 from kerfgym.experiments.speed import timed
 from kerfgym.experiments.train.held_out import cut_by
 from kerfgym.experiments.train.training import trained_in
@@ -45,7 +50,7 @@ def refused(words, capsys):
 def test_a_machine_is_made_checked_and_shown(workplace, capsys):
     machine = machines.load("mine.toml")
     assert (machine.axis.bandwidth, machine.axis.dead_time, machine.head.bore) == (25.0, 0.004, 1.5)
-    assert machine.summary.startswith("like standard, with head.noise")
+    assert machine.summary.startswith("begun as standard, with head.noise")
     main(["machine", "check", "mine.toml", "standard"])
     said = capsys.readouterr().out
     assert f"mine.toml: machine 'mine' ({machine.digest}) is good; 4 numbers" in said
@@ -59,6 +64,16 @@ def test_a_machine_is_made_checked_and_shown(workplace, capsys):
     assert all(f"{name} " in listed for name in machines.presets())
     main(["machine", "new", "soft.toml", "--like", "heavy-head"])
     assert machines.load("soft.toml").digest == machines.load("heavy-head").digest
+
+
+def test_a_machine_without_a_number_of_its_own_says_so(here, capsys):
+    main(["machine", "new", "mine.toml"])
+    for action in ("check", "show"):
+        main(["machine", action, "mine.toml"])
+        assert "all numbers are the standard machine's" in capsys.readouterr().out
+    main(["machine", "new", "one.toml", "--set", "axis.bandwidth=25"])
+    main(["machine", "check", "one.toml"])
+    assert "; 1 number is not the standard machine's" in capsys.readouterr().out
 
 
 def test_what_is_hardly_meant_is_told_by_check(workplace, capsys):
@@ -79,6 +94,12 @@ def test_bad_words_of_machine_are_refused(workplace, capsys):
     assert "unknown key 'axis.zta'; did you mean 'zeta'?" in refused(
         ["machine", "new", "x.toml", "--set", "axis.zta=1"], capsys
     )
+    for words, said in (
+        ("axis.zeta", "--set axis.zeta: not of the form key=value, as in axis.bandwidth=25"),
+        ("bandwidth=25", "unknown key 'bandwidth'; did you mean 'axis.bandwidth'?"),
+    ):
+        assert said in refused(["machine", "new", "x.toml", "--set", words], capsys)
+    assert "no machine 'mine'; did you mean the file 'mine.toml'?" in refused(["machine", "show", "mine"], capsys)
     assert "check takes machines" in refused(["machine", "check"], capsys)
     for words in (["benchmark"], ["blame"], ["render", "x.png"], ["tune"], ["train", "ppo"], ["speed"]):
         assert "unknown machine 'moden'; did you mean 'modern'?" in refused([*words, "--machine", "moden"], capsys)
@@ -150,6 +171,64 @@ def test_a_policy_says_on_which_machine_it_was_trained(workplace):
         tomllib.loads((folder / "settings.toml").read_text(encoding="utf-8"))["environment"]["machine"]
         == machine.tables
     )
+
+
+def test_trainings_of_several_seeds_are_compared_on_their_machine(workplace, capsys):
+    """The base against roll-outs of its own."""
+    few = {"environment.num_envs": 2, "environment.max_steps": 50, "algorithm.n_steps": 25, "algorithm.batch_size": 25}
+    few |= {"evaluation.episodes": 2, "evaluation.every": 100, "checkpoint.every": 100}
+    words = [word for key, value in few.items() for word in ("--set", f"{key}={value}")]
+    words += ["--suite", "my_suite", "--machine", "mine.toml", "--seeds", "2", "--jobs", "1", "--test-seeds", "3"]
+    main(["train", "ppo", "--steps", "100", *words, "--no-ms", "--name", "q"])
+    machine, folder = machines.load("mine.toml"), workplace / "runs" / "q"
+    assert "3 test seeds a scenario on machine mine, 95 %" in " ".join(capsys.readouterr().out.split())
+    for place in (folder, folder / "seed-0", folder / "seed-1"):
+        assert record(place)["cut_by"] == machine.record
+    scores = {}
+    for on in (machine, machines.load("standard")):
+        cases = [machines.put_on(case, on) for case in scenarios.suite("my_suite").values()]
+        runs = [rollout.roll(case, stacks.resolve("self-tuning"), range(1000, 1003)) for case in cases]
+        errors = [run["gap"][case.settle_steps :] - run.set_height for run, case in zip(runs, cases, strict=True)]
+        scores[on.name] = 1e3 * math.exp(np.mean([0.5 * math.log(np.mean(each**2)) for each in errors]))
+    found = record(folder)["test"]
+    assert found["base"] == "self-tuning"
+    assert found["controllers"]["self-tuning"]["score"] == pytest.approx(scores["mine"], rel=1e-4)
+    assert scores["mine"] > 1.1 * scores["standard"]
+
+
+def test_a_search_along_slopes_keeps_the_cap_on_the_machine(workplace, monkeypatch):
+    monkeypatch.setattr("kerfgym.experiments.tune.outcome.TEST_SEEDS", 2)
+    words = ["tune", "law.kv", "-c", "xi2023-tuned:law.kv=20", "--gradient", "--machine", "mine.toml", "--suite"]
+    main([*words, "my_suite", "--seeds", "1", "--trials", "6", "--threads", "1", "--name", "g"])
+    machine, found = machines.load("mine.toml"), workplace / "runs/g/tuned.toml"
+    told = tomllib.loads(found.read_text(encoding="utf-8"))["provenance"]
+    assert told["machine"] == machine.record
+    assert told["test"]["rms_true"] < told["test_before"]["rms_true"]
+    tuned = stacks.resolve(str(found))
+    mine = plants.of(machines.put_on(scenarios.load("wavy"), machine))
+    peak = stability.sensitivity(tuned, machine=mine).peak
+    assert told["ms"] == pytest.approx(peak, rel=1e-3)
+    assert stability.sensitivity(tuned).peak < 0.95 * peak <= 1.9
+
+
+def test_the_actions_of_a_policy_are_drawn_on_the_machine(workplace, monkeypatch, capsys):
+    """Errors against a roll-out of their own."""
+    drawn, draw = [], explained_picture.draw
+
+    def kept(found, *words):
+        drawn.append((*found, draw(found, *words)))
+        return Figure()
+
+    monkeypatch.setattr(explained_picture, "draw", kept)
+    policy = "height-following-gradient"
+    main(["render", "a.png", "--explain", policy, "-s", "ood/late-rough", "--machine", "mine.toml"])
+    ((found, figure),) = drawn
+    case = machines.put_on(scenarios.load("ood/late-rough"), machines.load("mine.toml"))
+    run = rollout.roll(case, stacks.resolve(policy), [1000])
+    error = np.where(run["scored"][:, 0] > 0.5, 1e3 * (run["gap"][:, 0].astype(float) - run.set_height[0]), np.nan)
+    assert found.error == pytest.approx(error, abs=1e-9, nan_ok=True)
+    assert any("Machine mine, seed 1000" in text.get_text() for text in figure.texts)
+    assert "machine 'mine' replaces what late-rough says of axis.dead_time" in " ".join(capsys.readouterr().err.split())
 
 
 def test_blame_and_films_are_of_the_machine(workplace):

@@ -12,12 +12,15 @@ from kerfgym.envs.control import stack as stacks
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.plant import heads
 from kerfgym.envs.plant.fleet import Fleet
+from kerfgym.envs.scenarios import machines as put_on
 from kerfgym.experiments.cli import main
 from kerfgym.experiments.measure import rollout
+from kerfgym.experiments.measure.plants import of as plants_of
 from kerfgym.experiments.measure.slopes import Slopes
 from kerfgym.experiments.measure.stability import Injection
 from kerfgym.experiments.tune import Task, gradients, sampling
 from kerfgym.experiments.tune.evaluate import Evaluator
+from kerfgym.experiments.tune.goals import FAILED
 from kerfgym.experiments.tune.space import space
 
 optuna.logging.set_verbosity(optuna.logging.ERROR)
@@ -119,24 +122,47 @@ def test_the_slopes_of_a_score_are_those_of_its_logarithm():
     assert value * np.mean(each) == pytest.approx((log(1 + by) - log(1 - by)) / (2 * by), rel=0.02)
 
 
+def test_slopes_on_a_machine_of_ones_own_are_those_of_differences():
+    """A slow and late drive, of a score and of |S|."""
+    base, by = stacks.asked("pid:law.kp=30,law.ki=200,law.kd=0.1"), 0.02
+    machine = put_on.of_tables({"name": "mine", "axis": {"bandwidth": 25.0, "dead_time": 0.004}}, "mine")
+    evaluator = Evaluator(base, "following", range(4), named=("rough",), machine=machine)
+    plants = plants_of(put_on.put_on(scenarios.load("rough"), machine))
+    injection = Injection(base.z, np.array([8.0]), settle=0.4, window=0.8, machine=plants)
+
+    def logs(factor):
+        candidate = base.varied({"law.kp": 30.0 * factor})
+        figures = evaluator.part(0, candidate, ("rms_true",))["rough"]["rms_true"]
+        return np.array([0.5 * math.log(np.mean(figures**2)), math.log(injection.measure(candidate.z).peak)])
+
+    expected = (logs(1 + by) - logs(1 - by)) / (2 * by)
+    found = evaluator.part(0, base, ("rms_true",), ("law.kp",))["rough"]["rms_true"]
+    assert 30.0 * 0.5 * evaluator.bent["rough"][0] / np.mean(found**2) == pytest.approx(expected[0], rel=0.02)
+    assert 30.0 * injection.measure_with_slopes(base.z, ("law.kp",))[1][0, 0] == pytest.approx(expected[1], rel=0.03)
+    standard = Injection(base.z, np.array([8.0]), settle=0.4, window=0.8)
+    assert abs(injection.measure(base.z).peak - standard.measure(base.z).peak) > 0.05
+
+
 # ------------------------------------------------------------------------------------------------------------ descents
 
 
-def bowl(cap, trials, start=None, study=None, first=0):
-    """A study of a score with a known least place and slopes, under a cap on an Ms of its own."""
+def bowl(cap, trials, study=None, first=0, lost=()):
+    """A study of a score with a known least place and slopes, under a cap on an Ms of its own; the loops of some trials
+    are ``lost``, which do not settle and have no slopes."""
     s = space(stacks.asked("pid"), ["law.kp=1..400", "law.ki=0..20000"])
     kp, ki = s.axes
     study = study or optuna.create_study()
     study.sampler = gradients.Descents(s, 0, 3, sampling.costs(1.0, True, False), cap)
-    for _ in range(first, trials):
+    for number in range(first, trials):
         trial = study.ask()
         chosen = s.suggest(trial)
         u, v = kp.encode(chosen["law.kp"]), ki.encode(chosen["law.ki"])
         per = np.array([1 / (chosen["law.kp"] * math.log(400.0)), 1 / 20000.0])  # range per unit
         log = 2.0 + 4.0 * (u - 0.6) ** 2 + 3.0 * (v - 0.7) ** 2 + 2.0 * (u - 0.6) * (v - 0.7)
         slope = np.array([8.0 * (u - 0.6) + 2.0 * (v - 0.7), 6.0 * (v - 0.7) + 2.0 * (u - 0.6)])
-        trial.set_user_attr("ms", math.exp(u + v))
-        trial.set_user_attr("slopes", {"score": list(per * slope), "peaks": [u + v], "ms": list(per)})
+        trial.set_user_attr("ms", FAILED if number in lost else math.exp(u + v))
+        if number not in lost:
+            trial.set_user_attr("slopes", {"score": list(per * slope), "peaks": [u + v], "ms": list(per)})
         study.tell(trial, math.exp(log))
     return study
 
@@ -161,6 +187,21 @@ def test_a_study_along_slopes_cut_in_two_is_the_study_in_one():
     whole, half = bowl(2.0, 14), bowl(2.0, 8)
     again = bowl(2.0, 14, study=half, first=8)
     assert [t.params for t in again.trials] == [t.params for t in whole.trials]
+
+
+def test_descents_that_are_over_are_not_gone_down_again():
+    """A bowl of three starts takes some twenty steps; further trials are others, down from new places."""
+    found = bowl(2.0, 60).trials[3:]
+    assert len({tuple(trial.params.values()) for trial in found}) == len(found)
+    whole = bowl(2.0, 60, study=bowl(2.0, 45), first=45)
+    assert [trial.params for trial in whole.trials[3:]] == [trial.params for trial in found]
+
+
+def test_no_descent_starts_where_the_loop_does_not_settle():
+    trials = bowl(math.inf, 4, lost=(0, 1)).trials
+    assert trials[3].params == pytest.approx(trials[2].params)
+    trials = bowl(math.inf, 5, lost=(0, 1, 2, 3)).trials  # then TPE goes on
+    assert all(trials[n].params != pytest.approx(before.params) for n in (3, 4) for before in trials[:n])
 
 
 # ---------------------------------------------------------------------------------------------------- the command

@@ -4,6 +4,7 @@ import errno
 import json
 import math
 import os
+import re
 import shutil
 import signal
 import socket
@@ -28,6 +29,7 @@ from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.figures import metrics
 from kerfgym.experiments.cli import main
 from kerfgym.experiments.measure import rollout
+from kerfgym.experiments.plots.png import png
 from kerfgym.experiments.statistics import budgets
 from kerfgym.experiments.store.ledger import Ledger, ranges
 from kerfgym.experiments.tune import Limit, Limits, Task, crew, goals, history, sampling, storage, tune
@@ -426,6 +428,19 @@ def test_what_breaks_limits_by_far_does_not_press_the_front_flat():
     assert 9.1 < high < 20.0
 
 
+def test_a_number_that_no_finished_trial_has_is_not_drawn():
+    """Such as trust, of Kalman filters, where every trial of one was pruned."""
+    trials = pd.DataFrame({"trial": range(4), "state": ["complete"] * 3 + ["pruned"], "feasible": True})
+    trials = trials.assign(
+        **{"law.kp": 10.0, "filter.trust": [math.nan] * 3 + [2.0], "rms_true": [3.0, 2.0, 1.0, math.nan]}
+    )
+    searched = Task("pid", ("law.kp", "filter.trust")).space.axes
+    assert [axis.log for axis in searched] == [True, True]
+    figure = history.slices(trials, "pid", searched, "rms_true", "RMS", {})
+    assert png(figure)
+    assert [axes.get_xlabel() for axes in figure.axes if axes.get_visible()] == ["law.kp"]
+
+
 def test_jobs_are_tuned_as_teams_or_one_stack_of_them(here, plain, monkeypatch):
     monkeypatch.setattr(
         "kerfgym.experiments.tune.evaluate.chosen",
@@ -441,6 +456,13 @@ def test_jobs_are_tuned_as_teams_or_one_stack_of_them(here, plain, monkeypatch):
     assert team.xy.parameters()["law.kp"].value == result.found.parameters["xy.law.kp"]
     with pytest.raises(InvalidInput, match="is a team"):
         stacks.resolve("runs/team/tuned.toml")
+
+
+def test_how_far_the_nearest_candidate_is_from_the_cap_is_said(here, plain, capsys):
+    words = ["law.kv=150..200", "-c", "xi2023-improved:law.kv=150", "--seeds", "1", "--trials", "2", "--name", "none"]
+    said = refused(capsys, *words)
+    (ms,) = re.findall(r"trial \d, breaks: ms ([\d.]+), at most 2 is allowed", said)
+    assert float(ms) == pytest.approx(pd.read_csv("runs/none/trials.csv")["ms"].min(), rel=0.01)
 
 
 def test_no_candidate_that_keeps_the_limits_is_said_and_the_trials_are_kept(here, plain, capsys):

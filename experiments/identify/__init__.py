@@ -1,0 +1,1 @@
+"""From a machine's logs to a model of it."""

@@ -1,0 +1,146 @@
+"""The sensor from a sweep and a rest log: its oscillator and plate, the calibration table, its noise.
+
+A sweep gives frequency over height. The head's own equations are fitted to it (:mod:`envs.plant.sensor`), for which the
+nozzle's size must be known within the range that is searched. At rest, what frequency scatters at several heights
+comes from noise of the capacitance, from the oscillator and from counting, and these fall apart because their shares
+change with height. Impulses do not count: scatter is that of the middle 90 % of the differences of neighbours.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import optimize, stats
+
+from ...envs.engine.quantity import InvalidInput
+from ...envs.plant import calibration, sensor
+from .log import PERIOD, Log
+
+RANGES = {"face": (6.0, 16.0), "body": (5.0, 40.0), "inductance": (50.0, 500.0)}
+"""mm, pF and µH that are searched [A]."""
+
+NOISE, JITTER = (1e-4, 3e-2), (1e-8, 1e-4)
+"""pF, and share of the frequency, that are searched [A]."""
+
+STILL = 1.5
+"""s that the head must stand for a rest to count."""
+
+_INNER = float(stats.norm.ppf(0.95))
+
+
+@dataclass(frozen=True)
+class Swept:
+    """What a sweep says: the head's numbers and their covariance, its table, and µm that the fit leaves at 1 mm."""
+
+    values: dict[str, float]
+    covariance: np.ndarray
+    table: calibration.Table
+    left: float
+
+    @property
+    def params(self) -> sensor.Params:
+        """The head."""
+        return _params(list(self.values.values()))
+
+
+def _params(values: list[float]) -> sensor.Params:
+    face, body, inductance = map(float, values)
+    return sensor.Params(radius=0.5 * face, body=body, inductance=inductance)
+
+
+def _frequency(p: sensor.Params, heights: np.ndarray) -> np.ndarray:
+    """Hz at heights in mm."""
+    fringe = np.maximum(0.0, np.log(8 * np.pi * p.radius / heights) - 1.0)
+    plate = sensor.EPSILON0 * np.pi * (p.radius**2 - p.bore**2) / heights
+    total = p.body + plate + 2 * sensor.EPSILON0 * p.radius * fringe
+    made: np.ndarray = 1e9 / (2 * np.pi * np.sqrt(p.inductance * total))
+    return made
+
+
+def swept(log: Log) -> Swept:
+    """The head of a sweep: a touch of the sheet, then up.
+
+    Raises:
+        InvalidInput: the sweep does not reach from the sheet to 2 mm, or is not fit for a table; and why.
+    """
+    encoder, frequency = log["encoder"], log["frequency"]
+    touched = np.flatnonzero(frequency == 0)
+    first = int(touched[-1]) + 1 if len(touched) else int(np.argmin(encoder))
+    zero = float(encoder[touched].mean() if len(touched) else encoder[first])
+    top = first + int(np.argmax(encoder[first:]))
+    height, f = encoder[first : top + 1] - zero, frequency[first : top + 1]
+    rising = height > np.concatenate([[-np.inf], np.maximum.accumulate(height)[:-1]]) + 1e-6  # not where it waits
+    height, f = height[rising], f[rising]
+    if not len(height) or height[-1] < 2.0:
+        raise InvalidInput(f"{log.name}: the sweep ends {height[-1] if len(height) else 0:.3g} mm above the sheet; it "
+                           "must reach 2 mm")  # fmt: skip
+    span = min(calibration.SPAN, float(np.floor(10 * height[-1]) / 10))
+    speed = float(np.median(np.diff(height)[np.diff(height) > 0])) / PERIOD
+    table = calibration.build(f, height, span=span, speed=max(speed, span / (len(height) * PERIOD)))
+    used = (height > 0.05) & (height <= span)
+    h, y = height[used], f[used]
+    steep = np.abs(np.gradient(_frequency(sensor.Params(), h), h))
+    scale = np.hypot(0.6e-3, 1.5e-3 * h * h) * steep
+
+    def off(x: np.ndarray) -> np.ndarray:
+        made: np.ndarray = (_frequency(_params(np.exp(x[:3]).tolist()), h + x[3]) - y) / scale
+        return made
+
+    low, high = np.log(np.array(list(RANGES.values()))).T
+    start = np.append(np.log([10.0, 10.0, 168.0]), 0.0)
+    found = optimize.least_squares(
+        off, start, bounds=(np.append(low, -0.02), np.append(high, 0.02)), loss="soft_l1", x_scale=[0.1, 0.1, 0.1, 1e-3]
+    )
+    spread = float(np.mean(off(found.x) ** 2))
+    covariance = np.linalg.pinv(found.jac.T @ found.jac) * spread
+    values = dict(zip(RANGES, np.exp(found.x[:3]).tolist(), strict=True))
+    near = np.abs(h - 1.0) < 0.3
+    left = 1e3 * float(np.std((off(found.x) * scale / steep)[near])) if near.any() else np.nan
+    return Swept(values, covariance[:3, :3], table, left)
+
+
+def rests(log: Log) -> list[tuple[slice, float]]:
+    """Where a log stands still, and at which encoder reading, mm."""
+    still = np.concatenate([[False], np.abs(np.diff(log["encoder"])) < 1.5e-3])
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
+    long = [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if (b - a) * PERIOD > STILL]
+    return [(slice(a + 300, b), float(np.median(log["encoder"][a:b]))) for a, b in long if b - a > 900]
+
+
+def scatter(values: np.ndarray) -> float:
+    """Standard deviation of a signal's noise, from differences of neighbours, whatever its impulses and drift."""
+    differences = np.diff(values)
+    low, high = np.percentile(differences, [5, 95])
+    return float((high - low) / (2 * _INNER * np.sqrt(2)))
+
+
+def noise(log: Log, head: Swept, rng: np.random.Generator, draws: int = 1000) -> dict[str, np.ndarray]:
+    """Draws of ``noise`` (pF) and ``jitter`` (relative) from a rest log, on a grid of both.
+
+    Raises:
+        InvalidInput: the head stands nowhere, or the log has no frequency.
+    """
+    if "frequency" not in log:
+        raise InvalidInput(f"{log.name}: noise is found from the frequency; the log has none")
+    stood = rests(log)
+    if not stood:
+        raise InvalidInput(f"{log.name}: the head stands nowhere for {STILL:g} s; a rest log needs three heights")
+    p = head.params
+    noises, jitters = np.geomspace(*NOISE, 600)[:, None], np.geomspace(*JITTER, 120)[None]
+    fine = np.zeros((600, 120))
+    for where, _ in stood:
+        f = log["frequency"][where]
+        f = f[f > 0]
+        middle, n = float(np.median(f)), len(f)
+        capacitance = (1e9 / (2 * np.pi * middle)) ** 2 / p.inductance
+        counted = middle**2 / (sensor.CLOCK * np.floor(0.25e-3 * middle)) / np.sqrt(6)
+        sigma = middle * np.sqrt((0.5 * noises / capacitance) ** 2 + jitters**2 + (counted / middle) ** 2)
+        # An interquantile range of n differences knows a scatter to about 1.0/√n of itself [C].
+        fine += -0.5 * ((np.log(scatter(f)) - np.log(sigma)) / (1.0 / np.sqrt(n))) ** 2
+    weight = np.exp(fine - fine.max()).ravel()
+    at = rng.choice(weight.size, draws, p=weight / weight.sum())
+    i, j = np.unravel_index(at, fine.shape)
+    # Capacitance goes with 1/L at a frequency, so what is not known of the one is not known of the noise in pF.
+    blur = np.exp(-rng.normal(0, np.sqrt(max(head.covariance[2, 2], 0.0)), draws))
+    grid = np.exp(rng.uniform(-0.5, 0.5, (2, draws)) * np.log([[NOISE[1] / NOISE[0]], [JITTER[1] / JITTER[0]]])
+                  / np.array([[599], [119]]))  # fmt: skip
+    return {"noise": noises[i, 0] * grid[0] * blur, "jitter": jitters[0, j] * grid[1]}
