@@ -4,13 +4,17 @@ In TOML: ``feed = 200``, ``amplitude = { uniform = [0.3, 0.7] }``, ``tilt = { un
 ``noise = { log_uniform = [5e-4, 5e-3] }``, ``set_height = { choice = [0.5, 0.8, 1.0] }``.
 
 A draw depends on the seed and on the number's own name alone, so it is the same in whatever order or company it is
-made, and a new number in a scenario leaves the others as they were.
+made, and a new number in a scenario leaves the others as they were. What is only known together is drawn together:
+lists with the same ``joint`` are the columns of one table, of which a seed takes a row::
+
+    bandwidth = { choice = [24.1, 25.3, 26.0], joint = "motion" }
+    zeta = { choice = [0.81, 0.78, 0.74], joint = "motion" }
 """
 
 import functools
 import hashlib
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -85,6 +89,18 @@ class Choice:
         return min(self.choice), max(self.choice)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Joint(Choice):
+    """A list of which a seed takes the same place as of all other lists of that ``joint``."""
+
+    joint: str
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not (isinstance(self.joint, str) and self.joint.isidentifier()):
+            raise ValueError(f"joint = {self.joint!r} is not allowed; allowed: a word, such as 'motion'")
+
+
 def _floats(values: Any) -> tuple[float, ...]:
     for value in values:
         if isinstance(value, bool | str | list | tuple | dict):
@@ -111,7 +127,7 @@ def as_number(value: Any) -> Number:
     if isinstance(value, Uniform | LogUniform | Choice):
         return value
     if isinstance(value, dict):
-        known = (*_KINDS, "sign")
+        known = (*_KINDS, "sign", "joint")
         for key in value:
             if key not in known:
                 raise ValueError(f"unknown distribution '{key}'; {did_you_mean(key, known)}")
@@ -120,9 +136,30 @@ def as_number(value: Any) -> Number:
     try:
         if isinstance(value, bool | str):
             raise TypeError
-        return given[0](**value) if isinstance(value, dict) else float(value)
+        if not isinstance(value, dict):
+            return float(value)
+        return (Joint if given[0] is Choice and "joint" in value else given[0])(**value)
     except TypeError:
         raise ValueError(f"a number or a distribution is needed, not {value!r}") from None
+
+
+def check_joint(*sections: Any) -> None:
+    """Refuses lists of one ``joint`` that differ in length, which are no table.
+
+    Raises:
+        ValueError: names both.
+    """
+    first: dict[str, tuple[str, int]] = {}
+    for section in sections:
+        for field in fields(section):
+            number = getattr(section, field.name)
+            if isinstance(number, Joint):
+                name, rows = first.setdefault(number.joint, (field.name, len(number.choice)))
+                if rows != len(number.choice):
+                    raise ValueError(
+                        f"{field.name} has {len(number.choice)} values and {name} has {rows}; lists of one joint, here "
+                        f"'{number.joint}', are columns of one table"
+                    )
 
 
 def bounds(number: Number) -> tuple[float, float]:
@@ -168,10 +205,11 @@ def draw(number: Number, draws: Draws, label: str) -> Any:
     """One value per seed, shape (n,), for the number called ``label``; the number itself if it is fixed."""
     if isinstance(number, int | float):
         return float(number)
-    u = draws.fraction(label)
     if isinstance(number, Choice):
+        u = draws.fraction(f"joint.{number.joint}" if isinstance(number, Joint) else label)
         return np.asarray(number.choice)[(u * len(number.choice)).astype(int)]
     low, high = number.ends
+    u = draws.fraction(label)
     if isinstance(number, LogUniform):
         value = low * (high / low) ** u
     else:

@@ -7,7 +7,7 @@ from dataclasses import fields
 from typing import Any, get_args
 
 from ..engine.quantity import Quantity
-from .distributions import Choice, LogUniform, Uniform
+from .distributions import Choice, Joint, LogUniform, Uniform
 from .machines import STANDARD, TABLES, Machine
 from .preparing import axes_of, family_member
 
@@ -70,7 +70,8 @@ def explained(section: type, key: str) -> str:
 def written(value: Any) -> str:
     """A value as TOML has it."""
     if isinstance(value, Choice):
-        return f"{{ choice = [{', '.join(map(written, value.choice))}] }}"
+        joint = f", joint = {json.dumps(value.joint)}" if isinstance(value, Joint) else ""
+        return f"{{ choice = [{', '.join(map(written, value.choice))}]{joint} }}"
     if isinstance(value, Uniform | LogUniform):
         sign = ', sign = "±"' if value.sign == "±" else ""
         return f"{{ {value.key} = [{', '.join(map(written, value.ends))}]{sign} }}"

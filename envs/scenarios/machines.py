@@ -17,7 +17,7 @@ from typing import Any
 
 from ..engine.quantity import InvalidInput, did_you_mean
 from ..safety import files, names
-from .distributions import middle
+from .distributions import check_joint, middle
 from .hardware import DISTURBANCES, Axis, Gantry, Head, Optics
 from .measured import measured_head
 from .schema import STANDARD_MACHINE, Scenario
@@ -44,6 +44,7 @@ class Machine(Section):
     def __post_init__(self) -> None:
         super().__post_init__()
         names.checked(self.name, "name")
+        check_joint(*(getattr(self, table) for table in TABLES))
         if self.head.signal:
             raise ValueError("head.signal is a recording; it belongs to a scenario, not to a machine")
 

@@ -13,7 +13,7 @@ from ..plant.controller import PERIOD
 from ..plant.path import Contour
 from ..safety import names
 from . import dead, writing
-from .distributions import Choice, Number, bounds
+from .distributions import Choice, Number, bounds, check_joint
 from .hardware import Axis, Gantry, Head, Optics
 from .section import Section, line_of, of_table
 from .surface import Sheet
@@ -64,6 +64,7 @@ class Scenario(Section):
         super().__post_init__()
         given = (field.name for field in fields(self) if getattr(self, field.name) != field.default)
         dead.refuse(given, self.job)
+        check_joint(self, self.head, self.axis, self.gantry, self.optics)
         names.checked(self.cut_by, "cut_by")
         names.checked(self.name, "name")  # a run keeps the scenario in a file of this name
         if self.path and self.circle:

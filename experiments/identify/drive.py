@@ -1,24 +1,24 @@
 """The Z drive from a motion log: prediction errors of the encoder, over many candidate axes at once.
 
-1. CMA-ES over the whole prior, then Gauss and Newton's steps from its best, whose derivatives and
-   damping factors are candidates of the same call;
-2. how sure that is: importance sampling around the optimum with a proposal that adapts to what it has found (Cappé et
-   al. 2004). It needs no bell-shaped posterior, only one that the heavy-tailed proposal covers.
-
-The scale of the likelihood is that of what the best axis leaves, and its correlation time divides the samples. A dead
-time acts in substeps of 50 µs: within one, all are equally likely, and the posterior says so.
+1. slow moves alone, which no limit touches: a grid of axes without dead time, each compared at every dead time, which
+   only delays what it does; then least squares for loop, friction and dead time;
+2. quicker moves as well: a grid of accelerations and jerks around what is known, least squares for all numbers;
+3. the whole log. Where all that ends in a valley beside the right one, CMA-ES over the whole prior;
+4. how sure that is: draws of the posterior (:mod:`.posterior`). A dead time acts in substeps of 50 µs: within one, all
+   are equally likely.
 """
 
+import itertools
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from cmaes import CMA
-from scipy import special, stats
 
 from ...envs.plant import candidates, z_axis
 from ...envs.plant.controller import PERIOD
 from ...envs.plant.machine import SUBSTEPS
+from . import posterior
 
 PRIOR = {
     "bandwidth": (15.0, 250.0),
@@ -39,12 +39,24 @@ LATEST = 22.0
 SEGMENT = 250
 """Samples whose mean is free: what a log and a model have drifted apart is not held against the axis."""
 
-FIRST, GENERATIONS, DRAWS, ROUNDS, AT_ONCE = 18000, 60, 256, 5, 64
-"""Samples and generations of the first look; axes of each round of sampling, and rounds; in memory at a time."""
+SLOW, QUICK, STARTS = 9500, 17000, 3
+"""Samples of a motion log that are slow moves alone, and with quicker ones, but none at top speed; places from which
+least squares begins."""
 
-STARTS, EXPLAINED = 4, 2.0
-"""Searches over the whole prior at most, and µm of RMS error from which on there is no other: a search may end in a
-valley beside the right one, which leaves hundreds of µm."""
+GRID = {
+    "bandwidth": tuple(np.geomspace(18, 220, 9)),
+    "zeta": (0.45, 0.7, 1.0),
+    "friction": (300.0, 1000.0),
+    "jerk": (7e5, 2.5e6, 1e7),
+}
+"""Where the first look begins."""
+
+LIMITS = {"acceleration": tuple(np.geomspace(3.2e3, 3.8e4, 40)), "jerk": (0.5, 1.0, 2.0)}
+"""Where the second begins: mm/s², and shares of the jerk that slow moves seem to have."""
+
+GENERATIONS, EXPLAINED, AT_ONCE = 60, 2.0, 64
+"""Generations of a search over the whole prior, and µm of RMS error from which on there is none: a valley beside the
+right one leaves tens to hundreds of µm; axes in memory at a time."""
 
 NAMES = tuple(PRIOR)
 _LOW, _HIGH = np.log(np.array(list(PRIOR.values()))).T
@@ -56,14 +68,16 @@ class Found:
 
     Attributes:
         draws: by key of a machine's ``[axis]``, each of shape (draws,); ``dead_time`` in s holds the latency.
+        best: the most likely axis, without converter and backlash.
         left: µm, RMS of what the best axis leaves of the encoder.
-        correlated: samples over which that is correlated.
+        spread: factor by which blocks of what is left widen the draws at most.
         effective: draws that the importance sample is worth.
     """
 
     draws: dict[str, np.ndarray]
+    best: z_axis.Params
     left: float
-    correlated: float
+    spread: float
     effective: float
 
 
@@ -75,83 +89,171 @@ def axis(x: np.ndarray, late: float) -> z_axis.Params:
 
 
 class Errors:
-    """What axes leave of a log's encoder, µm, segment by segment."""
+    """What axes leave of a log's encoder, µm, segment by segment.
+
+    Samples that read the same count one after the other have one rounding between them, so they weigh as one.
+    """
 
     def __init__(self, command: np.ndarray, encoder: np.ndarray) -> None:
         self.command, self.encoder = command, encoder
-        moving = np.abs(encoder[20:] - encoder[:-20]) > 0
-        some = np.concatenate([np.zeros(20, bool), moving])
-        self.used = some & (np.arange(len(encoder)) < len(encoder) // SEGMENT * SEGMENT)
-        self.used[:60] = False
+        edges = np.flatnonzero(np.diff(encoder, prepend=np.nan, append=np.nan) != 0)
+        runs = np.repeat(np.diff(edges), np.diff(edges))
+        whole = len(encoder) // SEGMENT * SEGMENT
+        self._weight = 1.0 / np.sqrt(runs[:whole].reshape(-1, SEGMENT))
+        self._weight[0, :60] = 0.0
+        self.worth = float(np.sum(self._weight**2)) - len(self._weight)
+        """Independent errors that a log is worth."""
+        self.fastest = float(np.abs(encoder[20:] - encoder[:-20]).max()) / (20 * PERIOD)
+        """mm/s of the log."""
 
     def __call__(self, axes: list[z_axis.Params]) -> np.ndarray:
-        """Shape (axes, samples that are used)."""
-        out = []
-        for i in range(0, len(axes), AT_ONCE):
-            made = candidates.courses(axes[i : i + AT_ONCE], self.command, float(self.encoder[0]))[:, :, 0]
-            out.append(self._centred(1e3 * (made - self.encoder)))
-        return np.concatenate(out)
+        """Shape (axes, samples)."""
+        return np.concatenate([self.centred(1e3 * (made - self.encoder)) for made in self.courses(axes)])
 
-    def _centred(self, off: np.ndarray) -> np.ndarray:
-        whole = off.shape[1] // SEGMENT * SEGMENT
-        cut = off[:, :whole].reshape(len(off), -1, SEGMENT)
-        used = self.used[:whole].reshape(-1, SEGMENT)
-        mean = (cut * used).sum(axis=2) / np.maximum(used.sum(axis=1), 1)
-        centred: np.ndarray = (cut - mean[:, :, None]).reshape(len(off), whole)[:, self.used[:whole]]
+    def courses(self, axes: list[z_axis.Params]) -> Iterator[np.ndarray]:
+        """Where the motors are, mm, shape (some of the axes, samples)."""
+        for i in range(0, len(axes), AT_ONCE):
+            yield candidates.courses(axes[i : i + AT_ONCE], self.command, float(self.encoder[0]))[:, :, 0]
+
+    def centred(self, off: np.ndarray) -> np.ndarray:
+        """Errors of shape (axes, samples) without the mean of each segment, weighed."""
+        cut = off[:, : self._weight.size].reshape(len(off), *self._weight.shape)
+        square = self._weight**2
+        mean = (cut * square).sum(axis=2) / np.maximum(square.sum(axis=1), 1e-9)
+        centred: np.ndarray = (self._weight * (cut - mean[:, :, None])).reshape(len(off), -1)
         return centred
 
+    def rms(self, axes: list[z_axis.Params]) -> np.ndarray:
+        """µm, shape (axes,)."""
+        left: np.ndarray = np.sqrt(np.sum(self(axes) ** 2, axis=1) / self.worth)
+        return left
 
-def correlation_time(residual: np.ndarray) -> float:
-    """Samples over which a residual is correlated: the sum of its autocorrelation up to its first zero."""
-    r = residual - residual.mean()
-    spectrum = np.abs(np.fft.rfft(r, 2 * len(r))) ** 2
-    rho = np.fft.irfft(spectrum)[:500]
-    rho = rho / max(rho[0], 1e-300)
-    ends = np.flatnonzero(rho <= 0.02)
-    return float(max(1.0, 1.0 + 2.0 * rho[1 : ends[0] if len(ends) else 500].sum()))
+    def rms_of(self, x: np.ndarray, late: float) -> float:
+        """The same of one point, µm."""
+        return float(self.rms([axis(x, np.rint(late))])[0])
+
+    def first(self, samples: int) -> "Errors":
+        """Those of the beginning of the log."""
+        part = Errors(self.command[:samples], self.encoder[:samples])
+        part.fastest = self.fastest
+        return part
+
+    def of(self, points: np.ndarray, cells: np.ndarray) -> np.ndarray:
+        """The same of logarithms and delays in substeps, as a :class:`posterior.Problem` asks."""
+        return self([axis(x, cell) for x, cell in zip(points, cells, strict=True)])
 
 
 def identify(command: np.ndarray, encoder: np.ndarray, seed: int = 0) -> Found:
     """Axes that may have made a log, from its commands, mm/s, and its encoder, mm."""
-    rng = np.random.default_rng(seed)
     errors = Errors(command, encoder)
-    x, late, least = np.zeros(0), 0.0, np.inf
-    for start in range(STARTS):
-        near = _nearest(errors, *_first(command, encoder, seed + 1000 * start))
-        left = float(np.sqrt(np.mean(errors([axis(near[0], np.floor(near[1]))]) ** 2)))
-        if left < least:
-            (x, late), least = near, left
-        if least < EXPLAINED:
-            break
-    return _sampled(errors, x, late, rng)
+    x, late, left = _followed(errors)
+    if left > EXPLAINED:
+        searched = _nearest(errors, *_searched(errors.first(QUICK), seed))
+        (x, late), left = min(((x, late), left), (searched, errors.rms_of(*searched)), key=lambda each: each[1])
+    cells = np.unique(np.clip(np.rint(late) + np.arange(-1, 2), 0, LATEST * SUBSTEPS - 1))
+    rng = np.random.default_rng(seed)
+    found = posterior.sampled(posterior.Problem(errors.of, _LOW, _HIGH, errors.worth), x, cells, rng)
+    draws = dict(zip(NAMES, np.exp(found.draws).T, strict=True))
+    draws["dead_time"] = (found.cells + rng.uniform(0, 1, len(found.cells))) / SUBSTEPS * PERIOD
+    best = axis(np.median(found.draws, axis=0), float(np.median(found.cells)))
+    return Found(draws, best, found.left, found.spread, found.effective)
 
 
-def _first(command: np.ndarray, encoder: np.ndarray, seed: int) -> tuple[np.ndarray, float]:
-    """An axis near the best over the first part of the log, by CMA-ES over all numbers at once."""
-    part = slice(0, min(len(command), FIRST))
-    errors = Errors(command[part], encoder[part])
-    low, high = np.append(_LOW, 0.0), np.append(_HIGH, LATEST * SUBSTEPS)
-    width = high - low
-    search = CMA(
-        mean=np.full(len(low), 0.5),
-        sigma=0.25,
-        bounds=np.tile([0.0, 1.0], (len(low), 1)),
-        seed=seed,
-        population_size=64,
+def _followed(errors: Errors) -> tuple[np.ndarray, float, float]:
+    """An axis near the best, its delay in substeps and µm that it leaves: slow moves first, the whole log last."""
+    slow, quick = errors.first(SLOW), errors.first(QUICK)
+    begun = [_nearest(slow, *start) for start in _looked(slow)]
+    x, late = min(begun, key=lambda each: slow.rms_of(*each))
+    limits = [NAMES.index(name) for name in ("speed", *LIMITS)]
+    points = np.array([x] * (len(LIMITS["acceleration"]) * len(LIMITS["jerk"])))
+    pulls, jolts = np.log(list(itertools.product(*LIMITS.values()))).T
+    points[:, limits[1]], points[:, limits[2]] = (
+        pulls,
+        np.clip(points[:, limits[2]] + jolts, _LOW[limits[2]], _HIGH[limits[2]]),
     )
+    costs = quick.rms([axis(point, np.rint(late)) for point in points])
+    x, late = _nearest(quick, points[int(np.argmin(costs))], late, limits)
+    x, late = _nearest(quick, x, late)
+    x, late = _nearest(errors, x, late, limits)
+    x, late = _nearest(errors, x, late)
+    return x, late, errors.rms_of(x, late)
+
+
+def _looked(errors: Errors) -> list[tuple[np.ndarray, float]]:
+    """The best few of a grid of axes and delays, no two of them with the same bandwidth and damping."""
+    encoder = errors.encoder
+    fixed = {"speed": errors.fastest, "acceleration": 3e4, "bristle": 5e-3, "stiction": 1.3,
+             "stribeck": 3.0}  # fmt: skip
+    points = [fixed | dict(zip(GRID, values, strict=True)) for values in itertools.product(*GRID.values())]
+    xs = np.clip(np.log([[point[name] for name in NAMES] for point in points]), _LOW + 0.01, _HIGH - 0.01)
+    costs = np.empty((len(xs), round(LATEST)))
+    made = np.concatenate(list(errors.courses([axis(x, 0.0) for x in xs])))
+    for late in range(round(LATEST)):
+        begun = np.full((len(made), late), encoder[0])
+        delayed = np.concatenate([begun, made[:, : made.shape[1] - late]], axis=1)
+        costs[:, late] = np.mean(errors.centred(1e3 * (delayed - encoder)) ** 2, axis=1)
+    kept: dict[tuple[float, float], tuple[np.ndarray, float]] = {}
+    for at in np.argsort(costs, axis=None):
+        i, late = divmod(int(at), costs.shape[1])
+        kept.setdefault((points[i]["bandwidth"], points[i]["zeta"]), (xs[i], late * SUBSTEPS + 0.5 * SUBSTEPS))
+        if len(kept) == STARTS:
+            break
+    return list(kept.values())
+
+
+def _searched(errors: Errors, seed: int) -> tuple[np.ndarray, float]:
+    """An axis near the best, by CMA-ES over all numbers at once."""
+    low, high = np.append(_LOW, 0.0), np.append(_HIGH, LATEST * SUBSTEPS)
+    search = CMA(mean=np.full(len(low), 0.5), sigma=0.25, bounds=np.tile([0.0, 1.0], (len(low), 1)), seed=seed,
+                 population_size=64)  # fmt: skip
     best, least = search.mean, np.inf
     for _ in range(GENERATIONS):
         asked = [search.ask() for _ in range(search.population_size)]
-        at = low + width * np.array(asked)
-        cost = np.sqrt(np.mean(errors([axis(p[:-1], np.floor(p[-1])) for p in at]) ** 2, axis=1))
+        at = low + (high - low) * np.array(asked)
+        cost = errors.rms([axis(p[:-1], np.floor(p[-1])) for p in at])
         search.tell([(a, float(c)) for a, c in zip(asked, cost, strict=True)])
         if cost.min() < least:
             best, least = asked[int(np.argmin(cost))], float(cost.min())
-    at = low + width * best
+    at = low + (high - low) * best
     return at[:-1], float(at[-1])
 
 
-_STEP = 1e-4
+def _nearest(
+    errors: Errors, x: np.ndarray, late: float, free: Sequence[int] = (), rounds: int = 25
+) -> tuple[np.ndarray, float]:
+    """Least squares from an axis and a delay on, which is taken between two whole substeps; of the numbers ``free``
+    alone, if some are given."""
+    low, high = np.append(_LOW, 0.0), np.append(_HIGH, LATEST * SUBSTEPS)
+    at, width = np.append(x, late), np.append(_HIGH - _LOW, 40.0)
+    chosen, damping = list(free or range(len(at))), 1e-2
+    for _ in range(rounds):
+        signs, k = np.where(at + posterior.STEP > high, -1.0, 1.0), np.floor(at[-1])
+        points = at + np.diag(posterior.STEP * signs)[[i for i in chosen if i < len(NAMES)]]
+        made = _between(errors, np.concatenate([at[None], points]))
+        here, slopes = made[0], (made[1:] - made[0]) / (posterior.STEP * signs[chosen[: len(points)], None])
+        if len(NAMES) in chosen:
+            two = errors([axis(at[:-1], k), axis(at[:-1], k + 1.0)])
+            slopes = np.concatenate([slopes, two[1:] - two[:1]])
+        cost = float(here @ here)
+        weak = cost / errors.worth / width[chosen] ** 2  # what the prior weighs, where the log does not tell
+        normal, push = slopes @ slopes.T, slopes @ here
+        better = False
+        while not better and damping < 1e8:
+            factors = damping * 10.0 ** np.arange(-2.0, 5.0, 2.0)
+            tries = np.array([at] * len(factors))
+            for one, f in zip(tries, factors, strict=True):
+                one[chosen] -= np.linalg.solve(normal + np.diag(f * np.diag(normal) + weak), push)
+            tries = np.clip(tries, low, high)
+            costs = np.sum(_between(errors, tries) ** 2, axis=1)
+            best = int(np.argmin(costs))
+            better = bool(costs[best] < cost)
+            damping = max(1e-9, float(factors[best])) if better else 1e6 * damping
+        if not better:
+            break
+        at = tries[best]
+        if costs[best] > cost * (1 - 1e-5):
+            break
+    return at[:-1], float(at[-1])
 
 
 def _between(errors: Errors, points: np.ndarray) -> np.ndarray:
@@ -162,104 +264,3 @@ def _between(errors: Errors, points: np.ndarray) -> np.ndarray:
     share = (points[:, -1] - whole)[:, None]
     mixed: np.ndarray = (1 - share) * both[:, 0] + share * both[:, 1]
     return mixed
-
-
-def _nearest(errors: Errors, x: np.ndarray, late: float, rounds: int = 25) -> tuple[np.ndarray, float]:
-    """Least squares from a point on, by Levenberg and Marquardt with several damping factors at once."""
-    low, high = np.append(_LOW, 0.0), np.append(_HIGH, LATEST * SUBSTEPS)
-    at, width = np.append(x, late), np.append(_HIGH - _LOW, 40.0)
-    step, damping = np.append(np.full(len(NAMES), _STEP), 0.0), 1e-2
-    cost = np.inf
-    for _ in range(rounds):
-        signs = np.where(at + step > high, -1.0, 1.0)
-        points = np.concatenate([at[None], at + np.diag(step * signs)[:-1]])
-        made = _between(errors, points)
-        here, k = made[0], np.floor(at[-1])
-        two = errors([axis(at[:-1], k), axis(at[:-1], k + 1.0)])
-        slopes = np.stack([*((made[1:] - here) / (step * signs)[:-1, None]), two[1] - two[0]])
-        cost = float(here @ here)
-        weak = cost / len(here) / width**2  # what the prior weighs, for directions that the log does not tell
-        normal, push = slopes @ slopes.T, slopes @ here
-        tries = []
-        for factor in damping * 10.0 ** np.arange(-3.0, 5.0):
-            matrix = normal + np.diag(factor * np.diag(normal) + weak)
-            tries.append(np.clip(at - np.linalg.solve(matrix, push), low, high))
-        costs = np.sum(_between(errors, np.array(tries)) ** 2, axis=1)
-        best = int(np.argmin(costs))
-        if costs[best] >= cost * (1 - 1e-5):
-            break
-        at, damping = tries[best], max(1e-9, damping * 10.0 ** (best - 3.0))
-    return at[:-1], float(at[-1])
-
-
-def _sampled(errors: Errors, x: np.ndarray, late: float, rng: np.random.Generator) -> Found:
-    """The posterior around an optimum."""
-    cells = np.unique(np.clip(np.floor(late) + np.arange(-1, 3), 0, LATEST * SUBSTEPS - 1))
-    refined = [_in_cell(errors, x, cell) for cell in cells]
-    best = int(np.argmin([cost for _, cost, _ in refined]))
-    x, cost, slopes = refined[best]
-    left = errors([axis(x, cells[best])])[0]
-    scale = float(np.sqrt(np.mean(left**2)))
-    tau = max(correlation_time(left), _overdispersion(slopes, left))
-    unit = scale**2 * tau
-    prior = (_HIGH - _LOW) ** 2 / 12
-    spread = np.linalg.inv(slopes @ slopes.T / unit + np.diag(1 / prior)) * 1.3
-    middle, size = x, len(x)
-    odds = np.array([-(c - cost) / (2 * unit) for _, c, _ in refined])
-    odds = 0.9 * special.softmax(odds) + 0.1 / len(cells)
-    xs: list[np.ndarray] = []
-    ks: list[np.ndarray] = []
-    likely: list[np.ndarray] = []
-    proposed: list[tuple[Any, np.ndarray]] = []
-    for _ in range(ROUNDS):
-        proposal = stats.multivariate_t(middle, spread, df=5, allow_singular=True, seed=rng)
-        x_new = np.atleast_2d(proposal.rvs(DRAWS))
-        k_new = rng.choice(len(cells), DRAWS, p=odds)
-        inside = np.all((x_new > _LOW) & (x_new < _HIGH), axis=1)
-        fine = np.full(DRAWS, -np.inf)
-        if inside.any():
-            off = errors([axis(v, cells[k]) for v, k in zip(x_new[inside], k_new[inside], strict=True)])
-            fine[inside] = -np.sum(off**2, axis=1) / (2 * unit)
-        xs, ks, likely = [*xs, x_new], [*ks, k_new], [*likely, fine]
-        proposed.append((proposal, odds))
-        every, chosen, target = np.concatenate(xs), np.concatenate(ks), np.concatenate(likely)
-        density = [p.logpdf(every) + np.log(o[chosen]) for p, o in proposed]
-        weight = special.softmax(target - special.logsumexp(density, axis=0))
-        worth = 1 / np.sum(weight**2)
-        # Too few draws with weight cannot tell a shape: weights are flattened until there are enough.
-        flat, power = weight, 1.0
-        while 1 / np.sum(flat**2) < 4 * size and power > 1e-4:
-            power *= 0.8
-            flat = special.softmax(power * (target - special.logsumexp(density, axis=0)))
-        middle, spread = flat @ every, 1.2 * np.cov(every.T, aweights=flat)
-        odds = np.array([weight[chosen == i].sum() for i in range(len(cells))])
-        odds = 0.9 * odds / odds.sum() + 0.1 / len(cells)
-    kept = rng.choice(len(every), 1000, p=weight)
-    draws = dict(zip(NAMES, np.exp(every[kept]).T, strict=True))
-    draws["dead_time"] = (cells[chosen[kept]] + rng.uniform(0, 1, len(kept))) / SUBSTEPS * PERIOD
-    return Found(draws, scale, tau, float(worth))
-
-
-def _overdispersion(slopes: np.ndarray, left: np.ndarray) -> float:
-    """How much more the score scatters from second to second than independent errors would let it (the sandwich of
-    Huber 1967, as one factor): it holds what counts and the converter's steps leave in one direction for a while."""
-    blocks = left.size // (4 * SEGMENT)
-    cut = blocks * 4 * SEGMENT
-    whitened = np.linalg.solve(np.linalg.cholesky(slopes @ slopes.T + 1e-9 * np.eye(len(slopes))), slopes)
-    scores = (whitened[:, :cut] * left[:cut]).reshape(len(slopes), blocks, -1).sum(axis=2)
-    return float(np.max(np.sum(scores**2, axis=1)) / np.mean(left**2))
-
-
-def _in_cell(errors: Errors, x: np.ndarray, cell: float) -> tuple[np.ndarray, float, np.ndarray]:
-    """Two more steps with the delay held; the point, its cost and its derivatives, of shape (numbers, samples)."""
-    for last in (False, False, True):
-        signs = np.where(x + _STEP > _HIGH, -1.0, 1.0)
-        made = errors([axis(p, cell) for p in (x, *(x + np.diag(_STEP * signs)))])
-        slopes, here = (made[1:] - made[0]) / (_STEP * signs)[:, None], made[0]
-        if last:
-            break
-        weak = np.mean(here**2) / (_HIGH - _LOW) ** 2
-        move = np.linalg.solve(slopes @ slopes.T + np.diag(weak), slopes @ here)
-        tries = [np.clip(x - share * move, _LOW, _HIGH) for share in (0.0, 0.1, 0.3, 0.6, 1.0)]
-        x = tries[int(np.argmin(np.sum(errors([axis(p, cell) for p in tries]) ** 2, axis=1)))]
-    return x, float(here @ here), slopes

@@ -11,33 +11,42 @@ from ...envs.engine.quantity import InvalidInput
 from ...envs.plant import calibration
 from ...envs.safety import names
 from ...envs.scenarios import machine_text, machines
-from ...envs.scenarios.distributions import Choice
+from ...envs.scenarios.distributions import Joint
 from ...envs.scenarios.machines import Machine
 from ..store.runs import write_text
-from . import drive, head
+from . import drive, head, mounting
 from .log import Log, read
 
-QUANTILES = 41
-"""Values that stand for a posterior in the file, equally likely."""
+ROWS = 100
+"""Draws that stand for a posterior in the file, equally likely."""
+
+UNEXPLAINED = 5.0
+"""µm of the encoder that a model may leave [A]; a drive of this model leaves a rounding, 0.3 µm for counts of 1 µm."""
+
+FAR, OTHER = 100.0, 0.01
+"""mm above the sheet, where a head's frequency has come to its end; share above it from which on it is another head's."""
 
 UNEXCITED = 0.7
 """Share of the prior's interval from which on a log has told nothing."""
 
-NEEDS = {"sweep": "head.face, head.body, head.inductance", "rest": "head.noise", "motion": "the Z drive"}
+NEEDS = {
+    "sweep": "head.face, head.body, head.inductance",
+    "rest": "head.noise",
+    "motion": "the Z drive, and its mounting",
+}
 """What each protocol finds."""
-
-BESIDE = ("backlash", "resonance", "resonance_zeta", "compliance")
-"""Numbers of an axis between motor and nozzle, which its encoder does not see."""
 
 
 @dataclass(frozen=True)
 class Number:
-    """One number of a machine after its logs: key, draws in the file's unit, the ends of the prior, whether found."""
+    """One number of a machine after its logs: key, draws in the file's unit, the ends of the prior, whether found, and
+    the group within which draws belong together."""
 
     key: str
     draws: np.ndarray
     prior: tuple[float, float]
     found: bool
+    group: str
 
     @property
     def interval(self) -> tuple[float, float, float]:
@@ -78,69 +87,95 @@ def identify(logs: Iterable[Log], name: str = "mine", like: Any = "standard", se
         raise InvalidInput(f"nothing to identify from; give logs of {', '.join(NEEDS)}")
     if "rest" in by and "sweep" not in by:
         raise InvalidInput(f"{by['rest'].name}: noise in pF needs the head's sensitivity; give the sweep log, too")
-    base, notes, numbers, table = machines.load(like), [w for log in logs for w in log.warnings], [], None
+    base, notes, numbers, swept = machines.load(like), [w for log in logs for w in log.warnings], [], None
     if "sweep" in by:
         swept = head.swept(by["sweep"])
-        table = swept.table
         spread = rng.multivariate_normal(np.log(list(swept.values.values())), swept.covariance, 1000)
         for key, draws in zip(swept.values, np.exp(spread).T, strict=True):
-            numbers.append(_number(f"head.{key}", draws, head.RANGES[key]))
-        notes.append(f"sweep: table rated {table.rating}, scatter {table.noise:.1f} µm at 1 mm; the nozzle's bore is "
-                     "taken as 2 mm")  # fmt: skip
-        if "frequency" in by.get("motion", ()) or "frequency" in by.get("rest", ()):
-            notes += _belongs(table, [by[p] for p in ("rest", "motion") if p in by])
-    if "rest" in by:
+            numbers.append(_number(f"head.{key}", draws, head.RANGES[key], "sweep"))
+        notes.append(
+            f"sweep: table rated {swept.table.rating}, scatter {swept.table.noise:.1f} µm at 1 mm; the nozzle's bore is "
+            "taken as 2 mm"
+        )
+        _belongs(swept, [by[p] for p in ("rest", "motion") if p in by])
+    if "rest" in by and swept:
         for key, draws in head.noise(by["rest"], swept, rng).items():
-            numbers.append(_number(f"head.{key}", draws, {"noise": head.NOISE, "jitter": head.JITTER}[key]))
+            numbers.append(_number(f"head.{key}", draws, {"noise": head.NOISE, "jitter": head.JITTER}[key], "rest"))
     if "motion" in by:
         found = drive.identify(by["motion"]["command"], by["motion"]["encoder"], seed)
         for key, draws in found.draws.items():
             ends = drive.PRIOR.get(key, (0.0, drive.LATEST * 1e-3))
-            numbers.append(_number(f"axis.{key}", draws, ends, log=key in drive.PRIOR))
-        notes.append(f"motion: the model leaves {found.left:.2f} µm of the encoder, correlated over "
-                     f"{found.correlated:.0f} samples; the sample is worth {found.effective:.0f} draws")  # fmt: skip
-        if found.left > 5.0:
+            numbers.append(_number(f"axis.{key}", draws, ends, "motion", key in drive.PRIOR))
+        notes.append(f"motion: the model leaves {found.left:.2f} µm of the encoder; the sample is worth "
+                     f"{found.effective:.0f} draws")  # fmt: skip
+        if found.spread > 2.0:
+            notes.append(
+                f"motion: what is left is not chance alone; intervals are up to {found.spread:.1f} times as wide"
+            )
+        if found.left > UNEXPLAINED:
             notes.append("motion: that is far more than counts of an encoder; the model does not explain this drive")
         notes.append("axis.dead_time holds the latency")
-        notes.append(f"not found: axis.{', axis.'.join(BESIDE)}; an encoder on the motor does not see them")
+        notes += _mounted(by["motion"], swept, found.best, numbers, seed)
     for protocol in NEEDS:
         if protocol not in by:
             notes.append(f"no {protocol} log: {NEEDS[protocol]} as in '{base.name}'")
-    return Identified(_machine(base, name, numbers, [log.name for log in logs]), tuple(numbers), table, tuple(notes))
+    table = swept.table if swept else None
+    return Identified(
+        _machine(base, name, numbers, [log.name for log in logs], rng), tuple(numbers), table, tuple(notes)
+    )
 
 
-def _number(key: str, draws: np.ndarray, prior: tuple[float, float], log: bool = True) -> Number:
+def _mounted(log: Log, swept: head.Swept | None, axis: Any, numbers: list[Number], seed: int) -> list[str]:
+    """Adds what hangs between motor and nozzle; returns what a user should know."""
+    keys = ", ".join(f"axis.{key}" for key in mounting.PRIOR)
+    if swept is None or "frequency" not in log:
+        return [f"not found: {keys}; an encoder on the motor does not see them, which takes a motion log with frequency "
+                "and the sweep"]  # fmt: skip
+    found = mounting.identify(log, swept, axis, seed)
+    if found is None:
+        return [f"not found: {keys}; {log.name} does not end near the plate"]
+    for key, draws in found.draws.items():
+        numbers.append(_number(f"axis.{key}", draws, mounting.PRIOR[key], "mounting"))
+    return [f"motion: near the plate the model leaves {found.left:.1f} µm of the height, as at 1 mm"]
+
+
+def _number(key: str, draws: np.ndarray, prior: tuple[float, float], group: str, log: bool = True) -> Number:
     low, high = np.percentile(draws, [2.5, 97.5])
     scale = np.log if log else np.asarray
     wide = float(np.diff(scale([low, high]))[0]) / (0.95 * float(np.diff(scale(list(prior)))[0]))
-    return Number(key, draws, prior, wide < UNEXCITED)
+    return Number(key, draws, prior, wide < UNEXCITED, group)
 
 
-def _belongs(table: calibration.Table, logs: list[Log]) -> list[str]:
-    """Warns of a sweep of another head: frequencies near the plate that the table does not have."""
-    said: list[str] = []
-    top = 1.01 * float(table.frequency[-1])
+def _belongs(swept: head.Swept, logs: list[Log]) -> None:
+    """Refuses a sweep of another head: frequencies that this one has at no height."""
+    top = float(head.frequency_at(swept.params, np.array([FAR]))[0])
     for log in logs:
         if "frequency" in log:
-            off = np.flatnonzero(log["frequency"] > top)
+            off = np.flatnonzero(log["frequency"] > (1 + OTHER) * top)
             if len(off) > 0.01 * len(log["time"]):
                 raise InvalidInput(
                     f"{log.name}, line {off[0] + 2}, column frequency: {log['frequency'][off[0]]:.7g} Hz lies over "
-                    f"1 % above the sweep's highest, {table.frequency[-1]:.7g} Hz; is the sweep that of another head?"
+                    f"{OTHER:.0%} above what the sweep's head has far from the sheet, {top:.7g} Hz; is the sweep that of "
+                    "another head?"
                 )
-    return said
 
 
-def _machine(base: Machine, name: str, numbers: list[Number], logs: list[str]) -> Machine:
+def _machine(
+    base: Machine, name: str, numbers: list[Number], logs: list[str], rng: np.random.Generator
+) -> Machine:  # fmt: skip
+    """A machine that draws from what was found; numbers that were drawn together stay together."""
     tables: dict[str, dict[str, Any]] = {"head": {}, "axis": {}}
-    for number in numbers:
-        if not number.found:  # what a log does not tell stays as it was
-            continue
-        table, key = number.key.split(".")
-        values = np.quantile(number.draws, (np.arange(QUANTILES) + 0.5) / QUANTILES)
-        if number.key == "axis.dead_time":
-            values = np.minimum(values, 0.02)
-        tables[table][key] = Choice(choice=tuple(float(f"{v:.7g}") for v in values))
+    for group in dict.fromkeys(number.group for number in numbers):
+        of = [number for number in numbers if number.group == group]
+        rows = rng.choice(len(of[0].draws), ROWS, replace=False)
+        for number in of:
+            if not number.found:  # what a log does not tell stays as it was
+                continue
+            table, key = number.key.split(".")
+            values = number.draws[rows]
+            if number.key == "axis.dead_time":
+                values = np.minimum(values, 0.02)
+            tables[table][key] = Joint(choice=tuple(float(f"{v:.7g}") for v in values), joint=group)
     if "dead_time" in tables["axis"]:
         tables["axis"]["latency"] = 0.0
     return replace(

@@ -31,8 +31,8 @@ GAIN = 5.0
 LOW, HIGH = 15.0, 60.0
 """mm, between which the fast moves of the motion protocol go."""
 
-NEAR = 3.0
-"""mm, height of its moves within the sensor's range."""
+NEAR, JOLTS = 1.2, 32
+"""mm, height from which it jolts the head within the sensor's range, and how often."""
 
 LEAST = 0.6
 """mm below which the host lets the head come at no time."""
@@ -84,7 +84,19 @@ def _begun(scenario: Scenario, seed: int, gap: float) -> tuple[Fleet, Callable[[
     fleet = rollout.fleet_for(scenario, get("idle"), [seed], change=lambda f: f.set("start.gap", 0, gap))
     fleet.set("job.set_height", 0, 1e3)  # so that no guard of the supervisor ever acts
     seen = [fleet.row(f"signals.{name}") for name in ("head_position", "command", "frequency")]
-    return fleet, lambda: [float(each[0]) for each in seen], fleet.row("hand.residual")
+    converted = _converted(fleet)
+
+    def look() -> list[float]:
+        encoder, command, frequency = (float(each[0]) for each in seen)
+        return [encoder, converted(command), frequency]
+
+    return fleet, look, fleet.row("hand.residual")
+
+
+def _converted(fleet: Fleet) -> Callable[[Any], Any]:
+    """What the D/A converter makes of a command: a controller knows the count that it has sent."""
+    step = float(fleet.column("z.dac")[0])
+    return lambda command: np.rint(command / step) * step if step > 0 else command
 
 
 def _to(rng: Any, height: float, seconds: float, fastest: float = 50.0) -> Any:
@@ -110,32 +122,39 @@ def _motion(rng: Any) -> Any:
     Between them the host goes back and waits.
     """
     yield 0.0
-    for level, hold, lasts in (
-        (1.0, 25, 3.0), (4.0, 15, 3.0), (15.0, 8, 3.0), (60.0, 6, 3.0), (200.0, 8, 3.0),
-    ):  # fmt: skip
-        yield from _to(rng, 0.5 * (LOW + HIGH) - 10.0, 1.5)
-        yield from _steps(rng, 0.5 * (LOW + HIGH) - 10.0, level, hold, lasts)
+    middle = 0.5 * (LOW + HIGH) - 10.0
+    for level, hold in ((1.0, 25), (4.0, 15), (15.0, 8), (60.0, 6), (200.0, 8)):
+        yield from _to(rng, middle, 1.0)
+        yield from _steps(rng, middle, level, hold, 2.0)
     yield from _to(rng, 25.0, 1.0)
     for rate in (5.0, 20.0, 60.0):  # slow reversals, mm/s²
-        for k in range(round(2.0 / PERIOD)):
+        for k in range(round(1.6 / PERIOD)):
             way = np.mod(k * PERIOD * rate / 6.0, 2.0)
             yield 6.0 * (2.0 * min(way, 2.0 - way) - 1.0) + DITHER * rng.uniform(-1, 1)
     encoder = yield 0.0
-    for _ in range(6):
-        encoder = yield from _to(rng, LOW, 1.2, 100.0)
-        while encoder < HIGH - 20.0:
+    for _ in range(4):  # each from and to another place, since moves that are alike share their roundings
+        encoder = yield from _to(rng, LOW + rng.uniform(0, 2), 1.0, 100.0)
+        top, low = HIGH - 20.0 - rng.uniform(0, 6), LOW + 20.0 + rng.uniform(0, 4)
+        while encoder < top:
             encoder = yield 3000.0
         for _ in range(40):
             yield 0.0
         encoder = yield 0.0
-        while encoder > LOW + 20.0:
+        while encoder > low:
             encoder = yield -3000.0
         for _ in range(120):
             yield 0.0
     yield from _to(rng, NEAR, 2.5, 30.0)
-    for level, hold in ((60.0, 4), (30.0, 8), (90.0, 4)):
-        yield from _to(rng, NEAR, 0.5)
-        yield from _steps(rng, NEAR, level, hold, 4.0, room=0.7)
+    for _ in range(200):
+        yield 0.0
+    for k in range(JOLTS):
+        speed, lasts = (80.0, 120.0, 180.0, 250.0)[k % 4] * rng.uniform(0.9, 1.1), int(rng.integers(7, 14))
+        for command in (speed, -speed):  # up and stop, which opens the free play; down again
+            for _ in range(lasts):
+                yield command
+            for _ in range(int(rng.integers(60, 120))):
+                yield 0.0
+        yield from _to(rng, NEAR, 0.15)
 
 
 def _steps(rng: Any, about: float, level: float, hold: int, seconds: float, room: float = 8.0) -> Any:
@@ -167,5 +186,6 @@ def _follow(cuts: machines.Machine, seed: int) -> Log:
     encoder, sent, frequency, height, wanted, x_at = np.asarray(rows).T
     height[frequency == 0] = 0.0
     time = np.arange(len(rows)) * PERIOD
+    sent = _converted(fleet)(sent)
     columns = {"time": time, "encoder": encoder, "command": sent, "frequency": frequency, "height": height}
     return Log("follow.csv", "follow", {**columns, "set_height": wanted, "x": x_at})

@@ -1,21 +1,33 @@
-"""Are identified machines true? Machines from wide ranges are recorded, and identified without being known.
+"""Study of identification: do its intervals hold the truth, and how near is it?
 
-For each number: how often the 95 % interval holds the truth, and the median error::
+Machines are drawn from wide ranges, recorded by three protocols, and identified by one who does not know them::
 
-    python -m kerfgym.experiments.studies.identified --machines 24 --first 0
+    python -m kerfgym.experiments.manual identified
+    python -m kerfgym.experiments.studies.identified --machines 20 --first 1000
 """
 
-import argparse
 import time
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
+import pandas as pd
+from joblib import Parallel, delayed
+from scipy import stats
 
 from ...envs.control.stack import get
+from ...envs.plant.controller import PERIOD
 from ...envs.scenarios import Scenario, machines
-from ..identify import drive, head
+from ..identify import drive, mounting
+from ..identify.identifying import Identified, identify
 from ..identify.protocols import record
 from ..measure import rollout
+from ..store import script
+from ..store.runs import atomic
+from .registry import Trial, study
+
+MACHINES = 200
+"""Of the study."""
 
 WIDE = {
     "name": "wide",
@@ -45,47 +57,96 @@ def truth(machine: Any, seed: int) -> dict[str, float]:
     flat = Scenario(name="truth", duration=1.0, settle=0.0, feed=0.0, set_height=1.0)
     fleet = rollout.fleet_for(machines.put_on(flat, machine), get("idle"), [seed])
     z, s = fleet.get("z"), fleet.get("sensor")
-    known = {name: float(getattr(z, name)) for name in drive.NAMES if name != "bandwidth"}
-    known |= {"bandwidth": z.omega / (2 * np.pi), "dead_time": z.dead_time * 1e-3}
-    return known | {"noise": s.noise, "face": 2 * s.radius, "body": s.body, "inductance": s.inductance}
+    known = {name: float(getattr(z, name)) for name in (*drive.NAMES, *mounting.PRIOR) if hasattr(z, name)}
+    known |= {"bandwidth": z.omega / (2 * np.pi), "resonance": z.omega_r / (2 * np.pi), "resonance_zeta": z.zeta_r}
+    known |= {"dead_time": z.dead_time * PERIOD, "noise": s.noise}
+    return known | {"face": 2 * s.radius, "body": s.body, "inductance": s.inductance}
 
 
-def identified(machine: Any, seed: int) -> tuple[dict[str, np.ndarray], float]:
-    """Draws of its numbers from three logs, and µm that are left of the encoder."""
-    swept = head.swept(record(machine, "sweep", seed))
-    rng = np.random.default_rng(seed)
-    noise = head.noise(record(machine, "rest", seed), swept, rng)
-    spread = rng.multivariate_normal(np.log(list(swept.values.values())), swept.covariance, 1000)
-    motion = record(machine, "motion", seed)
-    found = drive.identify(motion["command"], motion["encoder"])
-    geometry = dict(zip(swept.values, np.exp(spread).T, strict=True))
-    return {**found.draws, "noise": noise["noise"], **geometry}, found.left
+def identified(machine: Any, seed: int) -> Identified:
+    """What three logs say of it."""
+    return identify([record(machine, protocol, seed) for protocol in ("sweep", "rest", "motion")], seed=seed)
 
 
-def main() -> None:
-    """Prints a line for each machine, and then the table so far."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--machines", type=int, default=24)
-    parser.add_argument("--first", type=int, default=0)
-    asked = parser.parse_args()
+def compared(seed: int) -> pd.DataFrame:
+    """One row for each number of a machine.
+
+    Columns: ``machine, number, true, low, median, high, excited, seconds``; in the units of a machine's file.
+    """
     machine = machines.load(WIDE)
-    held: dict[str, list[bool]] = {}
-    off: dict[str, list[float]] = {}
-    for seed in range(asked.first, asked.first + asked.machines):
-        began, known = time.perf_counter(), truth(machine, seed)
-        draws, left = identified(machine, seed)
-        for key, values in draws.items():
-            low, middle, high = np.percentile(values, [2.5, 50, 97.5])
-            held.setdefault(key, []).append(bool(low <= known[key] <= high))
-            off.setdefault(key, []).append(abs(middle - known[key]) / (1.0 if key == "dead_time" else known[key]))
-        missed = [key for key, values in held.items() if not values[-1]]
-        lasted = time.perf_counter() - began
-        print(f"machine {seed}: {left:.2f} µm left, {lasted:.0f} s; missed {', '.join(missed) or 'none'}", flush=True)
-        for key, values in held.items():
-            error = f"{1e3 * np.median(off[key]):.4f} ms" if key == "dead_time" else f"{np.median(off[key]):.3%}"
-            worst = f"{1e3 * max(off[key]):.4f} ms" if key == "dead_time" else f"{max(off[key]):.3%}"
-            print(f"  {key:14s}held {sum(values)} of {len(values)}, median error {error}, largest {worst}", flush=True)
+    known, began = truth(machine, seed), time.process_time()
+    found, rows = identified(machine, seed), []
+    seconds = time.process_time() - began
+    for each in found.numbers:
+        low, middle, high = each.interval
+        key = each.key.split(".")[1]
+        if key in known:
+            rows.append((seed, key, known[key], low, middle, high, each.found, seconds))
+    return pd.DataFrame(rows, columns=["machine", "number", "true", "low", "median", "high", "excited", "seconds"])
+
+
+def summary(table: pd.DataFrame) -> pd.DataFrame:
+    """By number: machines, share of them whose interval holds the truth with its 95 % interval (Clopper and Pearson
+    1934), median and 95th percentile of the error, relative and as it is, and how many logs told something of it."""
+    rows = []
+    for number, of in table.groupby("number", sort=False):
+        held, n = int(((of["low"] <= of["true"]) & (of["true"] <= of["high"])).sum()), len(of)
+        sure = stats.binomtest(held, n).proportion_ci(method="exact")
+        told = of[of["excited"]]
+        off = (told["median"] - told["true"]).abs()
+        rows.append({
+            "number": number, "machines": n, "held": held / n, "held_low": sure.low, "held_high": sure.high,
+            "excited": len(told), "median_error": off.median(), "median_relative": (off / told["true"]).median(),
+            "p95_error": off.quantile(0.95), "p95_relative": (off / told["true"]).quantile(0.95),
+        })  # fmt: skip
+    return pd.DataFrame(rows).set_index("number")
+
+
+def measured(seeds: Iterable[int], workers: int, folder: Any = None) -> pd.DataFrame:
+    """The rows of machines, each of which is kept in ``folder`` as soon as it is done, and taken from there."""
+    def kept(seed: int) -> pd.DataFrame:
+        file = None if folder is None else folder / f"{seed}.csv"
+        if file is not None and file.is_file():
+            return pd.read_csv(file)
+        table = compared(seed)
+        if file is not None:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            with atomic(file) as part:
+                table.to_csv(part, index=False)
+        return table
+
+    return pd.concat(Parallel(n_jobs=workers)(delayed(kept)(seed) for seed in seeds), ignore_index=True)
+
+
+@study(
+    "identified",
+    "whether intervals of identified machines hold the truth",
+    "python -m kerfgym.experiments.manual identified",
+    60.0,
+    ("envs/machines/*.toml",),
+)
+def of_machines(trial: Trial) -> dict[str, Any]:
+    """By number what :func:`summary` has."""
+    table = measured(range(MACHINES), trial.workers, trial.folder)
+    seconds = float(table.groupby("machine")["seconds"].first().median())
+    return {"numbers": summary(table).to_dict("index"), "machines": MACHINES, "seconds": seconds}
+
+
+def main(machines: int = 20, first: int = 0, jobs: int = 2) -> int:
+    """Tell how often intervals of identified machines hold the truth.
+
+    Args:
+        machines: how many.
+        first: seed of the first of them.
+        jobs: processes.
+    """
+    table = measured(range(first, first + machines), jobs)
+    missed = table[(table["low"] > table["true"]) | (table["true"] > table["high"])]
+    print(missed.to_string(index=False))
+    print(summary(table).to_string(float_format="{:.4g}".format))
+    print(f"{table.groupby('machine')['seconds'].first().median():.1f} CPU-s a machine")
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    script.run(main, "kerfgym.experiments.studies.identified")

@@ -77,6 +77,19 @@ def test_what_is_written_of_a_machine_reads_back_to_an_equal_one(name, whole, mi
     assert machines.load(machine.tables) == machine
 
 
+def test_numbers_known_together_are_written_read_and_drawn_together(tmp_path):
+    rows = {"bandwidth": [24.1, 25.3, 26.0], "zeta": [0.81, 0.78, 0.74]}
+    machine = machines.of_tables(
+        {"name": "mine", "axis": {key: {"choice": v, "joint": "motion"} for key, v in rows.items()}}, "mine"
+    )
+    file = tmp_path / "mine.toml"
+    file.write_text(machine_text.text_of(machine, whole=False), encoding="utf-8")
+    assert machines.read(file).digest == machine.digest
+    fleet = workshop.fleet_for(machines.put_on(scenarios.load("wavy"), machine), stacks.asked("idle"), range(50))
+    bandwidths = np.round(fleet.column("z.omega") / (2 * np.pi), 6)
+    assert set(zip(bandwidths, fleet.column("z.zeta"), strict=True)) == set(zip(*rows.values(), strict=True))
+
+
 def test_every_number_of_a_machine_is_written_with_unit_and_range():
     lines = machine_text.text_of(machines.STANDARD).splitlines()
     assert "bandwidth = { uniform = [50, 120] }           # Hz, velocity loop; 5 to 500 Hz" in lines

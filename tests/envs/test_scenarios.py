@@ -36,7 +36,7 @@ from kerfgym.envs.scenarios import (
     suite,
     suites,
 )
-from kerfgym.envs.scenarios.distributions import Choice, Draws, LogUniform, Uniform, as_number, bounds
+from kerfgym.envs.scenarios.distributions import Choice, Draws, Joint, LogUniform, Uniform, as_number, bounds
 from kerfgym.envs.tasks import workshop
 
 
@@ -358,6 +358,20 @@ def test_a_choice_takes_each_of_its_values_equally_often():
     assert set(values) == {0.5, 0.8, 1.0}
     for each in (0.5, 0.8, 1.0):
         assert about(values == each, 1 / 3, np.sqrt(2) / 3)
+
+
+def test_lists_of_one_joint_are_the_columns_of_a_table():
+    one, two = (draw(Joint(choice=v, joint="m"), SEEDS, name) for name, v in (("a", (1, 2, 3)), ("b", (30, 10, 20))))
+    assert set(zip(one, two, strict=True)) == {(1.0, 30.0), (2.0, 10.0), (3.0, 20.0)}
+    apart = draw(Joint(choice=(30, 10, 20), joint="other"), SEEDS, "b")
+    assert len(set(zip(one, apart, strict=True))) == 9
+    assert abs(np.corrcoef(one, apart)[0, 1]) < 4 / np.sqrt(len(one))
+
+
+def test_lists_of_one_joint_are_of_one_length():
+    three, two = Joint(choice=(60, 80, 90), joint="m"), Joint(choice=(0.7, 0.8), joint="m")
+    with pytest.raises(ValueError, match=r"zeta has 2 values and bandwidth has 3; lists of one joint, here 'm'"):
+        Scenario(name="x", axis=Axis(bandwidth=three, zeta=two))
 
 
 def test_a_draw_depends_on_its_seed_and_name_alone():
@@ -1041,6 +1055,8 @@ def test_what_is_made_in_python_checks_itself(make, message):
         (lambda: Uniform(uniform=(1, 3), sign="-"), "sign = '-' is not allowed"),
         (lambda: LogUniform(log_uniform=(0, 1)), "greater than 0"),
         (lambda: Choice(choice=()), "at least 1 item"),
+        (lambda: as_number({"choice": (1, 2), "joint": "a b"}), "joint = 'a b' is not allowed; allowed: a word"),
+        (lambda: as_number({"uniform": (1, 2), "joint": "a"}), "a number or a distribution is needed"),
         (lambda: as_number({"sign": "±"}), "exactly one of uniform, log_uniform, choice"),
         (lambda: as_number({"choice": (1, 2), "sign": "±"}), "a number or a distribution is needed"),
         (lambda: as_number(True), "not True"),
