@@ -114,6 +114,11 @@ def identify(logs: Iterable[Log], name: str = "mine", like: Any = "standard", se
             )
         if found.left > UNEXPLAINED:
             notes.append("motion: that is far more than counts of an encoder; the model does not explain this drive")
+        elif found.apart > 0.0:
+            notes.append(
+                f"motion: {found.apart:.0%} of the log, its quickest moves, leave {found.beyond:.0f} µm and count less; this "
+                "drive gets out of its limits in another way than the model's"
+            )
         notes.append("axis.dead_time holds the latency")
         notes += _mounted(by["motion"], swept, found.best, numbers, seed)
     for protocol in NEEDS:

@@ -104,8 +104,24 @@ def _friction(v, coulomb, static, stribeck, viscous):
 @njit(cache=True)
 def _slope(y, out, p, u, carried, carried_speed, load):
     """Time derivatives of the states; ``load``: acceleration by what hangs on the motor."""
-    (natural, damping, weight, current, filtered, force, slew, coulomb, static, stribeck, viscous, smooth, ripple,
-     pitch, flexure, flexure_damping) = p
+    (
+        natural,
+        damping,
+        weight,
+        current,
+        filtered,
+        force,
+        slew,
+        coulomb,
+        static,
+        stribeck,
+        viscous,
+        smooth,
+        ripple,
+        pitch,
+        flexure,
+        flexure_damping,
+    ) = p
     omega = 2 * np.pi * natural
     kp, ki = 2 * damping * omega, omega * omega
     asked = kp * (weight * u - y[4]) + y[3]
@@ -152,11 +168,61 @@ def _period(p, y, hang, held, arrives, sheet, spacing, x, feed, draws, seen):
     """A period. ``held`` and ``arrives``: commands, and from which step on they act, the newest first."""
     k = np.empty((4, STATES))
     z = np.empty(STATES)
-    (natural, damping, weight, current, filtered, _delay, _jitter, speed, force, slew, coulomb, static, stribeck,
-     viscous, smooth, ripple, pitch, bits, count, play, flexure, flexure_damping, bent, load, load_natural,
-     load_damping, face, bore, edge, body, inductance, noise, clock, impulses, impulse) = p
-    q = (natural, damping, weight, current, filtered, force, slew, coulomb, static, stribeck, viscous, smooth, ripple,
-         pitch, flexure, flexure_damping)
+    (
+        natural,
+        damping,
+        weight,
+        current,
+        filtered,
+        _delay,
+        _jitter,
+        speed,
+        force,
+        slew,
+        coulomb,
+        static,
+        stribeck,
+        viscous,
+        smooth,
+        ripple,
+        pitch,
+        bits,
+        count,
+        play,
+        flexure,
+        flexure_damping,
+        bent,
+        load,
+        load_natural,
+        load_damping,
+        face,
+        bore,
+        edge,
+        body,
+        inductance,
+        noise,
+        clock,
+        impulses,
+        impulse,
+    ) = p
+    q = (
+        natural,
+        damping,
+        weight,
+        current,
+        filtered,
+        force,
+        slew,
+        coulomb,
+        static,
+        stribeck,
+        viscous,
+        smooth,
+        ripple,
+        pitch,
+        flexure,
+        flexure_damping,
+    )
     wl = 2 * np.pi * load_natural
     total, touched, gap = 0.0, False, 0.0
     for n in range(SUBSTEPS):
@@ -235,6 +301,11 @@ class Running:
                 draws, self.seen)  # fmt: skip
         self.x += 1e-3 * self.feed
         return float(self.seen[0]), float(self.seen[1])
+
+    def converted(self, command: float) -> float:
+        """What the converter makes of a command, mm/s."""
+        step = self.make.speed / 2.0 ** (self.make.bits - 1.0)
+        return float(np.clip(np.rint(command / step) * step, -self.make.speed, self.make.speed))
 
     @property
     def gap(self) -> float:

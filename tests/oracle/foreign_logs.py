@@ -17,7 +17,7 @@ def sweep(make: Foreign, seed: int) -> np.ndarray:
     runs, rows, command, touched = Running(make, 0.2, seed=seed), [], 0.0, 0
     for k in range(4000):
         encoder, frequency = runs.step(command)
-        rows.append((encoder, command, frequency))
+        rows.append((encoder, runs.converted(command), frequency))
         if frequency == 0.0:
             touched = k
         if touched and encoder > 10.4:
@@ -28,11 +28,12 @@ def sweep(make: Foreign, seed: int) -> np.ndarray:
 
 def scripted(make: Foreign, protocol: str, seed: int) -> np.ndarray:
     """The protocol's own script, which sends commands and receives the encoder."""
-    runs, script, rows = Running(make, protocols.HEIGHTS[0], seed=seed), SCRIPTS[protocol](np.random.default_rng(seed)), []
+    runs, rows = Running(make, protocols.HEIGHTS[0], seed=seed), []
+    script = SCRIPTS[protocol](np.random.default_rng(seed))
     asked = next(script)
     while True:
         encoder, frequency = runs.step(asked)
-        rows.append((encoder, asked, frequency))
+        rows.append((encoder, runs.converted(asked), frequency))
         try:
             asked = script.send(encoder)
         except StopIteration:
