@@ -5,7 +5,8 @@ path, the head of the sweep its frequency, and the measured one is compared with
 motor falls faster than the head, so a drive that never does so tells nothing of it, and the posterior stays as wide as
 the prior.
 
-Errors are relative to the frequency, where noise of the capacitance is about the same at every height. What a smooth
+The nozzle is where the encoder says, and where the candidate is from its motor. So what the model of the drive leaves is
+not held against the mounting. Errors are relative to the frequency, where noise of the capacitance is about the same at every height. What a smooth
 function of the encoder's reading explains, such as a wrong zero or table, is not held against a candidate. Samples that
 an impulse spoilt do not count.
 """
@@ -24,7 +25,7 @@ PRIOR = {
     "backlash": (5e-4, 0.06),
     "resonance": (30.0, 400.0),
     "resonance_zeta": (0.01, 0.3),
-    "compliance": (0.01, 0.5),
+    "compliance": (0.01, 1.0),
 }
 """Ranges, uniform in the logarithm, in the units of a machine's file [A]."""
 
@@ -78,6 +79,12 @@ class Errors:
         heights = np.geomspace(0.02, 3 * HIGHEST, 2000)
         self.start = float(np.interp(rest, frequency_at(self.head, heights), heights))
         basis = np.polynomial.chebyshev.chebvander(2 * (encoder - encoder.min()) / np.ptp(encoder) - 1, SMOOTH)
+        # Where the motor is has been measured; what a candidate adds is how far the nozzle is from it. Encoder and count
+        # need not be of the same instant, so an error in proportion to the speed is free as well.
+        self.motor = self.start + encoder - np.median(encoder[: round(STILL / PERIOD) // 2])
+        near = np.maximum(self.motor, 0.05)
+        steep = frequency_at(self.head, near + 1e-3) / frequency_at(self.head, near) - 1
+        basis = np.column_stack([basis, steep * np.gradient(encoder) / np.ptp(np.gradient(encoder))])
         self.good = np.ones(len(encoder), bool)
         self._free = np.linalg.qr(basis)[0]
         alone = self(self._tried(np.log([[1e-3, 100.0, 0.05, 0.01]])))[0]
@@ -88,7 +95,8 @@ class Errors:
 
     def __call__(self, axes: list[z_axis.Params]) -> np.ndarray:
         """Shape (axes, samples)."""
-        made = candidates.courses(axes, self.command, self.start)[:, :, 1]
+        motor, nozzle = np.moveaxis(candidates.courses(axes, self.command, self.start), 2, 0)
+        made = self.motor + nozzle - motor
         off = 1e6 * (frequency_at(self.head, np.maximum(made, 1e-3)) / self.frequency - 1) * self.good
         left: np.ndarray = off - (off @ self._free) @ self._free.T
         return left
