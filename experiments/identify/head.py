@@ -22,8 +22,8 @@ ROUNDED, SPOILT = 0.4e-3, 4.0
 """mm that an encoder's count leaves open [A]; standard deviations from which on a sample counts less."""
 
 SETTLED = 0.8
-"""mm of a sweep at 10 mm/s after which the mounting no longer rings from its start; below it the height of the nozzle is
-not the encoder's by some µm, which there outweighs all noise [C]."""
+"""mm of a sweep at 10 mm/s after which the mounting no longer rings from its start; below it the nozzle's height is not
+the encoder's by some µm, which there outweighs all noise [C]."""
 
 NOISE, JITTER = (1e-4, 3e-2), (1e-8, 1e-4)
 """pF, and share of the frequency, that are searched [A]."""
@@ -123,8 +123,8 @@ def rests(log: Log) -> list[tuple[slice, float]]:
 def scatter(values: np.ndarray) -> float:
     """Standard deviation of a signal's noise, from differences of neighbours, whatever its impulses and drift.
 
-    What an impulse made is left out: more than 4.5 standard deviations, again and again until nothing more is. Quantiles
-    would not do, since a counted frequency has few values.
+    What an impulse made is left out: more than 4.5 standard deviations, again and again until nothing more is.
+    Quantiles would not do, since a counted frequency has few values.
     """
     differences = np.diff(values)
     scale = 1.4826 * float(np.median(np.abs(differences))) + 2 * float(np.mean(np.abs(differences) < 1e-9) > 0.5)

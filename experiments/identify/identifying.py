@@ -24,7 +24,7 @@ UNEXPLAINED = 5.0
 """µm of the encoder that a model may leave [A]; a drive of this model leaves a rounding, 0.3 µm for counts of 1 µm."""
 
 FAR, OTHER = 100.0, 0.01
-"""mm above the sheet, where a head's frequency has come to its end; share above it from which on it is another head's."""
+"""mm above the sheet, where a head's frequency has come to its end; share above it that is another head's."""
 
 UNEXCITED = 0.7
 """Share of the prior's interval from which on a log has told nothing."""
@@ -94,8 +94,8 @@ def identify(logs: Iterable[Log], name: str = "mine", like: Any = "standard", se
         for key, draws in zip(swept.values, np.exp(spread).T, strict=True):
             numbers.append(_number(f"head.{key}", draws, head.RANGES[key], "sweep"))
         notes.append(
-            f"sweep: table rated {swept.table.rating}, scatter {swept.table.noise:.1f} µm at 1 mm; the nozzle's bore is "
-            "taken as 2 mm"
+            f"sweep: table rated {swept.table.rating}, scatter {swept.table.noise:.1f} µm at 1 mm; the nozzle's bore "
+            "is taken as 2 mm"
         )
         _belongs(swept, [by[p] for p in ("rest", "motion") if p in by])
     if "rest" in by and swept:
@@ -134,8 +134,8 @@ def _mounted(log: Log, swept: head.Swept | None, axis: Any, numbers: list[Number
     """Adds what hangs between motor and nozzle; returns what a user should know."""
     keys = ", ".join(f"axis.{key}" for key in mounting.PRIOR)
     if swept is None or "frequency" not in log:
-        return [f"not found: {keys}; an encoder on the motor does not see them, which takes a motion log with frequency "
-                "and the sweep"]  # fmt: skip
+        return [f"not found: {keys}; an encoder on the motor does not see them, which takes a motion log with "
+                "frequency and the sweep"]  # fmt: skip
     found = mounting.identify(log, swept, axis, seed)
     if found is None:
         return [f"not found: {keys}; {log.name} does not end near the plate"]
@@ -160,8 +160,8 @@ def _belongs(swept: head.Swept, logs: list[Log]) -> None:
             if len(off) > 0.01 * len(log["time"]):
                 raise InvalidInput(
                     f"{log.name}, line {off[0] + 2}, column frequency: {log['frequency'][off[0]]:.7g} Hz lies over "
-                    f"{OTHER:.0%} above what the sweep's head has far from the sheet, {top:.7g} Hz; is the sweep that of "
-                    "another head?"
+                    f"{OTHER:.0%} above what the sweep's head has far from the sheet, {top:.7g} Hz; is the sweep that "
+                    "of another head?"
                 )
 
 

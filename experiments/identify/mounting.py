@@ -43,8 +43,8 @@ _LOW, _HIGH = np.log(np.array(list(PRIOR.values()))).T
 
 @dataclass(frozen=True)
 class Found:
-    """Draws by key of a machine's ``[axis]``, each of shape (draws,), µm that is left of the height at 1 mm, and how many
-    draws the importance sample is worth."""
+    """Draws by key of a machine's ``[axis]``, each of shape (draws,), µm that is left of the height at 1 mm, and how
+    many draws the importance sample is worth."""
 
     draws: dict[str, np.ndarray]
     left: float
@@ -57,6 +57,8 @@ def part(log: Log, swept: Swept) -> slice | None:
     far = np.flatnonzero((f <= 0) | (f > frequency_at(swept.params, np.array([HIGHEST]))[0]))
     first = int(far[-1]) + 1 if len(far) else 0
     still, enough = np.abs(log["command"]) < 1e-9, round(STILL / PERIOD)
+    if len(f) - first < enough:
+        return None
     rests = np.flatnonzero(np.convolve(still[first:], np.ones(enough), "valid") > enough - 0.5)
     begin = first + int(rests[0]) + enough - 1 if len(rests) else len(f)
     return slice(begin, len(f)) if (len(f) - begin) * PERIOD >= LEAST else None

@@ -4,8 +4,9 @@
 2. :func:`sampled`: importance sampling around it with a proposal that adapts to what it has found (Cappé et al. 2004).
    It needs no bell-shaped posterior, only one that the heavy-tailed proposal covers.
 
-The likelihood takes errors for independent, of the scale that the nearest point leaves. Where blocks of errors have more
-in common than chance lets them, draws are spread by as much (the sandwich of Huber 1967, put on samples by Shaby 2014).
+The likelihood takes errors for independent, of the scale that the nearest point leaves. Where blocks of errors have
+more in common than chance lets them, draws are spread by as much (the sandwich of Huber 1967, put on samples by Shaby
+2014).
 """
 
 from collections.abc import Callable

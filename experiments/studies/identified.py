@@ -104,6 +104,7 @@ def summary(table: pd.DataFrame) -> pd.DataFrame:
 
 def measured(seeds: Iterable[int], workers: int, folder: Any = None) -> pd.DataFrame:
     """The rows of machines, each of which is kept in ``folder`` as soon as it is done, and taken from there."""
+
     def kept(seed: int) -> pd.DataFrame:
         file = None if folder is None else folder / f"{seed}.csv"
         if file is not None and file.is_file():

@@ -6,14 +6,15 @@ import pytest
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.plant import candidates, z_axis
 from kerfgym.envs.scenarios import machines
-from kerfgym.experiments.identify import drive, head, identifying, log, protocols
+from kerfgym.experiments.identify import drive, head, identifying, log, mounting, protocols
 
 KNOWN = {
     "name": "known",
     "head": {"noise": 2e-3, "nominal": True},
     "axis": {
         "bandwidth": 60.0, "zeta": 0.7, "dead_time": 0.004, "latency": 0.0003, "acceleration": 12000.0, "speed": 400.0,
-        "friction": 800.0, "bristle": 0.005, "stiction": 1.4, "stribeck": 3.0, "jerk": 2e6,
+        "friction": 800.0, "bristle": 0.005, "stiction": 1.4, "stribeck": 3.0, "jerk": 2e6, "backlash": 0.012,
+        "resonance": 90.0, "resonance_zeta": 0.08, "compliance": 0.15,
     },
 }  # fmt: skip
 """A machine without distributions."""
@@ -124,7 +125,7 @@ def test_a_recorded_log_reads_back_and_holds_no_truth(ending, tmp_path):
 def test_candidates_move_as_the_machine_that_was_recorded():
     made = protocols.record(KNOWN, "motion")
     axis = z_axis.Params()._replace(
-        omega=2 * np.pi * 60, zeta=0.7, dead_time=4.3, acceleration=12000.0, speed=400.0, dac=400 / 32768,
+        omega=2 * np.pi * 60, zeta=0.7, dead_time=4.3, acceleration=12000.0, speed=400.0, dac=0.0,
         friction=800.0, bristle=0.005, stiction=1.4, stribeck=3.0, jerk=2e6,
     )  # fmt: skip
     course = candidates.courses([axis], made["command"], made["encoder"][0])[0, :, 0]
@@ -155,15 +156,48 @@ def test_the_machines_file_draws_from_what_was_found_and_keeps_what_was_not(tmp_
     assert found["head.noise"]
     assert not found["head.jitter"]
     assert made.machine.head.jitter == machines.STANDARD.head.jitter
-    assert len(made.machine.head.noise.choice) == identifying.QUANTILES
+    assert len(made.machine.head.noise.choice) == identifying.ROWS
     assert made.machine.axis == machines.STANDARD.axis
     assert any(note.startswith("no motion log") for note in made.notes)
+    drawn = {number.key: number.draws for number in made.numbers}
+    known = {
+        (f"{face:.7g}", f"{coil:.7g}") for face, coil in zip(drawn["head.face"], drawn["head.inductance"], strict=True)
+    }
+    head = made.machine.head
+    rows = zip(head.face.choice, head.inductance.choice, strict=True)
+    assert {(f"{face:.7g}", f"{coil:.7g}") for face, coil in rows} <= known
 
 
-def test_a_known_drive_is_recovered():
-    made = protocols.record(KNOWN, "motion", 2)
-    draws = drive.identify(made["command"], made["encoder"]).draws
-    for key in ("bandwidth", "zeta", "acceleration", "speed"):
-        assert np.median(draws[key]) == pytest.approx(KNOWN["axis"][key], rel=0.01), key
-    assert np.median(draws["dead_time"]) == pytest.approx(0.0043, abs=5e-5)
-    assert np.median(draws["stiction"]) == pytest.approx(1.4, rel=0.1)
+@pytest.fixture(scope="module")
+def recorded():
+    """Sweep and motion of the known machine."""
+    return protocols.record(KNOWN, "sweep", 2), protocols.record(KNOWN, "motion", 2)
+
+
+@pytest.fixture(scope="module")
+def found(recorded):
+    return drive.identify(recorded[1]["command"], recorded[1]["encoder"])
+
+
+def test_a_known_drive_is_recovered(found):
+    for key in ("bandwidth", "zeta", "acceleration", "speed", "jerk", "friction"):
+        assert np.median(found.draws[key]) == pytest.approx(KNOWN["axis"][key], rel=0.002), key
+    assert np.median(found.draws["dead_time"]) == pytest.approx(0.0043, abs=5e-5)
+    assert np.median(found.draws["stiction"]) == pytest.approx(1.4, rel=0.01)
+    assert found.left == pytest.approx(1 / np.sqrt(12), rel=0.03)  # µm: roundings of counts of 1 µm
+
+
+def test_a_known_mounting_is_recovered_from_jolts_near_the_plate(recorded, found):
+    sweep, motion = recorded
+    draws = mounting.identify(motion, head.swept(sweep), found.best).draws
+    for key, true in (("backlash", 0.012), ("resonance", 90.0), ("resonance_zeta", 0.08), ("compliance", 0.15)):
+        low, high = np.percentile(draws[key], [0.5, 99.5])
+        assert low < true < high, key
+    assert np.median(draws["backlash"]) == pytest.approx(0.012, abs=3e-3)
+    assert np.median(draws["resonance"]) == pytest.approx(90.0, rel=0.05)
+
+
+def test_a_log_that_stays_away_from_the_plate_tells_nothing_of_the_mounting(recorded, found):
+    sweep, motion = recorded
+    away = log.Log("motion.csv", "motion", {k: v[:25000] for k, v in motion.columns.items()})
+    assert mounting.identify(away, head.swept(sweep), found.best) is None

@@ -1,0 +1,72 @@
+"""Draws of a posterior against closed forms."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from kerfgym.experiments.identify import posterior
+
+N, LOW, HIGH = 20_000, np.full(3, -5.0), np.full(3, 5.0)
+
+
+@pytest.fixture(scope="module")
+def regressors():
+    return np.random.default_rng(1).normal(size=(3, N)) + np.array([[0.0], [0.5], [1.0]])
+
+
+def line(regressors, noise):
+    """The problem whose errors are regressors times numbers, less what numbers of 1, −2 and 0.5 made of them."""
+    made = np.array([1.0, -2.0, 0.5]) @ regressors + noise
+    return posterior.Problem(lambda points, cells: points @ regressors - made, LOW, HIGH, float(N))
+
+
+def test_draws_are_those_of_linear_regression(regressors):
+    """Against the normal distribution that theory gives."""
+    problem = line(regressors, np.random.default_rng(2).normal(0, 0.7, N))
+    x, cost = posterior.nearest(problem, np.zeros(3))
+    found = posterior.sampled(problem, x, np.zeros(1), np.random.default_rng(3))
+    covariance = cost / N * np.linalg.inv(regressors @ regressors.T)
+    expected = np.linalg.lstsq(regressors.T, problem.errors(np.zeros((1, 3)), np.zeros(1))[0], rcond=None)[0]
+    assert x == pytest.approx(-expected, abs=0.1 * np.sqrt(covariance.diagonal().min()))
+    assert found.spread == pytest.approx(1.0)
+    assert found.left == pytest.approx(0.7, rel=0.02)
+    for i, draws in enumerate(found.draws.T):
+        sigma = np.sqrt(covariance[i, i])
+        assert draws.mean() == pytest.approx(x[i], abs=0.15 * sigma)
+        assert draws.std() == pytest.approx(sigma, rel=0.1)
+    between = np.corrcoef(found.draws.T)[0, 1] - covariance[0, 1] / np.sqrt(covariance[0, 0] * covariance[1, 1])
+    assert abs(between) < 0.12
+
+
+def test_errors_in_common_widen_the_draws(regressors):
+    """Errors and a regressor that both last 50 samples: the variance of the estimate is about 50 times that of
+    independent errors (closed form for blocks: each is worth one sample)."""
+    lasting = np.repeat(np.random.default_rng(4).normal(size=(1, N // 50)), 50, axis=1)
+    noise = np.repeat(np.random.default_rng(5).normal(0, 0.7, N // 50), 50)
+    problem = line(np.concatenate([lasting, regressors[1:]]), noise)
+    x, cost = posterior.nearest(problem, np.zeros(3))
+    found = posterior.sampled(problem, x, np.zeros(1), np.random.default_rng(6))
+    alone = np.sqrt(cost / N / np.sum(lasting**2))
+    assert found.draws[:, 0].std() / alone == pytest.approx(np.sqrt(50), rel=0.35)
+
+
+def test_what_errors_do_not_tell_stays_as_wide_as_the_prior(regressors):
+    silent = regressors * np.array([[1.0], [1.0], [0.0]])
+    problem = line(silent, np.random.default_rng(7).normal(0, 0.7, N))
+    x, _ = posterior.nearest(problem, np.zeros(3))
+    found = posterior.sampled(problem, x, np.zeros(1), np.random.default_rng(8))
+    low, high = np.percentile(found.draws[:, 2], [2.5, 97.5])
+    assert high - low > 0.8 * 0.95 * 10.0
+
+
+def test_cells_come_by_their_odds(regressors):
+    """Two cells that fit alike come alike often, and one that does not never."""
+    made = np.array([1.0, -2.0, 0.5]) @ regressors + np.random.default_rng(9).normal(0, 0.7, N)
+    off = np.array([0.0, 0.0, 1.0])
+    problem = posterior.Problem(lambda points, cells: points @ regressors - made + off[cells.astype(int), None],
+                                LOW, HIGH, float(N))  # fmt: skip
+    found = posterior.sampled(problem, np.array([1.0, -2.0, 0.5]), np.arange(3.0), np.random.default_rng(10))
+    count = [int(np.sum(found.cells == cell)) for cell in range(3)]
+    assert count[2] == 0
+    assert stats.binomtest(count[0], count[0] + count[1]).pvalue > 1e-9
+    assert min(count[:2]) > 300
