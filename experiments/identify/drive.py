@@ -75,6 +75,7 @@ class Found:
         draws: by key of a machine's ``[axis]``, each of shape (draws,); ``dead_time`` in s holds the latency.
         best: the most likely axis, without converter and backlash.
         left: µm, RMS of what the best axis leaves of the encoder, where the segments that it explains less count less.
+        slow: µm, RMS that it leaves of slow moves, each of which counts alike.
         apart: share of the log's segments that leave more than :data:`APART` times what slow moves do.
         beyond: µm, RMS that they leave; 0 if there are none.
         spread: factor by which blocks of what is left widen the draws at most.
@@ -86,6 +87,7 @@ class Found:
     left: float
     spread: float
     effective: float
+    slow: float = 0.0
     apart: float = 0.0
     beyond: float = 0.0
 
@@ -179,10 +181,11 @@ def identify(command: np.ndarray, encoder: np.ndarray, seed: int = 0) -> Found:
     draws = dict(zip(NAMES, np.exp(found.draws).T, strict=True))
     draws["dead_time"] = (found.cells + rng.uniform(0, 1, len(found.cells))) / SUBSTEPS * PERIOD
     best = axis(np.median(found.draws, axis=0), float(np.median(found.cells)))
-    leaves = errors.by_segment(np.median(found.draws, axis=0), float(np.median(found.cells)))
+    middle, cell = np.median(found.draws, axis=0), float(np.median(found.cells))
+    leaves, slow = errors.by_segment(middle, cell), errors.first(SLOW).rms_of(middle, cell)
     apart = leaves > APART * quiet if quiet > 0.0 else np.zeros(len(leaves), bool)
     beyond = float(np.sqrt(np.mean(leaves[apart] ** 2))) if apart.any() else 0.0
-    return Found(draws, best, found.left, found.spread, found.effective, float(apart.mean()), beyond)
+    return Found(draws, best, found.left, found.spread, found.effective, slow, float(apart.mean()), beyond)
 
 
 def _set_apart(errors: Errors) -> tuple[Errors, np.ndarray, float, float]:
