@@ -21,9 +21,9 @@ ROWS = 100
 """Draws that stand for a posterior in the file, equally likely."""
 
 UNEXPLAINED = 3.0
-"""µm of the encoder that a model may leave of slow moves [A]. A drive of this model leaves a rounding, 0.3 µm for counts
-of 1 µm; drives of another make, whose following it still tells, 1 µm; those that it can't stand for, from 5 µm on
-(tests/oracle/foreign.py)."""
+"""µm of the encoder that a model may leave of slow moves [A]. A drive of this model leaves a rounding, 0.3 µm for
+counts of 1 µm; drives of another make, whose following it still tells, 1 µm; those that it can't stand for, from 5 µm
+on (tests/oracle/foreign.py)."""
 
 FAR, OTHER = 100.0, 0.01
 """mm above the sheet, where a head's frequency has come to its end; share above it that is another head's."""
@@ -123,8 +123,8 @@ def identify(logs: Iterable[Log], name: str = "mine", like: Any = "standard", se
             )
         elif found.apart > 0.0:
             notes.append(
-                f"motion: {found.apart:.0%} of the log, its quickest moves, leave {found.beyond:.0f} µm and count less; "
-                "this drive gets out of its limits in another way than the model's"
+                f"motion: {found.apart:.0%} of the log, its quickest moves, leave {found.beyond:.0f} µm and count less;"
+                " this drive gets out of its limits in another way than the model's"
             )
         explained = found.slow <= UNEXPLAINED
         notes.append("axis.dead_time holds the latency")

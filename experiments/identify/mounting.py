@@ -5,10 +5,10 @@ path, the head of the sweep its frequency, and the measured one is compared with
 motor falls faster than the head, so a drive that never does so tells nothing of it, and the posterior stays as wide as
 the prior.
 
-The nozzle is where the encoder says, and where the candidate is from its motor. So what the model of the drive leaves is
-not held against the mounting. Errors are relative to the frequency, where noise of the capacitance is about the same at every height. What a smooth
-function of the encoder's reading explains, such as a wrong zero or table, is not held against a candidate. Samples that
-an impulse spoilt do not count.
+The nozzle is where the encoder says, and where the candidate is from its motor. So what the model of the drive leaves
+is not held against the mounting. Errors are relative to the frequency, where noise of the capacitance is about the same
+at every height. What a smooth function of the encoder's reading explains, such as a wrong zero or table, or what is in
+proportion to its speed, is not held against a candidate. Samples that an impulse spoilt do not count.
 """
 
 from dataclasses import dataclass
@@ -81,8 +81,8 @@ class Errors:
         heights = np.geomspace(0.02, 3 * HIGHEST, 2000)
         self.start = float(np.interp(rest, frequency_at(self.head, heights), heights))
         basis = np.polynomial.chebyshev.chebvander(2 * (encoder - encoder.min()) / np.ptp(encoder) - 1, SMOOTH)
-        # Where the motor is has been measured; what a candidate adds is how far the nozzle is from it. Encoder and count
-        # need not be of the same instant, so an error in proportion to the speed is free as well.
+        # Where the motor is has been measured; what a candidate adds is how far the nozzle is from it. Encoder and
+        # count need not be of the same instant, so an error in proportion to the speed is free as well.
         self.motor = self.start + encoder - np.median(encoder[: round(STILL / PERIOD) // 2])
         near = np.maximum(self.motor, 0.05)
         steep = frequency_at(self.head, near + 1e-3) / frequency_at(self.head, near) - 1
