@@ -4,7 +4,9 @@
    only delays what it does; then least squares for loop, friction and dead time;
 2. quicker moves as well: a grid of accelerations and jerks around what is known, least squares for all numbers;
 3. the whole log. Where all that ends in a valley beside the right one, CMA-ES over the whole prior;
-4. how sure that is: draws of the posterior (:mod:`.posterior`). A dead time acts in substeps of 50 µs: within one, all
+4. where quick moves leave more than slow ones all the same, each segment's errors have a scale of their own: how a
+   drive gets out of its limits is its maker's, and must not spoil what slow moves tell of the loop;
+5. how sure that is: draws of the posterior (:mod:`.posterior`). A dead time acts in substeps of 50 µs: within one, all
    are equally likely.
 """
 
@@ -58,6 +60,9 @@ GENERATIONS, EXPLAINED, AT_ONCE = 60, 2.0, 64
 """Generations of a search over the whole prior, and µm of RMS error from which on there is none: a valley beside the
 right one leaves tens to hundreds of µm; axes in memory at a time."""
 
+APART = 4.0
+"""Times what slow moves leave, from which on a segment is said not to be explained."""
+
 NAMES = tuple(PRIOR)
 _LOW, _HIGH = np.log(np.array(list(PRIOR.values()))).T
 
@@ -69,7 +74,10 @@ class Found:
     Attributes:
         draws: by key of a machine's ``[axis]``, each of shape (draws,); ``dead_time`` in s holds the latency.
         best: the most likely axis, without converter and backlash.
-        left: µm, RMS of what the best axis leaves of the encoder.
+        left: µm, RMS of what the best axis leaves of the encoder, where the segments that it explains less count less.
+        slow: µm, RMS that it leaves of slow moves, each of which counts alike.
+        apart: share of the log's segments that leave more than :data:`APART` times what slow moves do.
+        beyond: µm, RMS that they leave; 0 if there are none.
         spread: factor by which blocks of what is left widen the draws at most.
         effective: draws that the importance sample is worth.
     """
@@ -79,6 +87,9 @@ class Found:
     left: float
     spread: float
     effective: float
+    slow: float = 0.0
+    apart: float = 0.0
+    beyond: float = 0.0
 
 
 def axis(x: np.ndarray, late: float) -> z_axis.Params:
@@ -132,6 +143,17 @@ class Errors:
         """The same of one point, µm."""
         return float(self.rms([axis(x, np.rint(late))])[0])
 
+    def by_segment(self, x: np.ndarray, late: float) -> np.ndarray:
+        """µm, RMS of each segment, shape (segments,)."""
+        square = self([axis(x, np.rint(late))]).reshape(self._weight.shape) ** 2
+        return np.sqrt(square.sum(axis=1) / np.maximum(np.sum(self._weight**2, axis=1), 1e-9))
+
+    def scaled(self, scales: np.ndarray) -> "Errors":
+        """Those whose segments count by a scale of their own, shape (segments,)."""
+        made = Errors(self.command, self.encoder)
+        made._weight = self._weight / scales[:, None]
+        return made
+
     def first(self, samples: int) -> "Errors":
         """Those of the beginning of the log."""
         part = Errors(self.command[:samples], self.encoder[:samples])
@@ -150,33 +172,68 @@ def identify(command: np.ndarray, encoder: np.ndarray, seed: int = 0) -> Found:
     if left > EXPLAINED:
         searched = _nearest(errors, *_searched(errors.first(QUICK), seed))
         (x, late), left = min(((x, late), left), (searched, errors.rms_of(*searched)), key=lambda each: each[1])
+    counted, quiet = errors, 0.0
+    if left > EXPLAINED:
+        counted, x, late, quiet = _set_apart(errors)
     cells = np.unique(np.clip(np.rint(late) + np.arange(-1, 2), 0, LATEST * SUBSTEPS - 1))
     rng = np.random.default_rng(seed)
-    found = posterior.sampled(posterior.Problem(errors.of, _LOW, _HIGH, errors.worth), x, cells, rng)
+    found = posterior.sampled(posterior.Problem(counted.of, _LOW, _HIGH, errors.worth), x, cells, rng)
     draws = dict(zip(NAMES, np.exp(found.draws).T, strict=True))
     draws["dead_time"] = (found.cells + rng.uniform(0, 1, len(found.cells))) / SUBSTEPS * PERIOD
     best = axis(np.median(found.draws, axis=0), float(np.median(found.cells)))
-    return Found(draws, best, found.left, found.spread, found.effective)
+    middle, cell = np.median(found.draws, axis=0), float(np.median(found.cells))
+    leaves, slow = errors.by_segment(middle, cell), errors.first(SLOW).rms_of(middle, cell)
+    apart = leaves > APART * quiet if quiet > 0.0 else np.zeros(len(leaves), bool)
+    beyond = float(np.sqrt(np.mean(leaves[apart] ** 2))) if apart.any() else 0.0
+    return Found(draws, best, found.left, found.spread, found.effective, slow, float(apart.mean()), beyond)
+
+
+def _set_apart(errors: Errors) -> tuple[Errors, np.ndarray, float, float]:
+    """Errors in which segments that leave more than slow moves count less, the axis nearest by them, its delay, and µm
+    that slow moves leave."""
+    x, late = _slow(errors.first(SLOW))
+    quick = errors.first(QUICK)
+    x, late = _nearest(quick, _limited(quick, x, late), late, _FREE)
+    counted, quiet = errors, 0.0
+    for _ in range(3):
+        leaves = errors.by_segment(x, late)
+        quiet = float(np.median(leaves[: SLOW // SEGMENT]))
+        counted = errors.scaled(np.maximum(leaves / quiet, 1.0))
+        x, late = _nearest(counted, x, late)
+    return counted, x, late, quiet
 
 
 def _followed(errors: Errors) -> tuple[np.ndarray, float, float]:
     """An axis near the best, its delay in substeps and µm that it leaves: slow moves first, the whole log last."""
-    slow, quick = errors.first(SLOW), errors.first(QUICK)
-    begun = [_nearest(slow, *start) for start in _looked(slow)]
-    x, late = min(begun, key=lambda each: slow.rms_of(*each))
-    limits = [NAMES.index(name) for name in ("speed", *LIMITS)]
-    points = np.array([x] * (len(LIMITS["acceleration"]) * len(LIMITS["jerk"])))
-    pulls, jolts = np.log(list(itertools.product(*LIMITS.values()))).T
-    points[:, limits[1]], points[:, limits[2]] = (
-        pulls,
-        np.clip(points[:, limits[2]] + jolts, _LOW[limits[2]], _HIGH[limits[2]]),
-    )
-    costs = quick.rms([axis(point, np.rint(late)) for point in points])
-    x, late = _nearest(quick, points[int(np.argmin(costs))], late, limits)
+    quick = errors.first(QUICK)
+    x, late = _slow(errors.first(SLOW))
+    x, late = _nearest(quick, _limited(quick, x, late), late, _FREE)
     x, late = _nearest(quick, x, late)
-    x, late = _nearest(errors, x, late, limits)
+    x, late = _nearest(errors, x, late, _FREE)
     x, late = _nearest(errors, x, late)
     return x, late, errors.rms_of(x, late)
+
+
+_FREE = [NAMES.index(name) for name in ("speed", *LIMITS)]
+
+
+def _slow(slow: Errors) -> tuple[np.ndarray, float]:
+    """The axis nearest by slow moves, and its delay."""
+    begun = [_nearest(slow, *start) for start in _looked(slow)]
+    return min(begun, key=lambda each: slow.rms_of(*each))
+
+
+def _limited(quick: Errors, x: np.ndarray, late: float) -> np.ndarray:
+    """The same with the best of a grid of limits."""
+    points = np.array([x] * (len(LIMITS["acceleration"]) * len(LIMITS["jerk"])))
+    pulls, jolts = np.log(list(itertools.product(*LIMITS.values()))).T
+    points[:, _FREE[1]], points[:, _FREE[2]] = (
+        pulls,
+        np.clip(points[:, _FREE[2]] + jolts, _LOW[_FREE[2]], _HIGH[_FREE[2]]),
+    )
+    costs = quick.rms([axis(point, np.rint(late)) for point in points])
+    best: np.ndarray = points[int(np.argmin(costs))]
+    return best
 
 
 def _looked(errors: Errors) -> list[tuple[np.ndarray, float]]:

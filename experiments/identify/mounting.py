@@ -5,10 +5,10 @@ path, the head of the sweep its frequency, and the measured one is compared with
 motor falls faster than the head, so a drive that never does so tells nothing of it, and the posterior stays as wide as
 the prior.
 
-Where the nozzle is comes from the encoder and what a candidate puts between it and the motor, so that nothing that the
-drive's model lacks counts. Errors are relative to the frequency, where noise of the capacitance is about the same at
-every height. What a smooth function of the encoder's reading explains, such as a wrong zero or table, is not held
-against a candidate. Samples that an impulse spoilt do not count.
+The nozzle is where the encoder says, and where the candidate is from its motor. So what the model of the drive leaves
+is not held against the mounting. Errors are relative to the frequency, where noise of the capacitance is about the same
+at every height. What a smooth function of the encoder's reading explains, such as a wrong zero or table, or what is in
+proportion to its speed, is not held against a candidate. Samples that an impulse spoilt do not count.
 """
 
 import itertools
@@ -26,7 +26,7 @@ PRIOR = {
     "backlash": (5e-4, 0.06),
     "resonance": (30.0, 400.0),
     "resonance_zeta": (0.01, 0.3),
-    "compliance": (0.01, 0.5),
+    "compliance": (0.01, 1.0),
 }
 """Ranges, uniform in the logarithm, in the units of a machine's file [A]."""
 
@@ -85,13 +85,18 @@ class Errors:
 
     def __init__(self, log: Log, where: slice, axis: z_axis.Params, swept: Swept) -> None:
         self.axis, self.head = axis, swept.params
-        self.command, self.encoder, self.frequency = (log[key][where] for key in ("command", "encoder", "frequency"))
+        self.command, encoder, self.frequency = (log[key][where] for key in ("command", "encoder", "frequency"))
         # The height of the first samples, at rest, is what the sensor says; the head moves by the encoder from there.
         rest = np.median(self.frequency[: round(STILL / PERIOD) // 2])
         heights = np.geomspace(0.02, 3 * HIGHEST, 2000)
         self.start = float(np.interp(rest, frequency_at(self.head, heights), heights))
-        encoder = self.encoder
         basis = np.polynomial.chebyshev.chebvander(2 * (encoder - encoder.min()) / np.ptp(encoder) - 1, SMOOTH)
+        # Where the motor is has been measured; what a candidate adds is how far the nozzle is from it. Encoder and
+        # count need not be of the same instant, so an error in proportion to the speed is free as well.
+        self.motor = self.start + encoder - np.median(encoder[: round(STILL / PERIOD) // 2])
+        near = np.maximum(self.motor, 0.05)
+        steep = frequency_at(self.head, near + 1e-3) / frequency_at(self.head, near) - 1
+        basis = np.column_stack([basis, steep * np.gradient(encoder) / np.ptp(np.gradient(encoder))])
         self.good = np.arange(len(encoder)) > np.flatnonzero(np.abs(self.command) > 1.0)[0] + SETTLED
         self._free = np.linalg.qr(basis * self.good[:, None])[0]
         alone = self(self._tried(np.log([[1e-3, 100.0, 0.05, 0.01]])))[0]
@@ -103,8 +108,8 @@ class Errors:
     def __call__(self, axes: list[z_axis.Params]) -> np.ndarray:
         """Shape (axes, samples)."""
         motor, nozzle = np.moveaxis(candidates.courses(axes, self.command, self.start), 2, 0)
-        height = self.start + self.encoder - self.encoder[0] + nozzle - motor
-        off = 1e6 * (frequency_at(self.head, np.maximum(height, 1e-3)) / self.frequency - 1) * self.good
+        made = self.motor + nozzle - motor
+        off = 1e6 * (frequency_at(self.head, np.maximum(made, 1e-3)) / self.frequency - 1) * self.good
         left: np.ndarray = off - (off @ self._free) @ self._free.T
         return left
 

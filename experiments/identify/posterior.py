@@ -141,7 +141,8 @@ def _weighed(
         middle, spread = flat @ points, 1.2 * np.atleast_2d(np.cov(points.T, aweights=flat))
         odds = np.array([weight[chosen == i].sum() for i in range(len(cells))])
         odds = 0.9 * odds / odds.sum() + 0.1 / len(cells)
-    return chosen, points, float(1 / np.sum(weight**2)), weight
+    worth = float(1 / np.sum(weight**2))
+    return chosen, points, worth, weight if worth > size else flat  # one draw would claim to know everything
 
 
 def _sandwich(slopes: np.ndarray, left: np.ndarray, informed: np.ndarray, unit: float) -> np.ndarray:

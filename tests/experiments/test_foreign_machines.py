@@ -1,0 +1,35 @@
+"""Machines of another make, which share no code with the model: how well their logs tell how they follow, and which of
+them it says that it can't stand for. All of them: ``python -m kerfgym.tests.oracle.foreign_study``."""
+
+import numpy as np
+import pytest
+
+from kerfgym.experiments.identify import drive
+from kerfgym.experiments.identify.identifying import UNEXPLAINED
+from kerfgym.tests.oracle.foreign import GOOD, WRONG
+from kerfgym.tests.oracle.foreign_logs import scripted
+from kerfgym.tests.oracle.foreign_study import CONTROLLERS, identified, measured, predicted, unseen
+
+
+@pytest.fixture(autouse=True)
+def _quickly(monkeypatch):
+    """Without the search over the whole prior, which comes to nothing here and takes as long as all the rest."""
+    monkeypatch.setattr(drive, "GENERATIONS", 1)
+
+
+def test_logs_of_another_make_tell_its_following_error_on_an_unseen_sheet_within_a_tenth(tmp_path):
+    make = GOOD["screw"]
+    found, sheet = identified(make, tmp_path), unseen(tmp_path)
+    assert found.explained
+    for controller in CONTROLLERS:
+        here = measured(make, controller, tmp_path / "table.csv", sheet, seeds=(0,))
+        there = float(np.mean(predicted(found.machine, controller, tmp_path, range(8))))
+        assert there == pytest.approx(here, rel=0.1), controller
+
+
+@pytest.mark.parametrize("name", ["load at 40 Hz", "late by turns", "direct"])
+def test_a_drive_that_the_model_cannot_stand_for_is_told_from_one_that_it_can(name):
+    encoder, command, _ = scripted({**GOOD, **WRONG}[name], "motion", 0)[: drive.SLOW].T
+    errors = drive.Errors(command, encoder)
+    left = errors.rms_of(*drive._slow(errors))
+    assert left < 0.5 * UNEXPLAINED if name in GOOD else left > 1.5 * UNEXPLAINED
