@@ -79,6 +79,9 @@ def identify(logs: Iterable[Log], name: str = "mine", like: Any = "standard", se
     if "rest" in by and "sweep" not in by:
         raise InvalidInput(f"{by['rest'].name}: noise in pF needs the head's sensitivity; give the sweep log, too")
     base, notes, numbers, table = machines.load(like), [w for log in logs for w in log.warnings], [], None
+    if base.head.table:
+        given = calibration.read_csv(base.head.table)
+        notes += _belongs(given, [by[p] for p in ("sweep", "rest", "motion") if p in by], f"{base.head.table}'s")
     if "sweep" in by:
         swept = head.swept(by["sweep"])
         table = swept.table
@@ -87,8 +90,7 @@ def identify(logs: Iterable[Log], name: str = "mine", like: Any = "standard", se
             numbers.append(_number(f"head.{key}", draws, head.RANGES[key]))
         notes.append(f"sweep: table rated {table.rating}, scatter {table.noise:.1f} µm at 1 mm; the nozzle's bore is "
                      "taken as 2 mm")  # fmt: skip
-        if "frequency" in by.get("motion", ()) or "frequency" in by.get("rest", ()):
-            notes += _belongs(table, [by[p] for p in ("rest", "motion") if p in by])
+        notes += _belongs(table, [by[p] for p in ("rest", "motion") if p in by])
     if "rest" in by:
         for key, draws in head.noise(by["rest"], swept, rng).items():
             numbers.append(_number(f"head.{key}", draws, {"noise": head.NOISE, "jitter": head.JITTER}[key]))
@@ -116,19 +118,51 @@ def _number(key: str, draws: np.ndarray, prior: tuple[float, float], log: bool =
     return Number(key, draws, prior, wide < UNEXCITED)
 
 
-def _belongs(table: calibration.Table, logs: list[Log]) -> list[str]:
-    """Warns of a sweep of another head: frequencies near the plate that the table does not have."""
+def _belongs(table: calibration.Table, logs: list[Log], whose: str = "the sweep's") -> list[str]:
+    """Warnings about a table, or a sweep, of another head: frequencies that it does not have, and heights of a rest log
+    that are other ones by it.
+
+    Raises:
+        InvalidInput: frequencies over 1 % above the table's.
+    """
     said: list[str] = []
-    top = 1.01 * float(table.frequency[-1])
+    low, top = 0.99 * float(table.frequency[0]), 1.01 * float(table.frequency[-1])
     for log in logs:
-        if "frequency" in log:
-            off = np.flatnonzero(log["frequency"] > top)
-            if len(off) > 0.01 * len(log["time"]):
-                raise InvalidInput(
-                    f"{log.name}, line {off[0] + 2}, column frequency: {log['frequency'][off[0]]:.7g} Hz lies over "
-                    f"1 % above the sweep's highest, {table.frequency[-1]:.7g} Hz; is the sweep that of another head?"
-                )
+        if "frequency" not in log:
+            continue
+        f = log["frequency"]
+        where = f"{log.name}, line {{}}, column frequency: {{:.7g}} Hz"
+        off = np.flatnonzero(f > top)
+        if len(off) > 0.01 * len(f):
+            raise InvalidInput(
+                where.format(off[0] + 2, f[off[0]]) + f" lies over 1 % above {whose} highest, "
+                f"{table.frequency[-1]:.7g} Hz; is that of another head?"
+            )
+        below = np.flatnonzero((f < low) & (f > 0))
+        if len(below) > 0.01 * len(f) and log.protocol != "sweep":  # which touches
+            said.append(
+                where.format(below[0] + 2, f[below[0]]) + f" lies over 1 % below {whose} lowest, "
+                f"{table.frequency[0]:.7g} Hz; is that of another head?"
+            )
+        elif log.protocol == "rest":
+            said += _heights(table, log, where, whose)
     return said
+
+
+def _heights(table: calibration.Table, log: Log, where: str, whose: str) -> list[str]:
+    """Warns where the head rose from rest to rest by another way than the table says, over 5 % of it."""
+    stood = [(part, at) for part, at in head.rests(log) if np.any(log["frequency"][part] > 0)]
+    middle = [float(np.median(f[f > 0])) for f in (log["frequency"][part] for part, _ in stood)]
+    read = np.interp(middle, table.frequency, table.height)
+    for i in range(1, len(stood)):
+        rose, told = stood[i][1] - stood[i - 1][1], float(read[i] - read[i - 1])
+        if read[i] < table.height[-1] and abs(rose) > 0.3 and abs(told - rose) > 0.05 * abs(rose):
+            line = stood[i][0].start + 2
+            return [
+                where.format(line, middle[i]) + f" is {told:+.3g} mm from the rest before it by {whose} table, and the "
+                f"encoder says {rose:+.3g} mm; within 5 % is usual; is that table of another head?"
+            ]
+    return []
 
 
 def _machine(base: Machine, name: str, numbers: list[Number], logs: list[str]) -> Machine:

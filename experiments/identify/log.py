@@ -23,6 +23,7 @@ import numpy as np
 
 from ...envs.engine.quantity import InvalidInput, did_you_mean
 from ...envs.safety import files
+from . import plausible
 
 PROTOCOLS = ("rest", "sweep", "motion", "follow")
 """What a machine does while it is recorded (docs/identification.md)."""
@@ -63,6 +64,9 @@ LONGEST_GAP, MOST_GAPS = 0.05, 0.01
 
 FASTEST = 3000.0
 """mm/s; no Z axis is as fast [A]."""
+
+COUNT = 1e-3
+"""mm of an encoder's count, by which a jump is known as an overflow [A]."""
 
 PERIOD = 1e-3
 """s, of the machine's control; logs of another rate are refused, since the model has that period."""
@@ -154,7 +158,18 @@ def _csv(path: Path) -> tuple[list[str], list[list[str]]]:
     rows = list(csv.reader(files.text(path, files.TABLE).splitlines()))
     if not rows or not any(cell.strip() for cell in rows[0]):
         raise InvalidInput(f"{path}, line 1: no header; expected such as time [s],encoder [mm],command [mm/s]")
-    return [cell.strip() for cell in rows[0]], rows[1:]
+    heading = [cell.strip() for cell in rows[0]]
+    for mark, what in ((";", "semicolons"), ("\t", "tabs")):
+        if len(heading) == 1 and mark in heading[0]:
+            raise InvalidInput(f"{path}, line 1: {files.shown(heading[0])} is separated by {what}; columns are "
+                               "separated by commas, and numbers have a point")  # fmt: skip
+    for i, row in enumerate(rows[1:]):
+        if len(row) > len(heading) and any(cell.strip() for cell in row[len(heading) :]):
+            raise InvalidInput(
+                f"{path}, line {i + 2}, column {len(heading) + 1}: '{row[len(heading)]}' is one cell too many; the "
+                f"header names {len(heading)} columns; numbers have a point, not a comma"
+            )
+    return heading, rows[1:]
 
 
 def _parquet(path: Path) -> tuple[list[str], Any]:
@@ -238,7 +253,9 @@ def _checked(path: Path, log: Log, heading: list[str], scales: dict[str, float])
     """Raises what cannot be; returns what is doubtful."""
     time = log["time"]
     if len(time) < FEWEST:
-        raise InvalidInput(f"{path}: {len(time)} samples; at least {FEWEST} are needed")
+        raise InvalidInput(
+            f"{path}, line {len(time) + 1}: ends after {len(time)} samples; at least {FEWEST} are needed"
+        )
 
     def refuse(i: Any, name: str, why: str) -> InvalidInput:
         shown = f"{log[name][i] / scales[name]:.6g}"
@@ -264,7 +281,10 @@ def _checked(path: Path, log: Log, heading: list[str], scales: dict[str, float])
     if missing > MOST_GAPS * len(time):
         gap = np.flatnonzero(step > 1.5 * usual)[0] + 1
         raise refuse(gap, "time", f"is the first of {missing} gaps; {MOST_GAPS:.0%} of the samples may be missing")
-    doubts = [f"{path}: {missing} samples are missing"] if missing > 0 else []
+    doubts = []
+    if missing > 0:
+        gap = int(np.argmax(step > 1.5 * usual)) + 1
+        doubts.append(str(refuse(gap, "time", f"is the first of {missing} gaps; up to {MOST_GAPS:.0%} are allowed")))
     for name, (low, high) in ALLOWED.items():
         if name in log:
             values = log[name]
@@ -279,10 +299,12 @@ def _checked(path: Path, log: Log, heading: list[str], scales: dict[str, float])
     speed = np.abs(np.diff(log["encoder"])) / step
     if speed.max() > FASTEST:
         i = int(np.argmax(speed > FASTEST)) + 1
-        raise refuse(i, "encoder", f"is {speed[i - 1] * step[i - 1]:.4g} mm from the sample before it; allowed: "
-                                   f"{FASTEST:g} mm/s; is it in µm?")  # fmt: skip
-    doubts += _related(log, refuse)
-    return doubts
+        jump = speed[i - 1] * step[i - 1]
+        turns = [bits for bits in (8, 16, 24, 32) if abs(jump / (COUNT * 2**bits) - 1) < 0.02]
+        hint = f"did the count of {turns[0]} bits overflow?" if turns else "is it in µm?"
+        raise refuse(i, "encoder", f"is {jump:.4g} mm from the sample before it; allowed: {FASTEST:g} mm/s; {hint}")
+    _related(log, refuse)
+    return doubts + plausible.doubts(log.columns, log.protocol, refuse)
 
 
 def _out_of(name: str, value: float, low: float, high: float) -> str:
@@ -294,12 +316,13 @@ def _out_of(name: str, value: float, low: float, high: float) -> str:
     return told
 
 
-def _related(log: Log, refuse: Any) -> list[str]:
+def _related(log: Log, refuse: Any) -> None:
     """Columns that do not belong to each other."""
-    doubts = []
     encoder = log["encoder"]
     travelled = float(np.ptp(encoder))
     if "command" in log and log.protocol in ("motion", "follow"):
+        if not np.ptp(log["command"]) > 0:
+            raise refuse(0, "command", f"is the same throughout; a {log.protocol} log needs commands that change")
         asked = np.cumsum(log["command"]) * PERIOD
         if travelled == 0:
             raise refuse(0, "encoder", "never changes; a frozen or unconnected count")
@@ -315,11 +338,12 @@ def _related(log: Log, refuse: Any) -> list[str]:
         if (log.protocol == "follow" and not 0.2 < ratio < 5) or ratio > 20 or ratio < 0.02:
             raise refuse(int(np.argmax(encoder)), "encoder",
                          f"ends a travel of {travelled:.4g} mm where the commands sum up to {wanted:.4g} mm; are the "
-                         "units right?")  # fmt: skip
+                         f"units right?{' Is it in m?' if ratio < 0.02 else ''}")  # fmt: skip
     if log.protocol == "sweep":
         top = int(np.argmax(encoder))
         if not 2.0 <= travelled <= 60.0:
-            raise refuse(top, "encoder", f"is the top of a sweep of {travelled:.4g} mm; allowed: 2 to 60 mm")
+            raise refuse(top, "encoder", f"is the top of a sweep of {travelled:.4g} mm; allowed: 2 to 60 mm"
+                         + ("; is it in m?" if travelled < 0.06 else ""))  # fmt: skip
         good = log["frequency"] > 0
         if np.corrcoef(np.argsort(np.argsort(encoder[good])), log["frequency"][good])[0, 1] < 0.3:
             raise refuse(top, "frequency", "is not above those near the sheet; frequency must rise with height")
@@ -327,11 +351,3 @@ def _related(log: Log, refuse: Any) -> list[str]:
         raise refuse(
             int(np.argmax(encoder)), "encoder", f"is part of {travelled:.4g} mm of travel; a rest log stands still"
         )
-    if log.protocol == "follow" and "height" in log and "set_height" in log:
-        good = log["height"] > 0
-        off = float(np.median(np.abs(log["height"] - log["set_height"])[good]))
-        if off > 0.5 * float(np.median(log["set_height"])) + 0.5:
-            doubts.append(
-                f"{log.name}: the height is {off:.3g} mm from the set height half of the time; was the loop closed?"
-            )
-    return doubts
