@@ -1,7 +1,8 @@
 """Logs of a machine: one row a sample, a CSV or Parquet table with units, read with all that can be wrong named.
 
-Columns are ``time``, ``encoder``, ``command``, ``frequency``, ``height``, ``set_height``, ``x`` and ``y``. Their unit
-stands behind them in the header, ``encoder [µm]``, or in a TOML file of the same name beside the log::
+Columns are ``time``, ``encoder``, ``command``, ``frequency``, ``height``, ``set_height``, ``x``, ``y``, ``x_command``
+and ``y_command``. Their unit stands behind them in the header, ``encoder [µm]``, or in a TOML file of the same name
+beside the log::
 
     protocol = "motion"
     [units]
@@ -25,7 +26,7 @@ from ...envs.engine.quantity import InvalidInput, did_you_mean
 from ...envs.safety import files
 from . import plausible
 
-PROTOCOLS = ("rest", "sweep", "motion", "follow")
+PROTOCOLS = ("rest", "sweep", "motion", "follow", "square")
 """What a machine does while it is recorded (docs/identification.md)."""
 
 UNITS: dict[str, dict[str, float]] = {
@@ -45,6 +46,8 @@ COLUMNS = {
     "set_height": "length",
     "x": "length",
     "y": "length",
+    "x_command": "speed",
+    "y_command": "speed",
 }
 """What a log can have, and what kind of number it is."""
 
@@ -56,6 +59,8 @@ ALLOWED = {
     "set_height": (0.0, 100.0),
     "x": (-1e5, 1e5),
     "y": (-1e5, 1e5),
+    "x_command": (-1e4, 1e4),
+    "y_command": (-1e4, 1e4),
 }
 """What a number can be, in the units of :class:`Log`; a frequency or height of 0 was not valid [A]."""
 
@@ -145,10 +150,11 @@ def read(path: str | Path) -> Log:
         if name:
             columns[name] = _numbers(path, table, index, heading[index]) * scale
     needed = {"rest": ("time", "encoder"), "sweep": ("time", "encoder", "frequency")}
+    needed["square"] = ("time", "x", "y", "x_command", "y_command")
     for name in needed.get(protocol, ("time", "encoder", "command")):
         if name not in columns:
             raise InvalidInput(f"{path}, line 1: column {name} is missing; a {protocol} log needs it")
-    if "frequency" not in columns and "height" not in columns and protocol != "motion":
+    if "frequency" not in columns and "height" not in columns and protocol not in ("motion", "square"):
         raise InvalidInput(f"{path}, line 1: neither frequency nor height; a {protocol} log needs one of them")
     log = Log(path.name, protocol, columns)
     return Log(path.name, protocol, columns, tuple(_checked(path, log, heading, dict(zip(names, scales, strict=True)))))
@@ -296,13 +302,16 @@ def _checked(path: Path, log: Log, heading: list[str], scales: dict[str, float])
     for name in ("frequency", "height"):
         if name in log and np.mean(log[name] == 0) > 0.5:
             raise refuse(np.flatnonzero(log[name] == 0)[0], name, "is one of more than half that were not valid")
-    speed = np.abs(np.diff(log["encoder"])) / step
-    if speed.max() > FASTEST:
-        i = int(np.argmax(speed > FASTEST)) + 1
-        jump = speed[i - 1] * step[i - 1]
-        turns = [bits for bits in (8, 16, 24, 32) if abs(jump / (COUNT * 2**bits) - 1) < 0.02]
-        hint = f"did the count of {turns[0]} bits overflow?" if turns else "is it in µm?"
-        raise refuse(i, "encoder", f"is {jump:.4g} mm from the sample before it; allowed: {FASTEST:g} mm/s; {hint}")
+    for name in ("encoder", *(("x", "y") if log.protocol == "square" else ())):
+        if name not in log:
+            continue
+        most, speed = FASTEST if name == "encoder" else ALLOWED["x_command"][1], np.abs(np.diff(log[name])) / step
+        if speed.max() > most:
+            i = int(np.argmax(speed > most)) + 1
+            jump = speed[i - 1] * step[i - 1]
+            turns = [bits for bits in (8, 16, 24, 32) if abs(jump / (COUNT * 2**bits) - 1) < 0.02]
+            hint = f"did the count of {turns[0]} bits overflow?" if turns else "is it in µm?"
+            raise refuse(i, name, f"is {jump:.4g} mm from the sample before it; allowed: {most:g} mm/s; {hint}")
     _related(log, refuse)
     return doubts + plausible.doubts(log.columns, log.protocol, refuse)
 
@@ -316,8 +325,31 @@ def _out_of(name: str, value: float, low: float, high: float) -> str:
     return told
 
 
+def _driven(at: np.ndarray, command: np.ndarray, name: str, refuse: Any) -> None:
+    """Refuses an axis of a *square* log that its command cannot have moved."""
+    if not np.ptp(command) > 0:
+        raise refuse(0, f"{name}_command", "is the same throughout; a square log needs commands that change")
+    if not np.ptp(at) > 0:
+        raise refuse(0, name, "never changes; a frozen or unconnected count")
+    moves = np.diff(at) / PERIOD
+    late = [float(np.corrcoef(moves[600:], command[600 - k : len(moves) - k])[0, 1]) for k in range(0, 600, 4)]
+    most = late[int(np.argmax(np.abs(late)))]
+    if most < -0.5:
+        raise refuse(0, f"{name}_command", f"begins a column of the opposite sign of the speed of {name}")
+    if not max(late) >= 0.3:
+        raise refuse(0, f"{name}_command", f"begins a column that {name} does not follow (no correlation in 600 ms)")
+    ratio = float(np.ptp(at)) / max(float(np.ptp(np.cumsum(command))) * PERIOD, 1e-9)
+    if not 0.05 < ratio < 20:
+        raise refuse(int(np.argmax(at)), name, f"ends a travel that is {ratio:.3g} times what the commands sum up to; "
+                                               "allowed: 0.05 to 20; are the units right?")  # fmt: skip
+
+
 def _related(log: Log, refuse: Any) -> None:
     """Columns that do not belong to each other."""
+    if log.protocol == "square":
+        for axis in ("x", "y"):
+            _driven(log[axis], log[f"{axis}_command"], axis, refuse)
+        return
     encoder = log["encoder"]
     travelled = float(np.ptp(encoder))
     if "command" in log and log.protocol in ("motion", "follow"):
