@@ -10,11 +10,11 @@ import numpy as np
 from ...envs.engine.quantity import InvalidInput
 from ...envs.plant import calibration
 from ...envs.safety import names
-from ...envs.scenarios import machine_text, machines
+from ...envs.scenarios import axes_of, machine_text, machines
 from ...envs.scenarios.distributions import Choice
 from ...envs.scenarios.machines import Machine
 from ..store.runs import write_text
-from . import drive, head
+from . import drive, head, slides
 from .log import Log, read
 
 QUANTILES = 41
@@ -24,6 +24,7 @@ UNEXCITED = 0.7
 """Share of the prior's interval from which on a log has told nothing."""
 
 NEEDS = {"sweep": "head.face, head.body, head.inductance", "rest": "head.noise", "motion": "the Z drive"}
+NEEDS["square"] = "gains and time constants of the X and Y axes"
 """What each protocol finds."""
 
 BESIDE = ("backlash", "resonance", "resonance_zeta", "compliance")
@@ -105,6 +106,15 @@ def identify(logs: Iterable[Log], name: str = "mine", like: Any = "standard", se
             notes.append("motion: that is far more than counts of an encoder; the model does not explain this drive")
         notes.append("axis.dead_time holds the latency")
         notes.append(f"not found: axis.{', axis.'.join(BESIDE)}; an encoder on the motor does not see them")
+    if "square" in by:
+        slid = slides.identify(by["square"], axes_of(base.gantry), seed)
+        for key, draws in slid.draws.items():
+            numbers.append(_number(f"gantry.{key}", draws, slides.PRIOR[key]))
+        notes.append(f"square: the model leaves {slid.left:.2f} µm of the encoders")
+        if not slid.explained:
+            notes.append("square: that is far more than counts of an encoder; the model does not explain these axes")
+        if not slid.limited:
+            notes.append("square: the axes never came to their limit of acceleration")
     for protocol in NEEDS:
         if protocol not in by:
             notes.append(f"no {protocol} log: {NEEDS[protocol]} as in '{base.name}'")
@@ -166,7 +176,7 @@ def _heights(table: calibration.Table, log: Log, where: str, whose: str) -> list
 
 
 def _machine(base: Machine, name: str, numbers: list[Number], logs: list[str]) -> Machine:
-    tables: dict[str, dict[str, Any]] = {"head": {}, "axis": {}}
+    tables: dict[str, dict[str, Any]] = {"head": {}, "axis": {}, "gantry": {}}
     for number in numbers:
         if not number.found:  # what a log does not tell stays as it was
             continue
@@ -174,15 +184,21 @@ def _machine(base: Machine, name: str, numbers: list[Number], logs: list[str]) -
         values = np.quantile(number.draws, (np.arange(QUANTILES) + 0.5) / QUANTILES)
         if number.key == "axis.dead_time":
             values = np.minimum(values, 0.02)
+        if number.key == "gantry.acceleration":  # which is a number in a machine's file
+            tables[table][key] = float(f"{np.median(number.draws):.7g}")
+            continue
         tables[table][key] = Choice(choice=tuple(float(f"{v:.7g}") for v in values))
     if "dead_time" in tables["axis"]:
         tables["axis"]["latency"] = 0.0
+    if "t1" in tables["gantry"]:
+        tables["gantry"]["slower"] = 1.0
     return replace(
         base,
         name=name,
         summary=f"identified from {', '.join(logs)}; like {base.name} where they say nothing",
         head=replace(base.head, **tables["head"]),
         axis=replace(base.axis, **tables["axis"]),
+        gantry=replace(base.gantry, **tables["gantry"]),
     )
 
 

@@ -27,6 +27,9 @@ FASTEST, SIDE = 400.0, (20.0, 150.0)
 GAIN = 2.0
 """1/s, with which the host goes back to its path; slow enough for drives of long time constants [A]."""
 
+DITHER = 0.5
+"""mm/s, added to the commands on the move, so that counts of the encoder fall at random."""
+
 PAUSE = 0.6
 """s of rest before each figure."""
 
@@ -67,7 +70,7 @@ def _circle(side: float, way: float) -> np.ndarray:
 
 def record(machine: Any, seed: int = 0) -> Log:
     """The log of the protocol on a machine, see :func:`protocols.record`."""
-    cuts = machines.load(machine)
+    cuts, rng = machines.load(machine), np.random.default_rng(seed)
     fleet, look, sent = _begun(cuts, seed)
     wanted = path(scenarios.axes_of(cuts.gantry).speed, min(cuts.gantry.travel_x, cuts.gantry.travel_y))
     velocity = np.diff(wanted, axis=0, append=wanted[-1:]) / PERIOD
@@ -76,6 +79,7 @@ def record(machine: Any, seed: int = 0) -> Log:
     for place, pace in zip(wanted, velocity, strict=True):
         if due[0] > 0.5:  # a servo instant: what is sent now comes into force
             asked = pace + GAIN * (place - now)
+            asked = asked + DITHER * rng.uniform(-1, 1, 2) * (np.hypot(*pace) > 0)
         sent(asked)
         fleet.advance()
         now = look()
