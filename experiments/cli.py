@@ -712,7 +712,7 @@ def record(
 
     Args:
         machine: what is recorded: a preset (kerfgym machine list) or a file.
-        protocol: rest, sweep, motion or follow.
+        protocol: rest, sweep, motion, follow or square.
         out: the log, CSV or Parquet by its ending. Default: PROTOCOL.csv.
         seed: draws the machine, where it has distributions, and its noise.
         overwrite: replace an existing file.
@@ -738,7 +738,7 @@ def identify(
     """A machine's file from its logs; every number that they tell is a distribution, so --machine draws from it.
 
     Args:
-        log: logs of the protocols rest, sweep and motion, one of each (docs/identification.md).
+        log: logs of the protocols rest, sweep, motion and square, one of each (docs/identification.md).
         out: the machine's file; the sweep's table lies beside it.
         like: the machine that holds where the logs say nothing.
         overwrite: replace an existing file.

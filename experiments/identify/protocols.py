@@ -1,4 +1,4 @@
-"""The four protocols on a simulated machine: logs that hold only what a real one could know.
+"""The protocols on a simulated machine: logs that hold only what a real one could know.
 
 The machine is the kernel's own, its sheet a flat plate. A host moves the head with velocity commands, as a motion
 controller would, and sees the encoder alone. Every protocol takes less than two minutes.
@@ -17,6 +17,7 @@ from ...envs.plant.controller import PERIOD
 from ...envs.plant.fleet import Fleet
 from ...envs.scenarios import Scenario, machines
 from ..measure import rollout
+from . import square
 from .log import PROTOCOLS, Log
 
 HEIGHTS = (0.6, 1.5, 5.0)
@@ -53,6 +54,8 @@ def record(machine: Any, protocol: str, seed: int = 0) -> Log:
     cuts, rng = machines.load(machine), np.random.default_rng(seed)
     if protocol == "follow":
         return _follow(cuts, seed)
+    if protocol == "square":
+        return square.record(cuts, seed)
     flat = Scenario(name=protocol, duration=200.0, settle=0.0, feed=0.0, set_height=1.0)
     rows: list[list[float]] = []
     fleet, look, command = _begun(machines.put_on(flat, cuts), seed, 0.2 if protocol == "sweep" else HEIGHTS[0])
