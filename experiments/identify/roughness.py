@@ -20,8 +20,8 @@ CHANCE = 1e-3
 FAINTEST = 2e-3
 """mm; weaker lines, and continuous parts of less RMS, are left out [A]."""
 
-FEWEST_PERIODS, FINEST = 4, 6.0
-"""Periods of a line that a log must hold, and mm of the shortest; shorter ones the plate does not feel."""
+FEWEST_PERIODS, FELT = 4, 3.6
+"""Periods of a line that a log must hold; wavenumber times radius up to which a plate feels enough of a sheet."""
 
 EXPONENTS, ROLLOFFS = (1.0, 5.0), (10.0, 5000.0)
 """Allowed in a scenario, 1 and mm."""
@@ -66,7 +66,7 @@ def spectrum(position: np.ndarray, felt: np.ndarray, plate: float, noise: float)
     spacing = float(position[1] - position[0])
     taper = signal.windows.hann(len(felt), sym=False)
     k = 2 * np.pi * np.fft.rfftfreq(len(felt), spacing)
-    used = (k > 2 * np.pi * 3 / np.ptp(position)) & (k < 2 * np.pi / 4.0)
+    used = (k > 2 * np.pi * 3 / np.ptp(position)) & (k * plate < FELT)
     k = k[used]
     unit = spacing / (np.pi * np.sum(taper**2))  # one-sided density over k, mm²/(rad/mm)
 
@@ -79,8 +79,7 @@ def spectrum(position: np.ndarray, felt: np.ndarray, plate: float, noise: float)
         density = unit * np.abs(np.fft.rfft(taper * left)[used]) ** 2
         rms, exponent, rolloff = fitted(k, density, plate, noise**2 * spacing / np.pi)
         model = expected(k, rms, exponent, rolloff, plate) + noise**2 * spacing / np.pi
-        candidates = (k > 2 * np.pi * FEWEST_PERIODS / np.ptp(position)) & (k < 2 * np.pi / FINEST)
-        above = np.where(candidates, density / model, 0.0)
+        above = np.where(k > 2 * np.pi * FEWEST_PERIODS / np.ptp(position), density / model, 0.0)
         peak = int(np.argmax(above))
         if above[peak] < np.log(len(k) / CHANCE) or len(found) == sheet.WAVES:
             break

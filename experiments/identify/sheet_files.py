@@ -20,11 +20,12 @@ LONGEST = 600.0
 
 
 def profile_csv(found: Followed) -> str:
-    """The profile, as ``[sheet.profile]`` takes it."""
+    """The profile, as ``[sheet.profile]`` takes it; ``tip_mm`` is beside it for those who read it."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["position_mm", "height_mm"])
-    writer.writerows((f"{x:.4f}", f"{z:.5f}") for x, z in zip(found.position, found.height, strict=True))
+    writer.writerow(["position_mm", "height_mm", "tip_mm"])
+    columns = zip(found.position, found.height, found.tip, strict=True)
+    writer.writerows((f"{x:.4f}", f"{z:.5f}", f"{tip:.5f}") for x, z, tip in columns)
     return text.getvalue()
 
 
@@ -41,7 +42,7 @@ def of_spectrum(found: Followed, made: Spectrum, name: str) -> str:
     """A scenario that draws sheets of this spectrum, as TOML."""
     text = [
         f'name = "{name}"\nsummary = "sheets of the spectrum of the one that was followed"\n{_journey(found)}[sheet]\n',
-        f'tilt = {{ uniform = [0, {abs(made.tilt):.4g}], sign = "±" }}  # of its slope along the path or less\n',
+        f"tilt = {{ choice = [{-abs(made.tilt):.4g}, {abs(made.tilt):.4g}] }}  # mm/mm, up or down\n",
     ]
     if made.continuous:
         c = made.continuous
@@ -61,6 +62,22 @@ def _journey(found: Followed) -> str:
         f"feed = {min(max(found.feed, 0.0), 2000.0):.4g}  # mm/s\n"
         f"set_height = {float(np.clip(found.set_height, 0.05, 9.0)):.4g}  # mm\n"
     )
+
+
+def told(found: Followed, made: Spectrum) -> list[str]:
+    """A sheet in words, a line each."""
+    lines = [
+        f"follow: {found.position[-1] / 1e3:.3g} m of sheet at {found.feed:.4g} mm/s and {found.set_height:.3g} mm, "
+        f"{1e3 * float(np.std(found.height)):.4g} µm RMS, slope {made.tilt:.3g}; noise {found.noise:.2g} µm a sample; "
+        f"{found.left_out:.1%} left out"
+    ]
+    if made.continuous:
+        c = made.continuous
+        lines.append(
+            f"follow: a continuous sheet of {1e3 * c.rms:.3g} µm RMS falls with k^{-c.exponent:.2g} below {c.rolloff:.3g} mm"
+        )
+    lines += [f"follow: a wave of {1e3 * w.amplitude:.3g} µm every {w.wavelength:.4g} mm" for w in made.lines]
+    return lines + [f"follow: {note}" for note in found.notes]
 
 
 def write(found: Followed, made: Spectrum, beside: Path) -> tuple[Path, Path]:
