@@ -47,7 +47,7 @@ def _params(values: list[float]) -> sensor.Params:
     return sensor.Params(radius=0.5 * face, body=body, inductance=inductance)
 
 
-def _frequency(p: sensor.Params, heights: np.ndarray) -> np.ndarray:
+def frequency_at(p: sensor.Params, heights: np.ndarray) -> np.ndarray:
     """Hz at heights in mm."""
     fringe = np.maximum(0.0, np.log(8 * np.pi * p.radius / heights) - 1.0)
     plate = sensor.EPSILON0 * np.pi * (p.radius**2 - p.bore**2) / heights
@@ -78,11 +78,11 @@ def swept(log: Log) -> Swept:
     table = calibration.build(f, height, span=span, speed=max(speed, span / (len(height) * PERIOD)))
     used = (height > 0.05) & (height <= span)
     h, y = height[used], f[used]
-    steep = np.abs(np.gradient(_frequency(sensor.Params(), h), h))
+    steep = np.abs(np.gradient(frequency_at(sensor.Params(), h), h))
     scale = np.hypot(0.6e-3, 1.5e-3 * h * h) * steep
 
     def off(x: np.ndarray) -> np.ndarray:
-        made: np.ndarray = (_frequency(_params(np.exp(x[:3]).tolist()), h + x[3]) - y) / scale
+        made: np.ndarray = (frequency_at(_params(np.exp(x[:3]).tolist()), h + x[3]) - y) / scale
         return made
 
     low, high = np.log(np.array(list(RANGES.values()))).T
