@@ -37,8 +37,9 @@ PRIOR = {
 LOGARITHMIC = ("impulse_samples", "impulse_height", "impulse_falloff", "warming")
 """Those whose prior is uniform in the logarithm."""
 
-OFF, QUIET = 6.0, 0.02
-"""Times the noise that an impulse is off, and mm of that within which a height is of use for counting them."""
+OFF, STAYS, CLEAR, QUIET = 6.0, 4.0, 10.0, 0.02
+"""Times the noise that an impulse is off, and in each of its samples; times that all are where more than the lowest
+height is of use; mm that the first may be."""
 
 AROUND = 301
 """Samples of the median that impulses are off; the longest have 50."""
@@ -49,8 +50,8 @@ BUSY, MOST = 0.3, 600
 WALKERS, STEPS = 64, 600
 """Of the sampler of heights."""
 
-BLOCK = 250
-"""Samples over which a frequency is averaged for drift."""
+BLOCK, SETTLED = 250, 2000
+"""Samples over which a frequency is averaged for drift, and after which the last fraction of a count has been moved."""
 
 
 @dataclass(frozen=True)
@@ -91,6 +92,7 @@ def identify(
         draws: of each number.
     """
     stood = [(where, log["frequency"][where]) for where, _ in rests(log)]
+    stood.sort(key=lambda each: float(np.median(each[1])))  # the lowest height first
     marks, found = _impulses(stood, head)
     out: dict[str, np.ndarray] = {}
     if found is None:
@@ -102,6 +104,7 @@ def identify(
         notes = [f"rest: {len(found.off)} impulses in {seconds:.3g} s at the heights that are quiet enough"]
         if not len(found.off):
             out = {"impulses": out["impulses"]}
+    marks = marks if len(marks) == len(stood) else [f <= 0 for _, f in stood]
     warmed, told = _drift([(where, f, mark) for (where, f), mark in zip(stood, marks, strict=True)], rng, usual, draws)
     return Happened({**out, **warmed}, (*notes, *told))
 
@@ -118,19 +121,24 @@ def _impulses(stood: list[tuple[slice, np.ndarray]], head: Swept) -> tuple[list[
         valid = f > 0
         h = np.interp(np.interp(np.arange(len(f)), np.flatnonzero(valid), f[valid]), made, grid)
         off = h - ndimage.median_filter(h, AROUND, mode="nearest")
-        gap, noise = float(np.median(h)), scatter(h)
-        jumps = np.abs(off) > OFF * noise
+        gap, noise, jumps = float(np.median(h)), scatter(h), np.zeros(len(h), bool)
+        for _ in range(4):  # what scatters between impulses alone
+            jumps = _marked(off, noise)
+            calm = ~(jumps[1:] | jumps[:-1])
+            if calm.mean() < 1 - 2 * BUSY:
+                return [], None
+            noise = float(np.std(np.diff(off)[calm]) / np.sqrt(2))
         marks.append(ndimage.binary_dilation(jumps) | ~valid)
-        if jumps.mean() > BUSY:
-            return marks, None
-        if OFF * noise > QUIET:
+        found = [(first, last, float(off[first:last].mean())) for first, last in _runs(off, jumps, noise, gap)]
+        unclear = any(abs(mean) < CLEAR * noise for _, _, mean in found)
+        if OFF * noise > QUIET or (unclear and seen):
             continue
         seen[gap], exposed[gap] = OFF * noise, len(h)
-        for first, last in _runs(off, jumps, noise, gap):
-            mean, many = float(off[first:last].mean()), last - first
+        for first, last, mean in found:
+            many = last - first
             exposed[gap] -= many - 1
             whole = first > 0 and last < len(h)
-            rows.append((mean, many, noise * (1 + max(mean, 0.0) / gap) ** 2 / np.sqrt(many), gap, whole))
+            rows.append((mean, many, noise * (1 + mean / gap) ** 2 / np.sqrt(many), gap, whole))
     if not seen:
         return marks, None
     off, length, error, at, whole = np.asarray(rows, float).reshape(-1, 5).T
@@ -140,6 +148,17 @@ def _impulses(stood: list[tuple[slice, np.ndarray]], head: Swept) -> tuple[list[
     return marks, Impulses(off, length, error, at, whole > 0, exposed, seen, alike)
 
 
+def _marked(off: np.ndarray, noise: float) -> np.ndarray:
+    """Samples of impulses: stretches that are off by more than four times the noise, and six times somewhere."""
+    out = np.zeros(len(off), bool)
+    for sign in (-1.0, 1.0):
+        stretch, many = ndimage.label(sign * off > STAYS * noise)
+        high = ndimage.maximum(sign * off, stretch, np.arange(many + 1)) > OFF * noise
+        high[0] = False
+        out |= high[stretch]
+    return out
+
+
 def _runs(off: np.ndarray, jumps: np.ndarray, noise: float, gap: float) -> list[tuple[int, int]]:
     """Stretches of samples that are one impulse each: together, and of one height."""
     runs: list[tuple[int, int]] = []
@@ -147,7 +166,7 @@ def _runs(off: np.ndarray, jumps: np.ndarray, noise: float, gap: float) -> list[
         if runs and runs[-1][1] == n:
             first = runs[-1][0]
             mean = float(off[first:n].mean())
-            sure = OFF * noise * (1 + max(mean, off[n], 0.0) / gap) ** 2 * np.sqrt(1 + 1 / (n - first))
+            sure = OFF * noise * (1 + max(mean, off[n]) / gap) ** 2 * np.sqrt(1 + 1 / (n - first))
             if abs(off[n] - mean) < sure:
                 runs[-1] = (first, int(n) + 1)
                 continue
@@ -171,11 +190,11 @@ def _counted(
     length = found.length[found.whole].astype(int)
     fine = -np.log(most)
     for m in most:
-        one = np.full(m, 1.0 / m)
-        both = np.convolve(one, one)
-        chance = np.zeros(max(2 * m, int(length.max(initial=1))) + 1)
-        chance[1 : m + 1] += (1 - doubled) * one
-        chance[2 : 2 * m + 1] += doubled * both
+        one = np.append(0.0, np.full(m, 1.0 / m))
+        chance, row = np.zeros(max(4 * m, int(length.max(initial=1))) + 1), np.ones(1)
+        for several in range(4):
+            row = np.convolve(row, one)
+            chance[: len(row)] += (1 - doubled) * doubled**several * row
         with np.errstate(divide="ignore"):
             fine[m - 1] += np.log(chance[length]).sum()
     if not np.isfinite(fine).any():
@@ -218,7 +237,7 @@ def _sizes(found: Impulses, rng: np.random.Generator, draws: int) -> dict[str, n
     wide = (np.ptp(near) / (2 * middle) if len(near) > 1 else 0.3) * (1 + 1 / max(len(near), 1)) + 0.02
     x = np.stack(
         [
-            np.log(middle) + rng.normal(0, 0.01, WALKERS),
+            np.log(middle) + rng.normal(0, 0.02 * wide, WALKERS),
             rng.uniform(low[1], high[1], WALKERS),
             np.clip(wide * np.exp(rng.normal(0, 0.1, WALKERS)), 0.005, 0.98),
         ],
@@ -269,13 +288,14 @@ def _drift(
     time, level, weight, group = [], [], [], []
     for i, (where, f, mark) in enumerate(stood):
         y, quiet = np.log(np.where(f > 0, f, 1.0)), ~mark
+        quiet[:SETTLED] = False
         blocks = len(f) // BLOCK
         many = quiet[: blocks * BLOCK].reshape(blocks, BLOCK).sum(axis=1)
         sums = np.where(quiet, y, 0.0)[: blocks * BLOCK].reshape(blocks, BLOCK).sum(axis=1)
         some = many > BLOCK // 2
         time.append((where.start + (np.flatnonzero(some) + 0.5) * BLOCK) * PERIOD)
         level.append(sums[some] / many[some])
-        weight.append(many[some] / scatter(y) ** 2)
+        weight.append(many[some] / scatter(y[quiet]) ** 2)
         group.append(np.full(some.sum(), i))
     t, y, w, g = (np.concatenate(x) for x in (time, level, weight, group))
 
