@@ -47,7 +47,10 @@ AROUND = 301
 BUSY, MOST = 0.3, 600
 """Share of the samples beyond which single impulses are not told apart; impulses whose heights are looked at."""
 
-WALKERS, STEPS = 64, 600
+SCALE, ODD = 0.005, 1e-3
+"""Relative error of differences of height by the sweep's head, and share of impulses that are something else [A]."""
+
+WALKERS, STEPS = 64, 900
 """Of the sampler of heights."""
 
 BLOCK, SETTLED = 250, 2000
@@ -93,20 +96,39 @@ def identify(
     """
     stood = [(where, log["frequency"][where]) for where, _ in rests(log)]
     stood.sort(key=lambda each: float(np.median(each[1])))  # the lowest height first
-    marks, found = _impulses(stood, head)
+    marks, _ = _impulses(stood, head)
+    marks = marks or [f <= 0 for _, f in stood]
+    warmed, told = _drift([(where, f, mark) for (where, f), mark in zip(stood, marks, strict=True)], rng, usual, draws)
+    # A warm head takes heights for others, and so their differences: it is cooled before they are looked at.
+    cold = [(where, f * np.sqrt(1 + _warm(warmed, _time(where)))) for where, f in stood]
+    _, found = _impulses(cold, head)
     out: dict[str, np.ndarray] = {}
     if found is None:
         notes = ["rest: impulses are so many that single ones cannot be told apart, or too small to be seen; not found"]
     else:
-        out |= _sizes(found, rng, draws)
-        out |= _counted(found, out, rng, draws)
+        sizes = _sizes(found, rng, draws)
+        out = _counted(found, sizes, rng, draws)
+        if len(found.off):
+            out |= sizes
+        else:
+            del out["impulse_samples"]
         seconds = PERIOD * sum(found.exposed.values())
         notes = [f"rest: {len(found.off)} impulses in {seconds:.3g} s at the heights that are quiet enough"]
-        if not len(found.off):
-            out = {"impulses": out["impulses"]}
-    marks = marks if len(marks) == len(stood) else [f <= 0 for _, f in stood]
-    warmed, told = _drift([(where, f, mark) for (where, f), mark in zip(stood, marks, strict=True)], rng, usual, draws)
+    del warmed["held"]
     return Happened({**out, **warmed}, (*notes, *told))
+
+
+def _warm(warmed: dict[str, np.ndarray], time: np.ndarray) -> np.ndarray:
+    """Relative change of L·C, the mean of some draws; where the draws are of a usual warming, theirs alone counts."""
+    some = slice(0, 100)
+    drift, warming = warmed["drift"][some, None], warmed["held"][some, None]
+    made: np.ndarray = np.mean(drift * (1 - np.exp(-time[::50] / warming)), axis=0)
+    return np.interp(time, time[::50], made)
+
+
+def _time(where: slice) -> np.ndarray:
+    """s since the log began, of a rest's samples."""
+    return np.arange(where.start, where.stop) * PERIOD
 
 
 # ------------------------------------------------------------------------------------------------------- impulses
@@ -214,39 +236,59 @@ def _sizes(found: Impulses, rng: np.random.Generator, draws: int) -> dict[str, n
     names = ("impulse_height", "impulse_falloff", "impulse_spread")
     low, high = np.array([PRIOR[name] for name in names]).T
     low[:2], high[:2] = np.log(low[:2]), np.log(high[:2])
-    reference = min(found.exposed)
-    off, error, gap = (x[:MOST] for x in (np.abs(found.off), found.error, found.gap))
+    reference, places = min(found.exposed), np.array(sorted(found.exposed))
+    some = rng.permutation(len(found.off))[:MOST]
+    off, error, gap = np.abs(found.off)[some], found.error[some], found.gap[some]
+    where = 2 * np.searchsorted(places, gap) + (found.off[some] > 0)
 
     def fine(x: np.ndarray) -> np.ndarray:
-        """Of points (height at the reference, falloff, spread), shape (n, 3): logarithm of the posterior."""
-        falloff, spread = np.exp(x[:, 1, None]), x[:, 2, None]
+        """Of points (height at the reference, falloff, spread, errors of the head's scale at each height, down and
+        up): logarithm of the posterior, shape (n,)."""
+        falloff, spread, scale = np.exp(x[:, 1, None]), x[:, 2, None], np.exp(SCALE * x[:, 3:])
         zero = x[:, :1] + np.log1p(reference / falloff)
-        full = np.concatenate([zero, x[:, 1:]], axis=1)
+        full = np.concatenate([zero, x[:, 1:3]], axis=1)
         inside = np.all((full > low) & (full < high), axis=1)
-        a, spread = np.exp(zero) / (1 + gap / falloff), np.clip(spread, 1e-6, 1.0)
+        a, spread = np.exp(zero) / (1 + gap / falloff) * scale[:, where], np.clip(spread, 1e-6, 1.0)
         start, end = a * (1 - spread), a * (1 + spread)
-        density = (special.ndtr((end - off) / error) - special.ndtr((start - off) / error)) / (end - start)
-        total = np.log(np.maximum(density, 1e-300)).sum(axis=1)
+        # Φ(b) − Φ(a) by its logarithm, in the tail where it has digits, so that far points know the way.
+        one, two = (start - off) / error, (end - off) / error
+        one, two = np.where(one > 0, -two, one), np.where(one > 0, -one, two)
+        last = special.log_ndtr(two)
+        less = np.minimum(special.log_ndtr(one) - last, -1e-12)
+        each = last + np.log(-np.expm1(less)) - np.log(end - start)
+        total = np.logaddexp(each, np.log(ODD / (3 * a))).sum(axis=1) - 0.5 * np.sum(x[:, 3:] ** 2, axis=1)
         for at, least in found.seen.items():
             share = _visible(np.exp(zero[:, 0]) / (1 + at / falloff[:, 0]), spread[:, 0], least)
             total -= np.sum(gap == at) * np.log(np.maximum(share, 1e-9))
         return np.where(inside, total, -np.inf)
 
-    near = off[gap == reference]
-    middle = 0.5 * (near.min() + near.max()) if len(near) else 0.05
-    wide = (np.ptp(near) / (2 * middle) if len(near) > 1 else 0.3) * (1 + 1 / max(len(near), 1)) + 0.02
-    x = np.stack(
+    near = off[gap == reference] if np.any(gap == reference) else np.array([0.03, 0.05])
+    middle = float(np.median(near))
+    wide = float(np.clip(0.5 * np.ptp(np.percentile(near, [1, 99])) / middle, 0.02, 0.9))
+    x = np.column_stack(
         [
-            np.log(middle) + rng.normal(0, 0.02 * wide, WALKERS),
-            rng.uniform(low[1], high[1], WALKERS),
-            np.clip(wide * np.exp(rng.normal(0, 0.1, WALKERS)), 0.005, 0.98),
-        ],
-        axis=1,
+            np.log(middle) + rng.normal(0, 0.1 * wide, WALKERS),
+            _begin(off, gap, rng, low[1], high[1]),
+            wide * np.exp(rng.uniform(0.0, 0.1, WALKERS)),
+            rng.normal(0, 1, (WALKERS, 2 * len(places))),
+        ]
     )
-    chain = stretched(fine, x, rng, STEPS)[STEPS // 3 :].reshape(-1, 3)
+    chain = stretched(fine, x, rng, STEPS)[STEPS // 3 :].reshape(-1, x.shape[1])
     kept = chain[rng.choice(len(chain), draws)]
     falloff = np.exp(kept[:, 1])
     return dict(zip(names, (np.exp(kept[:, 0]) * (1 + reference / falloff), falloff, kept[:, 2]), strict=True))
+
+
+def _begin(off: np.ndarray, gap: np.ndarray, rng: np.random.Generator, low: float, high: float) -> np.ndarray:
+    """Logarithms of falloffs to begin with: what the middles of two heights give, or anything."""
+    places = np.unique(gap)
+    if len(places) < 2:
+        return rng.uniform(low, high, WALKERS)
+    (h1, a1), (h2, a2) = ((h, float(np.median(off[gap == h]))) for h in places[:2])
+    ratio = max(a1 / a2, 1.001)
+    falloff = max((h2 - ratio * h1) / (ratio - 1), 0.0)
+    middle = np.clip(np.log(max(falloff, 1e-9)), low + 0.5, high - 0.5)
+    return np.clip(middle + rng.normal(0, 0.3, WALKERS), low, high)
 
 
 def stretched(fine, x: np.ndarray, rng: np.random.Generator, steps: int) -> np.ndarray:  # type: ignore[no-untyped-def]
@@ -334,5 +376,6 @@ def _drift(
     if usual is not None and np.ptp(np.percentile(np.log(warming), [2.5, 97.5])) > 0.65 * np.log(high / low):
         drift, spread, _ = given(usual)
         told = f"rest: head.warming is not told by {t[-1]:.3g} s; head.drift is that of {usual:g} s"
-        return {"drift": drift + np.sqrt(spread * more) * rng.normal(size=draws), "warming": warming}, [told]
-    return {"drift": drift, "warming": warming}, []
+        drawn = drift + np.sqrt(spread * more) * rng.normal(size=draws)
+        return {"drift": drawn, "warming": warming, "held": np.full(draws, usual)}, [told]
+    return {"drift": drift, "warming": warming, "held": warming}, []

@@ -11,7 +11,7 @@ from ...envs.engine.quantity import InvalidInput
 from ...envs.plant import calibration
 from ...envs.safety import names
 from ...envs.scenarios import machine_text, machines
-from ...envs.scenarios.distributions import Choice
+from ...envs.scenarios.distributions import Choice, middle
 from ...envs.scenarios.machines import Machine
 from ..store.runs import write_text
 from . import disturbances, drive, followed, head, roughness, sheet_files
@@ -94,7 +94,7 @@ def identify(logs: Iterable[Log], name: str = "mine", like: Any = "standard", se
     if "rest" in by:
         for key, draws in head.noise(by["rest"], swept, rng).items():
             numbers.append(_number(f"head.{key}", draws, {"noise": head.NOISE, "jitter": head.JITTER}[key]))
-        happened = disturbances.identify(by["rest"], swept, rng)
+        happened = disturbances.identify(by["rest"], swept, rng, middle(base.head.warming))
         for key, draws in happened.draws.items():
             numbers.append(_number(f"head.{key}", draws, disturbances.PRIOR[key], log=key in disturbances.LOGARITHMIC))
         notes += happened.notes
