@@ -26,6 +26,7 @@ from ...envs.plant.controller import PERIOD
 from ...envs.scenarios.distributions import middle
 from ...envs.scenarios.hardware import Axis
 from .log import Log
+from .roughness import FELT
 
 SHORTEST = 100.0
 """mm that a follow log must travel."""
@@ -38,9 +39,6 @@ AROUND, OFF = 15, 6.0
 
 QUIET = (0.3, 0.6)
 """Shares of the highest wavenumber between which there is only noise."""
-
-FINEST = 4.2
-"""Wavenumber times the radius of the plate from which on a sheet is taken to be unfelt; at 4.49 it is."""
 
 MOVES = 1e-3
 """mm RMS of what is no shape, from which on it is said [A]."""
@@ -237,8 +235,9 @@ def smoothed(felt: np.ndarray, spacing: float, plate: float) -> tuple[np.ndarray
 
     The line between the ends is taken out first, so that a series of sines holds the rest without a jump.
     """
-    few = max(2, min(len(felt) // 20, round(2.0 / spacing)))
-    line = np.linspace(float(np.mean(felt[:few])), float(np.mean(felt[-few:])), len(felt))
+    few = max(4, min(len(felt) // 20, round(5.0 / spacing)))
+    ends = [float(np.polynomial.Polynomial.fit(np.arange(few), part, 2)(0.0)) for part in (felt[:few], felt[:-few - 1:-1])]
+    line = np.linspace(*ends, len(felt))
     wave = fft.dst((felt - line)[1:-1], type=1, norm="ortho")
     k = np.pi * np.arange(1, len(wave) + 1) / ((len(felt) - 1) * spacing)
     power = wave**2
@@ -249,7 +248,7 @@ def smoothed(felt: np.ndarray, spacing: float, plate: float) -> tuple[np.ndarray
     low, high = np.maximum(np.arange(len(k)) - half, 0), np.minimum(np.arange(len(k)) + half + 1, len(k))
     average = (sums[high] - sums[low]) / (high - low)
     sure = average > noise * (1.0 + SURE * np.sqrt(2.0 / (high - low)))
-    heard = k * plate < FINEST
+    heard = k * plate < FELT
     clean = np.where(sure, 1.0 - noise / np.maximum(average, 1e-300), 0.0) * wave
     # What is there beyond that is no shape but a motion, and the same for plate and tip.
     sharper = np.where(heard, sheet.attenuation(k) / sheet.attenuation(np.where(heard, k, 0.0), plate), 1.0)

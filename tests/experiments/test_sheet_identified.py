@@ -60,7 +60,7 @@ def test_a_sheet_in_closed_form_is_found_far_below_the_noise_of_a_sample(noise):
     found = followed.followed(closed(noise), TABLE)
     assert found.noise == pytest.approx(1e3 * noise, rel=0.05)
     assert off(found.height, wavy(found.position, PLATE)) < 0.25 * noise
-    assert off(found.tip, wavy(found.position, TIP)) < 0.35 * noise
+    assert off(found.tip, wavy(found.position, TIP)) < 0.5 * noise
     assert found.feed == pytest.approx(200.0, rel=1e-6)
     assert found.set_height == pytest.approx(0.8)
 
@@ -88,10 +88,10 @@ def test_without_a_sweep_the_log_makes_its_own_table_and_finds_the_filters_delay
     log = closed(2e-3)
     found = followed.followed(log)
     assert any("late by 2 ms" in note for note in found.notes)
-    assert off(found.height, wavy(found.position, PLATE)) < 2e-3
+    assert off(found.height, wavy(found.position, PLATE)) < 0.5e-3
     # The reported height as if it were not late: what the head has moved meanwhile would be taken for sheet.
     late = followed.nozzle(log["encoder"], None) - log["height"]
-    assert np.std((late - wavy(log["x"], PLATE))[100:-100]) > 5e-3
+    assert np.std((late - wavy(log["x"], PLATE))[100:-100]) > 5 * off(found.height, wavy(found.position, PLATE))
 
 
 def test_a_log_with_nothing_but_a_late_height_says_what_it_takes_for_granted():
