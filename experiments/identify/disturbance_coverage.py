@@ -15,7 +15,7 @@ TRUTHS = {
     "impulse_samples": (1.0, 7.0),
     "impulse_height": (0.05, 0.3),
     "impulse_falloff": (0.3, 3.0),
-    "impulse_spread": (0.05, 0.6),
+    "impulse_spread": (0.0, 1.0),
     "drift": (-0.01, 0.01),
     "warming": (30.0, 3000.0),
     "noise": (5e-4, 5e-3),

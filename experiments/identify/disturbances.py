@@ -53,6 +53,9 @@ SCALE, ODD = 0.005, 1e-3
 WALKERS, STEPS = 64, 900
 """Of the sampler of heights."""
 
+TOLD = 0.4
+"""Share of the prior's range that the interval of the warming may have; a wider one goes with too many drifts."""
+
 BLOCK, SETTLED = 250, 2000
 """Samples over which a frequency is averaged for drift, and after which the last fraction of a count has been moved."""
 
@@ -90,8 +93,8 @@ def identify(
         log: of the protocol *rest*, with ``frequency``.
         head: of the sweep, which makes heights of frequencies.
         rng: draws.
-        usual: s of warming that holds if the log does not tell it; then drift is drawn with it. Without, both are
-            drawn together.
+        usual: s of warming that holds if the log does not tell it; then drift is drawn with it, and warming is not.
+            Without, both are drawn together.
         draws: of each number.
     """
     stood = [(where, log["frequency"][where]) for where, _ in rests(log)]
@@ -373,9 +376,9 @@ def _drift(
     drift = stats.truncnorm.rvs((ends[0] - best[at]) / sigma[at], (ends[1] - best[at]) / sigma[at], best[at], sigma[at],
                                 random_state=rng) + bend  # fmt: skip
     drift = np.clip(drift, *ends)
-    if usual is not None and np.ptp(np.percentile(np.log(warming), [2.5, 97.5])) > 0.65 * np.log(high / low):
+    if usual is not None and np.ptp(np.percentile(np.log(warming), [2.5, 97.5])) > TOLD * np.log(high / low):
         drift, spread, _ = given(usual)
         told = f"rest: head.warming is not told by {t[-1]:.3g} s; head.drift is that of {usual:g} s"
         drawn = drift + np.sqrt(spread * more) * rng.normal(size=draws)
-        return {"drift": drawn, "warming": warming, "held": np.full(draws, usual)}, [told]
+        return {"drift": drawn, "held": np.full(draws, usual)}, [told]
     return {"drift": drift, "warming": warming, "held": warming}, []
