@@ -11,10 +11,10 @@ from ...envs.engine.quantity import InvalidInput
 from ...envs.plant import calibration
 from ...envs.safety import names
 from ...envs.scenarios import axes_of, machine_text, machines
-from ...envs.scenarios.distributions import Joint
+from ...envs.scenarios.distributions import Joint, middle
 from ...envs.scenarios.machines import Machine
 from ..store.runs import write_text
-from . import belonging, drive, head, mounting, slides
+from . import belonging, disturbances, drive, followed, head, mounting, roughness, sheet_files, slides
 from .log import Log, read
 
 ROWS = 100
@@ -64,6 +64,8 @@ class Identified:
     table: calibration.Table | None
     notes: tuple[str, ...]
     explained: bool = True  # whether the model can stand for this drive
+    sheet: followed.Followed | None = None
+    spectrum: roughness.Spectrum | None = None
 
 
 def identify(logs: Iterable[Log], name: str = "mine", like: Any = "standard", seed: int = 0) -> Identified:
@@ -84,8 +86,8 @@ def identify(logs: Iterable[Log], name: str = "mine", like: Any = "standard", se
         if log.protocol in by:
             raise InvalidInput(f"{log.name} and {by[log.protocol].name} are both {log.protocol} logs; give one of each")
         by[log.protocol] = log
-    if not set(by) & set(NEEDS):
-        raise InvalidInput(f"nothing to identify from; give logs of {', '.join(NEEDS)}")
+    if not set(by) & {*NEEDS, "follow"}:
+        raise InvalidInput(f"nothing to identify from; give logs of {', '.join(NEEDS)} or follow")
     if "rest" in by and "sweep" not in by:
         raise InvalidInput(f"{by['rest'].name}: noise in pF needs the head's sensitivity; give the sweep log, too")
     base, notes, numbers, swept = machines.load(like), [w for log in logs for w in log.warnings], [], None
@@ -108,6 +110,10 @@ def identify(logs: Iterable[Log], name: str = "mine", like: Any = "standard", se
     if "rest" in by and swept:
         for key, draws in head.noise(by["rest"], swept, rng).items():
             numbers.append(_number(f"head.{key}", draws, {"noise": head.NOISE, "jitter": head.JITTER}[key], "rest"))
+        happened = disturbances.identify(by["rest"], swept, rng, middle(base.head.warming))
+        for key, draws in happened.draws.items():
+            numbers.append(_number(f"head.{key}", draws, disturbances.PRIOR[key], key, key in disturbances.LOGARITHMIC))
+        notes += happened.notes
     if "motion" in by:
         found = drive.identify(by["motion"]["command"], by["motion"]["encoder"], seed)
         for key, draws in found.draws.items():
@@ -145,9 +151,12 @@ def identify(logs: Iterable[Log], name: str = "mine", like: Any = "standard", se
         if protocol not in by:
             notes.append(f"no {protocol} log: {NEEDS[protocol]} as in '{base.name}'")
     table = swept.table if swept else None
-    return Identified(
-        _machine(base, name, numbers, [log.name for log in logs], rng), tuple(numbers), table, tuple(notes), explained
-    )
+    machine, sheet, spectrum = _machine(base, name, numbers, [log.name for log in logs], rng), None, None
+    if "follow" in by:
+        sheet = followed.followed(by["follow"], table, machine.axis, machine.head.plate)
+        spectrum = roughness.spectrum(sheet.position, sheet.felt, sheet.plate, 1e-3 * sheet.noise)
+        notes += sheet_files.told(sheet, spectrum)
+    return Identified(machine, tuple(numbers), table, tuple(notes), explained, sheet, spectrum)
 
 
 def _mounted(log: Log, swept: head.Swept | None, axis: Any, numbers: list[Number], seed: int) -> list[str]:
@@ -215,6 +224,7 @@ def command(files: tuple[str, ...], out: str, like: str, overwrite: bool) -> Non
     write_text(target, machine_text.text_of(found.machine, whole=False))
     if found.table is not None:
         calibration.write_csv(found.table, target.with_suffix(".table.csv"))
+    scenarios = sheet_files.write(found.sheet, found.spectrum, target) if found.sheet and found.spectrum else ()
     print(f"{'':22s}{'median':>12s}   95 % interval")
     for number in found.numbers:
         low, middle, high = number.interval
@@ -224,7 +234,7 @@ def command(files: tuple[str, ...], out: str, like: str, overwrite: bool) -> Non
         print(line)
     for note in found.notes:
         print(note)
-    print(target)
+    print(target, *scenarios, sep="\n")
 
 
 def strong(numbers: tuple[Number, ...], least: float = 0.8) -> list[str]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...envs import scenarios
 from ...envs.control.stack import get, resolve
-from ...envs.engine.quantity import check_choice
+from ...envs.engine.quantity import InvalidInput, check_choice
 from ...envs.plant import supervisor
 from ...envs.plant.controller import PERIOD
 from ...envs.plant.fleet import Fleet
@@ -42,18 +42,24 @@ DITHER = 0.05
 """mm/s, added to the commands, so that steps of the converter average out."""
 
 
-def record(machine: Any, protocol: str, seed: int = 0) -> Log:
+def record(machine: Any, protocol: str, seed: int = 0, scenario: Any = None) -> Log:
     """The log of a protocol.
 
     Args:
         machine: name, file or tables of a machine, see :func:`machines.load`.
         protocol: one of :data:`PROTOCOLS`.
         seed: draws the machine, if it has distributions, and its noise.
+        scenario: whose sheet is followed, and how: a name, a file or a scenario. Default: the suite's waves.
+
+    Raises:
+        InvalidInput: a scenario for another protocol than *follow*, which alone has a sheet.
     """
     check_choice(protocol, PROTOCOLS, "protocol")
     cuts, rng = machines.load(machine), np.random.default_rng(seed)
     if protocol == "follow":
-        return _follow(cuts, seed)
+        return _follow(cuts, seed, scenarios.load("wavy" if scenario is None else scenario))
+    if scenario is not None:
+        raise InvalidInput(f"the {protocol} protocol has no sheet of a scenario; only follow has")
     if protocol == "square":
         return square.record(cuts, seed)
     flat = Scenario(name=protocol, duration=200.0, settle=0.0, feed=0.0, set_height=1.0)
@@ -176,9 +182,9 @@ def _steps(rng: Any, about: float, level: float, hold: int, seconds: float, room
         encoder = yield (abs(level) if low else asked + DITHER * rng.uniform(-1, 1))
 
 
-def _follow(cuts: machines.Machine, seed: int) -> Log:
-    """Closed loop along a real sheet: the shipped reference law over the suite's waves."""
-    scenario = scenarios.load("wavy").varied(duration=FOLLOW)
+def _follow(cuts: machines.Machine, seed: int, scenario: Scenario) -> Log:
+    """Closed loop along a real sheet: the shipped reference law over that of a scenario."""
+    scenario = scenario.varied(duration=FOLLOW)
     scenario, stack = machines.put_on(scenario, cuts), resolve("xi2023-improved")
     fleet = rollout.fleet_for(scenario, stack, [seed])
     names = ("head_position", "command", "frequency", "height", "set_height")
