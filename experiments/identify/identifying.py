@@ -227,14 +227,22 @@ def command(files: tuple[str, ...], out: str, like: str, overwrite: bool) -> Non
     scenarios = sheet_files.write(found.sheet, found.spectrum, target) if found.sheet and found.spectrum else ()
     print(f"{'':22s}{'median':>12s}   95 % interval")
     for number in found.numbers:
-        low, middle, high = number.interval
-        told = f"{low:.5g} to {high:.5g}" if number.found else "not excited: as before the logs"
-        print(f"{number.key:22s}{middle:12.5g}   {told}")
+        low, middle, high = (shown(value, number.interval) for value in number.interval)
+        told = f"{low} to {high}" if number.found else "not excited: as before the logs"
+        print(f"{number.key:22s}{middle:>12s}   {told}")
     for line in strong(found.numbers):
         print(line)
     for note in found.notes:
         print(note)
     print(target, *scenarios, sep="\n")
+
+
+def shown(value: float, interval: tuple[float, float, float]) -> str:
+    """A value with as many digits as its interval needs: two of its width, at least four in all."""
+    width = interval[2] - interval[0]
+    largest = max(abs(interval[0]), abs(interval[2]), 1e-300)
+    digits = 4 if width <= 0 else int(np.clip(np.ceil(np.log10(largest / width)) + 2, 4, 9))
+    return f"{value:.{digits}g}"
 
 
 def strong(numbers: tuple[Number, ...], least: float = 0.8) -> list[str]:
