@@ -168,46 +168,49 @@ class Errors:
 def identify(command: np.ndarray, encoder: np.ndarray, seed: int = 0) -> Found:
     """Axes that may have made a log, from its commands, mm/s, and its encoder, mm."""
     errors = Errors(command, encoder)
-    x, late, left = _followed(errors)
+    begun = _begun(errors)
+    x, late, left = _followed(errors, *begun)
     if left > EXPLAINED:
         searched = _nearest(errors, *_searched(errors.first(QUICK), seed))
         (x, late), left = min(((x, late), left), (searched, errors.rms_of(*searched)), key=lambda each: each[1])
     counted, quiet = errors, 0.0
     if left > EXPLAINED:
-        counted, x, late, quiet = _set_apart(errors)
+        counted, x, late, quiet = _set_apart(errors, *begun)
     cells = np.unique(np.clip(np.rint(late) + np.arange(-1, 2), 0, LATEST * SUBSTEPS - 1))
     rng = np.random.default_rng(seed)
     found = posterior.sampled(posterior.Problem(counted.of, _LOW, _HIGH, errors.worth), x, cells, rng)
     draws = dict(zip(NAMES, np.exp(found.draws).T, strict=True))
     draws["dead_time"] = (found.cells + rng.uniform(0, 1, len(found.cells))) / SUBSTEPS * PERIOD
-    best = axis(np.median(found.draws, axis=0), float(np.median(found.cells)))
     middle, cell = np.median(found.draws, axis=0), float(np.median(found.cells))
+    best = axis(middle, cell)
     leaves, slow = errors.by_segment(middle, cell), errors.first(SLOW).rms_of(middle, cell)
     apart = leaves > APART * quiet if quiet > 0.0 else np.zeros(len(leaves), bool)
     beyond = float(np.sqrt(np.mean(leaves[apart] ** 2))) if apart.any() else 0.0
     return Found(draws, best, found.left, found.spread, found.effective, slow, float(apart.mean()), beyond)
 
 
-def _set_apart(errors: Errors) -> tuple[Errors, np.ndarray, float, float]:
+def _set_apart(errors: Errors, x: np.ndarray, late: float) -> tuple[Errors, np.ndarray, float, float]:
     """Errors in which segments that leave more than slow moves count less, the axis nearest by them, its delay, and µm
     that slow moves leave."""
-    x, late = _slow(errors.first(SLOW))
-    quick = errors.first(QUICK)
-    x, late = _nearest(quick, _limited(quick, x, late), late, _FREE)
     counted, quiet = errors, 0.0
-    for _ in range(3):
+    for rounds in (4, 8):  # scales are soon what they are
         leaves = errors.by_segment(x, late)
         quiet = float(np.median(leaves[: SLOW // SEGMENT]))
         counted = errors.scaled(np.maximum(leaves / quiet, 1.0))
-        x, late = _nearest(counted, x, late)
+        x, late = _nearest(counted, x, late, rounds=rounds)
     return counted, x, late, quiet
 
 
-def _followed(errors: Errors) -> tuple[np.ndarray, float, float]:
-    """An axis near the best, its delay in substeps and µm that it leaves: slow moves first, the whole log last."""
+def _begun(errors: Errors) -> tuple[np.ndarray, float]:
+    """An axis by slow moves, but for its limits, which are by quick ones, and its delay in substeps."""
     quick = errors.first(QUICK)
     x, late = _slow(errors.first(SLOW))
-    x, late = _nearest(quick, _limited(quick, x, late), late, _FREE)
+    return _nearest(quick, _limited(quick, x, late), late, _FREE)
+
+
+def _followed(errors: Errors, x: np.ndarray, late: float) -> tuple[np.ndarray, float, float]:
+    """From there on an axis near the best, its delay in substeps and µm that it leaves."""
+    quick = errors.first(QUICK)
     x, late = _nearest(quick, x, late)
     x, late = _nearest(errors, x, late, _FREE)
     x, late = _nearest(errors, x, late)

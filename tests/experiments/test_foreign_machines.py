@@ -21,15 +21,15 @@ def test_logs_of_another_make_tell_its_following_error_on_an_unseen_sheet_within
     make = GOOD["screw"]
     found, sheet = identified(make, tmp_path), unseen(tmp_path)
     assert found.explained
+    assert not any("does not explain" in note for note in found.notes)
     for controller in CONTROLLERS:
         here = measured(make, controller, tmp_path / "table.csv", sheet, seeds=(0,))
         there = float(np.mean(predicted(found.machine, controller, tmp_path, range(8))))
         assert there == pytest.approx(here, rel=0.1), controller
 
 
-@pytest.mark.parametrize("name", ["load at 40 Hz", "late by turns", "direct"])
-def test_a_drive_that_the_model_cannot_stand_for_is_told_from_one_that_it_can(name):
-    encoder, command, _ = scripted({**GOOD, **WRONG}[name], "motion", 0)[: drive.SLOW].T
+@pytest.mark.parametrize("name", ["load at 40 Hz", "late by turns"])
+def test_a_drive_that_the_model_cannot_stand_for_leaves_more_of_its_slow_moves_than_is_allowed(name):
+    encoder, command, _ = scripted(WRONG[name], "motion", 0)[: drive.SLOW].T
     errors = drive.Errors(command, encoder)
-    left = errors.rms_of(*drive._slow(errors))
-    assert left < 0.5 * UNEXPLAINED if name in GOOD else left > 1.5 * UNEXPLAINED
+    assert errors.rms_of(*drive._slow(errors)) > 1.5 * UNEXPLAINED
