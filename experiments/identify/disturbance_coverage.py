@@ -1,6 +1,6 @@
 """How often intervals of impulses and drift hold the truth, on machines that are drawn from their priors.
 
-    python -m kerfgym.experiments.identify.disturbance_coverage [MACHINES [FIRST SEED]]
+python -m kerfgym.experiments.identify.disturbance_coverage [MACHINES [FIRST SEED]]
 """
 
 import sys
