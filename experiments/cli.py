@@ -740,8 +740,9 @@ def identify(
     """A machine's file from its logs; every number that they tell is a distribution, so --machine draws from it.
 
     Args:
-        log: logs of the protocols rest, sweep, motion and square, one of each (docs/identification.md).
-        out: the machine's file; the sweep's table lies beside it.
+        log: logs of the protocols rest, sweep, motion, square and follow, one of each (docs/identification.md).
+        out: the machine's file; the sweep's table lies beside it, and of follow the sheet, as .sheet.toml and
+            .sheets.toml.
         like: the machine that holds where the logs say nothing.
         overwrite: replace an existing file.
     """

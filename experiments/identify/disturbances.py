@@ -1,12 +1,12 @@
 """What happens to the sensor, from a rest log: impulses and drift.
 
-A head that stands still measures one height, so whatever jumps off it for some samples is an impulse. Samples count that
-are over six times the noise off the median around them, at those heights where the noise is small enough. Then
+A head that stands still measures one height, so whatever jumps off it for some samples is an impulse. Samples count
+that are over six times the noise off the median around them, at those heights where the noise is small enough. Then
 
 - how often: impulses among the samples at which one could begin are a binomial number, whose posterior is a beta
-  distribution, exactly (Jeffreys 1946);
-- how long: lengths are uniform up to the longest, so the posterior over whole numbers is a product. Two impulses in a row
-  that look alike are taken for one, and both know how likely that is;
+  distribution, exactly, with the prior of Jeffreys 1946;
+- how long: lengths are uniform up to the longest, so the posterior over whole numbers is a product. Two impulses in a
+  row that look alike are taken for one, and both know how likely that is;
 - how high: heights are uniform about A(h) = height/(1 + h/falloff), with noise. Height, falloff and spread are drawn by
   an affine-invariant sampler (Goodman and Weare 2010). The falloff needs impulses at two heights.
 
@@ -16,6 +16,7 @@ minute tells drift over warming, and both only when a good part of the warming l
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy import ndimage, special, stats
@@ -141,7 +142,9 @@ def _impulses(stood: list[tuple[slice, np.ndarray]], head: Swept) -> tuple[list[
     """Which samples of each rest are impulses, and these; none if they cannot be told apart."""
     grid = np.geomspace(2e-3, 30.0, 6000)
     made = frequency_at(head.params, grid)
-    marks, rows, exposed, seen = [], [], {}, {}
+    marks, rows = [], []
+    exposed: dict[float, int] = {}
+    seen: dict[float, float] = {}
     for _, f in stood:
         valid = f > 0
         h = np.interp(np.interp(np.arange(len(f)), np.flatnonzero(valid), f[valid]), made, grid)
@@ -162,8 +165,8 @@ def _impulses(stood: list[tuple[slice, np.ndarray]], head: Swept) -> tuple[list[
         for first, last, mean in found:
             many = last - first
             exposed[gap] -= many - 1
-            whole = first > 0 and last < len(h)
-            rows.append((mean, many, noise * (1 + mean / gap) ** 2 / np.sqrt(many), gap, whole))
+            inside = first > 0 and last < len(h)
+            rows.append((mean, many, noise * (1 + mean / gap) ** 2 / np.sqrt(many), gap, inside))
     if not seen:
         return marks, None
     off, length, error, at, whole = np.asarray(rows, float).reshape(-1, 5).T
@@ -216,7 +219,7 @@ def _counted(
     fine = -np.log(most)
     for m in most:
         one = np.append(0.0, np.full(m, 1.0 / m))
-        chance, row = np.zeros(max(4 * m, int(length.max(initial=1))) + 1), np.ones(1)
+        chance, row = np.zeros(max(4 * int(m), int(length.max(initial=1))) + 1), np.ones(1)
         for several in range(4):
             row = np.convolve(row, one)
             chance[: len(row)] += (1 - doubled) * doubled**several * row
@@ -294,7 +297,7 @@ def _begin(off: np.ndarray, gap: np.ndarray, rng: np.random.Generator, low: floa
     return np.clip(middle + rng.normal(0, 0.3, WALKERS), low, high)
 
 
-def stretched(fine, x: np.ndarray, rng: np.random.Generator, steps: int) -> np.ndarray:  # type: ignore[no-untyped-def]
+def stretched(fine: Any, x: np.ndarray, rng: np.random.Generator, steps: int) -> np.ndarray:
     """Walkers of an affine-invariant sampler: each moves along the line to one of the other half.
 
     Args:

@@ -10,8 +10,9 @@ averaged over neighbours; the noise is what that has at wavelengths far below th
 its bandwidth follows from both. The surface under the nozzle's tip is that divided by what the plate has weakened more
 than the tip does.
 
-The profile of the scenario is what the plate feels, since profiles have but one footprint there. So controllers see what
-they would on the machine, and the reported error is that of the machine; :func:`under_tip` tells the gap under the tip.
+The profile of the scenario is what the plate feels, since profiles have but one footprint there. So controllers see
+what they would on the machine, and the reported error is that of the machine; :func:`under_tip` tells the gap under the
+tip.
 """
 
 from dataclasses import dataclass
@@ -209,13 +210,25 @@ def followed(
     if slows > 0.02:
         notes.append(f"the feed is lower for {slows:.0%} of the time; the scenarios have {feed:.4g} mm/s throughout")
     if moves > max(MOVES, 0.3 * noise):
-        notes.append(f"{1e3 * moves:.2g} µm RMS are too short for the plate to be a shape: a sheet that vibrates, or the "
-                     "head does; at this feed alone the profile holds them")  # fmt: skip
+        notes.append(
+            f"{1e3 * moves:.2g} µm RMS are too short for the plate to be a shape: the sheet vibrates, or the head; the "
+            "profile holds them for this feed alone"
+        )
     wanted = log["set_height"] if "set_height" in log else height[good]
     return Followed(
-        position, smooth - smooth[0], tip - smooth[0], felt - smooth[0], 1e3 * noise, feed, slows, float(np.median(wanted)),
-        log.duration, plate, 1.0 - float(good.mean()), tuple(notes),
-    )  # fmt: skip
+        position=position,
+        height=smooth - smooth[0],
+        tip=tip - smooth[0],
+        felt=felt - smooth[0],
+        noise=1e3 * noise,
+        feed=feed,
+        slows=slows,
+        set_height=float(np.median(wanted)),
+        duration=log.duration,
+        plate=plate,
+        left_out=1.0 - float(good.mean()),
+        notes=tuple(notes),
+    )
 
 
 def _even(distance: np.ndarray, surface: np.ndarray, spacing: float, end: float) -> tuple[np.ndarray, np.ndarray]:
@@ -236,11 +249,11 @@ def smoothed(felt: np.ndarray, spacing: float, plate: float) -> tuple[np.ndarray
     The line between the ends is taken out first, so that a series of sines holds the rest without a jump.
     """
     few = max(4, min(len(felt) // 20, round(5.0 / spacing)))
-    ends = [
+    first, last = (
         float(np.polynomial.Polynomial.fit(np.arange(few), part, 2)(0.0))
         for part in (felt[:few], felt[: -few - 1 : -1])
-    ]
-    line = np.linspace(*ends, len(felt))
+    )
+    line = np.linspace(first, last, len(felt))
     wave = fft.dst((felt - line)[1:-1], type=1, norm="ortho")
     k = np.pi * np.arange(1, len(wave) + 1) / ((len(felt) - 1) * spacing)
     power = wave**2

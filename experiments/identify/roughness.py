@@ -127,7 +127,8 @@ def fitted(k: np.ndarray, density: np.ndarray, plate: float, noise: float) -> tu
     high = np.log([5.0, EXPONENTS[1], ROLLOFFS[1]])
 
     def unlikely(x: np.ndarray) -> float:
-        model = expected(k, *np.exp(np.clip(x, low, high)).tolist(), plate) + noise
+        rms, exponent, rolloff = np.exp(np.clip(x, low, high)).tolist()
+        model = expected(k, rms, exponent, rolloff, plate) + noise
         return float(np.sum(np.log(model) + density / model) + 1e3 * np.sum((x - np.clip(x, low, high)) ** 2))
 
     best = min(

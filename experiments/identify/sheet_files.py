@@ -34,7 +34,7 @@ def of_profile(found: Followed, name: str, file: str) -> str:
     return (
         f'name = "{name}"\nsummary = "the sheet that was followed, {found.position[-1] / 1e3:.3g} m of it"\n'
         f"{_journey(found)}[sheet.profile]\n"
-        f'file = "{file}"\nspacing = {max(float(found.spacing), 0.01):.6g}  # mm, from sample to sample of the journey\n'
+        f'file = "{file}"\nspacing = {max(float(found.spacing), 0.01):.6g}  # mm, from sample to sample\n'
     )
 
 
@@ -74,7 +74,8 @@ def told(found: Followed, made: Spectrum) -> list[str]:
     if made.continuous:
         c = made.continuous
         lines.append(
-            f"follow: a continuous sheet of {1e3 * c.rms:.3g} µm RMS falls with k^{-c.exponent:.2g} below {c.rolloff:.3g} mm"
+            f"follow: a continuous part of {1e3 * c.rms:.3g} µm RMS, which falls with k^{-c.exponent:.2g} below "
+            f"{c.rolloff:.3g} mm"
         )
     lines += [f"follow: a wave of {1e3 * w.amplitude:.3g} µm every {w.wavelength:.4g} mm" for w in made.lines]
     return lines + [f"follow: {note}" for note in found.notes]
