@@ -48,6 +48,7 @@ class Swept:
 
 
 def params_of(values: list[float]) -> sensor.Params:
+    """The head of a face, mm, a body, pF, and an inductance, µH."""
     face, body, inductance = map(float, values)
     return sensor.Params(radius=0.5 * face, body=body, inductance=inductance)
 
