@@ -741,7 +741,7 @@ def identify(
 
     Args:
         log: logs of the protocols rest, sweep, motion and follow, one of each (docs/identification.md).
-        out: the machine's file; the sweep's table lies beside it, and of follow the sheet, as .sheet.toml and .sheets.toml.
+        out: the machine's file; beside it lie the sweep's table and the sheet's .sheet.toml and .sheets.toml.
         like: the machine that holds where the logs say nothing.
         overwrite: replace an existing file.
     """
