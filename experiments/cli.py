@@ -704,6 +704,7 @@ def machine(
 def record(
     machine: Annotated[str, arg(metavar="NAME|FILE")] = "standard",
     protocol: Annotated[str, arg(metavar="PROTOCOL")] = "motion",
+    scenario: Annotated[str | None, unset("NAME|FILE", "-s")] = None,
     out: Annotated[Text, arg(aliases=("-o",))] = None,
     seed: int = 0,
     overwrite: bool = False,
@@ -712,7 +713,8 @@ def record(
 
     Args:
         machine: what is recorded: a preset (kerfgym machine list) or a file.
-        protocol: rest, sweep, motion or follow.
+        protocol: rest, sweep, motion, follow or square.
+        scenario: of follow, whose sheet, feed and set height it has: a name or a TOML file. Default: wavy.
         out: the log, CSV or Parquet by its ending. Default: PROTOCOL.csv.
         seed: draws the machine, where it has distributions, and its noise.
         overwrite: replace an existing file.
@@ -725,7 +727,7 @@ def record(
         raise InvalidInput(f"-o takes a .csv or .parquet file, not {target}")
     if target.exists() and not overwrite:
         raise InvalidInput(f"'{target}' exists; --overwrite replaces it")
-    write(recorded(machine, protocol, seed), target)
+    write(recorded(machine, protocol, seed, scenario), target)
     print(target)
 
 
@@ -738,8 +740,9 @@ def identify(
     """A machine's file from its logs; every number that they tell is a distribution, so --machine draws from it.
 
     Args:
-        log: logs of the protocols rest, sweep and motion, one of each (docs/identification.md).
-        out: the machine's file; the sweep's table lies beside it.
+        log: logs of the protocols rest, sweep, motion, square and follow, one of each (docs/identification.md).
+        out: the machine's file; the sweep's table lies beside it, and of follow the sheet, as .sheet.toml and
+            .sheets.toml.
         like: the machine that holds where the logs say nothing.
         overwrite: replace an existing file.
     """

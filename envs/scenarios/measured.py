@@ -1,5 +1,6 @@
 """What was measured, from CSV files: profiles and maps of surfaces, calibration tables, recorded signals."""
 
+import csv
 import functools
 
 import numpy as np
@@ -75,8 +76,70 @@ def height_map(source: Map) -> tuple[np.ndarray, float, float, float]:
 
 
 def measured_head(file: str) -> int:
-    """Index of the head whose calibration table is in a CSV file, see :func:`heads.measured`."""
+    """Index of the head whose calibration table is in a CSV file, see :func:`heads.measured`.
+
+    Raises:
+        InvalidInput: file, row, column and value of the first thing that cannot be.
+    """
+    _check_table(file)
     return heads.measured(str(files.checked(file, files.TABLE)))
+
+
+FREQUENCIES, HEIGHTS, LEAST_SPAN = (1e4, 1e8), (-1.0, 100.0), 0.5
+"""Hz and mm that a calibration table may hold, and mm that it must reach [A]."""
+
+_MEANT = {"frequency_Hz": ((1e6, "MHz"), (1e3, "kHz")), "height_mm": ((1e-3, "µm"),)}
+"""Units in which a number would be in range."""
+
+
+@functools.lru_cache(maxsize=32)
+def _check_table(file: str) -> None:
+    """Raises what a calibration table cannot be, whatever else :func:`calibration.read_csv` finds."""
+    lines = list(csv.reader(files.text(file, files.TABLE).splitlines()))
+    header = [cell.strip() for cell in lines[0]] if lines else []
+    if len(header) == 1 and (";" in header[0] or "\t" in header[0]):
+        raise InvalidInput(
+            f"{file}, row 1: {files.shown(header[0])}; columns are separated by commas, and numbers have a point"
+        )
+    names = ("frequency_Hz", "height_mm")
+    for name in names:
+        if (count := header.count(name)) > 1:
+            raise InvalidInput(f"{file}, row 1: column {name} is there {count} times")
+    for row, line in enumerate(lines[1:], start=2):
+        if any(cell.strip() for cell in line[len(header) :]):
+            raise InvalidInput(
+                f"{file}, row {row}, column {len(header) + 1}: '{line[len(header)]}' is one cell too many; the header "
+                f"names {len(header)} columns; numbers have a point, not a comma"
+            )
+    columns = read_columns(file, names)
+    for name, values, (low, high) in zip(names, columns.T, (FREQUENCIES, HEIGHTS), strict=True):
+        if len(outside := np.flatnonzero((values < low) | (values > high))):
+            value = float(values[outside[0]])
+            meant = [unit for times, unit in _MEANT[name] if low <= value * times <= high]
+            raise InvalidInput(
+                f"{file}, row {outside[0] + 2}, column {name}: {value:.7g} is out of range; allowed: {low:g} to "
+                f"{high:g} {name[-2:]}" + (f"; is it in {meant[0]}?" if meant else "")
+            )
+    _check_rise(file, names, columns)
+
+
+def _check_rise(file: str, names: tuple[str, ...], columns: np.ndarray) -> None:
+    """Raises where a table falls, and if it is too short."""
+    steps = np.diff(columns, axis=0)
+    if len(falls := np.flatnonzero((steps <= 0).any(axis=1))):
+        i = int(falls[0])
+        k = int(np.argmax(steps[i] <= 0))
+        turned = "; is the table in the other order?" if np.all(steps < 0) else ""
+        turned = "; does frequency fall with height?" if np.all(steps[:, 0] < 0) and np.all(steps[:, 1] > 0) else turned
+        raise InvalidInput(
+            f"{file}, row {i + 3}, column {names[k]}: {columns[i + 1, k]:.9g} after {columns[i, k]:.9g}; frequency and "
+            f"height must both rise from row to row{turned}"
+        )
+    if (top := float(columns[-1, 1])) < LEAST_SPAN:
+        raise InvalidInput(
+            f"{file}, row {len(columns) + 1}, column height_mm: {top:.7g} is the highest; a table reaches "
+            f"{LEAST_SPAN:g} mm or more; is it in m?"
+        )
 
 
 @functools.lru_cache(maxsize=32)

@@ -44,10 +44,10 @@ class Swept:
     @property
     def params(self) -> sensor.Params:
         """The head."""
-        return _params(list(self.values.values()))
+        return params_of(list(self.values.values()))
 
 
-def _params(values: list[float]) -> sensor.Params:
+def params_of(values: list[float]) -> sensor.Params:
     face, body, inductance = map(float, values)
     return sensor.Params(radius=0.5 * face, body=body, inductance=inductance)
 
@@ -89,7 +89,7 @@ def swept(log: Log) -> Swept:
     scale = np.hypot(scatter(np.log(y[h > 1.0])), ROUNDED * steep)
 
     def off(x: np.ndarray) -> np.ndarray:
-        made: np.ndarray = np.log(frequency_at(_params(np.exp(x[:3]).tolist()), h + x[3]) / y) / scale
+        made: np.ndarray = np.log(frequency_at(params_of(np.exp(x[:3]).tolist()), h + x[3]) / y) / scale
         return made
 
     low, high = np.log(np.array(list(RANGES.values()))).T

@@ -10,11 +10,11 @@ import numpy as np
 from ...envs.engine.quantity import InvalidInput
 from ...envs.plant import calibration
 from ...envs.safety import names
-from ...envs.scenarios import machine_text, machines
-from ...envs.scenarios.distributions import Joint
+from ...envs.scenarios import axes_of, machine_text, machines
+from ...envs.scenarios.distributions import Joint, middle
 from ...envs.scenarios.machines import Machine
 from ..store.runs import write_text
-from . import drive, head, mounting
+from . import belonging, disturbances, drive, followed, head, mounting, roughness, sheet_files, slides
 from .log import Log, read
 
 ROWS = 100
@@ -25,9 +25,6 @@ UNEXPLAINED = 3.0
 counts of 1 µm; drives of another make, whose following it still tells, 1 µm; those that it can't stand for, from 5 µm
 on (tests/oracle/foreign.py)."""
 
-FAR, OTHER = 100.0, 0.01
-"""mm above the sheet, where a head's frequency has come to its end; share above it that is another head's."""
-
 UNEXCITED = 0.7
 """Share of the prior's interval from which on a log has told nothing."""
 
@@ -35,6 +32,7 @@ NEEDS = {
     "sweep": "head.face, head.body, head.inductance",
     "rest": "head.noise",
     "motion": "the Z drive, and its mounting",
+    "square": "gains and time constants of the X and Y axes",
 }
 """What each protocol finds."""
 
@@ -66,6 +64,8 @@ class Identified:
     table: calibration.Table | None
     notes: tuple[str, ...]
     explained: bool = True  # whether the model can stand for this drive
+    sheet: followed.Followed | None = None
+    spectrum: roughness.Spectrum | None = None
 
 
 def identify(logs: Iterable[Log], name: str = "mine", like: Any = "standard", seed: int = 0) -> Identified:
@@ -86,12 +86,17 @@ def identify(logs: Iterable[Log], name: str = "mine", like: Any = "standard", se
         if log.protocol in by:
             raise InvalidInput(f"{log.name} and {by[log.protocol].name} are both {log.protocol} logs; give one of each")
         by[log.protocol] = log
-    if not set(by) & set(NEEDS):
-        raise InvalidInput(f"nothing to identify from; give logs of {', '.join(NEEDS)}")
+    if not set(by) & {*NEEDS, "follow"}:
+        raise InvalidInput(f"nothing to identify from; give logs of {', '.join(NEEDS)} or follow")
     if "rest" in by and "sweep" not in by:
         raise InvalidInput(f"{by['rest'].name}: noise in pF needs the head's sensitivity; give the sweep log, too")
     base, notes, numbers, swept = machines.load(like), [w for log in logs for w in log.warnings], [], None
     explained = True
+    if base.head.table:
+        given = calibration.read_csv(base.head.table)
+        notes += belonging.doubts(
+            given, [by[p] for p in ("sweep", "rest", "motion") if p in by], f"{base.head.table}'s"
+        )
     if "sweep" in by:
         swept = head.swept(by["sweep"])
         spread = rng.multivariate_normal(np.log(list(swept.values.values())), swept.covariance, 1000)
@@ -101,10 +106,14 @@ def identify(logs: Iterable[Log], name: str = "mine", like: Any = "standard", se
             f"sweep: table rated {swept.table.rating}, scatter {swept.table.noise:.1f} µm at 1 mm; the nozzle's bore "
             "is taken as 2 mm"
         )
-        _belongs(swept, [by[p] for p in ("rest", "motion") if p in by])
+        notes += belonging.doubts(swept.table, [by[p] for p in ("rest", "motion") if p in by])
     if "rest" in by and swept:
         for key, draws in head.noise(by["rest"], swept, rng).items():
             numbers.append(_number(f"head.{key}", draws, {"noise": head.NOISE, "jitter": head.JITTER}[key], "rest"))
+        happened = disturbances.identify(by["rest"], swept, rng, middle(base.head.warming))
+        for key, draws in happened.draws.items():
+            numbers.append(_number(f"head.{key}", draws, disturbances.PRIOR[key], key, key in disturbances.LOGARITHMIC))
+        notes += happened.notes
     if "motion" in by:
         found = drive.identify(by["motion"]["command"], by["motion"]["encoder"], seed)
         for key, draws in found.draws.items():
@@ -129,13 +138,25 @@ def identify(logs: Iterable[Log], name: str = "mine", like: Any = "standard", se
         explained = found.slow <= UNEXPLAINED
         notes.append("axis.dead_time holds the latency")
         notes += _mounted(by["motion"], swept, found.best, numbers, seed)
+    if "square" in by:
+        slid = slides.identify(by["square"], axes_of(base.gantry), seed)
+        for key, draws in slid.draws.items():
+            numbers.append(_number(f"gantry.{key}", draws, slides.PRIOR[key], "square"))
+        notes.append(f"square: the model leaves {slid.left:.2f} µm of the encoders")
+        if not slid.explained:
+            notes.append("square: that is far more than counts of an encoder; the model does not explain these axes")
+        if not slid.limited:
+            notes.append("square: the axes never came to their limit of acceleration")
     for protocol in NEEDS:
         if protocol not in by:
             notes.append(f"no {protocol} log: {NEEDS[protocol]} as in '{base.name}'")
     table = swept.table if swept else None
-    return Identified(
-        _machine(base, name, numbers, [log.name for log in logs], rng), tuple(numbers), table, tuple(notes), explained
-    )
+    machine, sheet, spectrum = _machine(base, name, numbers, [log.name for log in logs], rng), None, None
+    if "follow" in by:
+        sheet = followed.followed(by["follow"], table, machine.axis, machine.head.plate)
+        spectrum = roughness.spectrum(sheet.position, sheet.felt, sheet.plate, 1e-3 * sheet.noise)
+        notes += sheet_files.told(sheet, spectrum)
+    return Identified(machine, tuple(numbers), table, tuple(notes), explained, sheet, spectrum)
 
 
 def _mounted(log: Log, swept: head.Swept | None, axis: Any, numbers: list[Number], seed: int) -> list[str]:
@@ -159,25 +180,11 @@ def _number(key: str, draws: np.ndarray, prior: tuple[float, float], group: str,
     return Number(key, draws, prior, wide < UNEXCITED, group)
 
 
-def _belongs(swept: head.Swept, logs: list[Log]) -> None:
-    """Refuses a sweep of another head: frequencies that this one has at no height."""
-    top = float(head.frequency_at(swept.params, np.array([FAR]))[0])
-    for log in logs:
-        if "frequency" in log:
-            off = np.flatnonzero(log["frequency"] > (1 + OTHER) * top)
-            if len(off) > 0.01 * len(log["time"]):
-                raise InvalidInput(
-                    f"{log.name}, line {off[0] + 2}, column frequency: {log['frequency'][off[0]]:.7g} Hz lies over "
-                    f"{OTHER:.0%} above what the sweep's head has far from the sheet, {top:.7g} Hz; is the sweep that "
-                    "of another head?"
-                )
-
-
 def _machine(
     base: Machine, name: str, numbers: list[Number], logs: list[str], rng: np.random.Generator
 ) -> Machine:  # fmt: skip
     """A machine that draws from what was found; numbers that were drawn together stay together."""
-    tables: dict[str, dict[str, Any]] = {"head": {}, "axis": {}}
+    tables: dict[str, dict[str, Any]] = {"head": {}, "axis": {}, "gantry": {}}
     for group in dict.fromkeys(number.group for number in numbers):
         of = [number for number in numbers if number.group == group]
         rows = rng.choice(len(of[0].draws), ROWS, replace=False)
@@ -186,17 +193,23 @@ def _machine(
                 continue
             table, key = number.key.split(".")
             values = number.draws[rows]
+            if number.key == "gantry.acceleration":  # which is a number in a machine's file
+                tables[table][key] = float(f"{np.median(number.draws):.7g}")
+                continue
             if number.key == "axis.dead_time":
                 values = np.minimum(values, 0.02)
             tables[table][key] = Joint(choice=tuple(float(f"{v:.7g}") for v in values), joint=group)
     if "dead_time" in tables["axis"]:
         tables["axis"]["latency"] = 0.0
+    if "t1" in tables["gantry"]:
+        tables["gantry"]["slower"] = 1.0
     return replace(
         base,
         name=name,
         summary=f"identified from {', '.join(logs)}; like {base.name} where they say nothing",
         head=replace(base.head, **tables["head"]),
         axis=replace(base.axis, **tables["axis"]),
+        gantry=replace(base.gantry, **tables["gantry"]),
     )
 
 
@@ -211,16 +224,25 @@ def command(files: tuple[str, ...], out: str, like: str, overwrite: bool) -> Non
     write_text(target, machine_text.text_of(found.machine, whole=False))
     if found.table is not None:
         calibration.write_csv(found.table, target.with_suffix(".table.csv"))
+    scenarios = sheet_files.write(found.sheet, found.spectrum, target) if found.sheet and found.spectrum else ()
     print(f"{'':22s}{'median':>12s}   95 % interval")
     for number in found.numbers:
-        low, middle, high = number.interval
-        told = f"{low:.5g} to {high:.5g}" if number.found else "not excited: as before the logs"
-        print(f"{number.key:22s}{middle:12.5g}   {told}")
+        low, middle, high = (shown(value, number.interval) for value in number.interval)
+        told = f"{low} to {high}" if number.found else "not excited: as before the logs"
+        print(f"{number.key:22s}{middle:>12s}   {told}")
     for line in strong(found.numbers):
         print(line)
     for note in found.notes:
         print(note)
-    print(target)
+    print(target, *scenarios, sep="\n")
+
+
+def shown(value: float, interval: tuple[float, float, float]) -> str:
+    """A value with as many digits as its interval needs: two of its width, at least four in all."""
+    width = interval[2] - interval[0]
+    largest = max(abs(interval[0]), abs(interval[2]), 1e-300)
+    digits = 4 if width <= 0 else int(np.clip(np.ceil(np.log10(largest / width)) + 2, 4, 9))
+    return f"{value:.{digits}g}"
 
 
 def strong(numbers: tuple[Number, ...], least: float = 0.8) -> list[str]:

@@ -1,7 +1,8 @@
 """Logs of a machine: one row a sample, a CSV or Parquet table with units, read with all that can be wrong named.
 
-Columns are ``time``, ``encoder``, ``command``, ``frequency``, ``height``, ``set_height``, ``x`` and ``y``. Their unit
-stands behind them in the header, ``encoder [µm]``, or in a TOML file of the same name beside the log::
+Columns are ``time``, ``encoder``, ``command``, ``frequency``, ``height``, ``set_height``, ``x``, ``y``, ``x_command``
+and ``y_command``. Their unit stands behind them in the header, ``encoder [µm]``, or in a TOML file of the same name
+beside the log::
 
     protocol = "motion"
     [units]
@@ -23,8 +24,9 @@ import numpy as np
 
 from ...envs.engine.quantity import InvalidInput, did_you_mean
 from ...envs.safety import files
+from . import plausible
 
-PROTOCOLS = ("rest", "sweep", "motion", "follow")
+PROTOCOLS = ("rest", "sweep", "motion", "follow", "square")
 """What a machine does while it is recorded (docs/identification.md)."""
 
 UNITS: dict[str, dict[str, float]] = {
@@ -44,6 +46,8 @@ COLUMNS = {
     "set_height": "length",
     "x": "length",
     "y": "length",
+    "x_command": "speed",
+    "y_command": "speed",
 }
 """What a log can have, and what kind of number it is."""
 
@@ -55,6 +59,8 @@ ALLOWED = {
     "set_height": (0.0, 100.0),
     "x": (-1e5, 1e5),
     "y": (-1e5, 1e5),
+    "x_command": (-1e4, 1e4),
+    "y_command": (-1e4, 1e4),
 }
 """What a number can be, in the units of :class:`Log`; a frequency or height of 0 was not valid [A]."""
 
@@ -63,6 +69,9 @@ LONGEST_GAP, MOST_GAPS = 0.05, 0.01
 
 FASTEST = 3000.0
 """mm/s; no Z axis is as fast [A]."""
+
+COUNT = 1e-3
+"""mm of an encoder's count, by which a jump is known as an overflow [A]."""
 
 PERIOD = 1e-3
 """s, of the machine's control; logs of another rate are refused, since the model has that period."""
@@ -141,10 +150,11 @@ def read(path: str | Path) -> Log:
         if name:
             columns[name] = _numbers(path, table, index, heading[index]) * scale
     needed = {"rest": ("time", "encoder"), "sweep": ("time", "encoder", "frequency")}
+    needed["square"] = ("time", "x", "y", "x_command", "y_command")
     for name in needed.get(protocol, ("time", "encoder", "command")):
         if name not in columns:
             raise InvalidInput(f"{path}, line 1: column {name} is missing; a {protocol} log needs it")
-    if "frequency" not in columns and "height" not in columns and protocol != "motion":
+    if "frequency" not in columns and "height" not in columns and protocol not in ("motion", "square"):
         raise InvalidInput(f"{path}, line 1: neither frequency nor height; a {protocol} log needs one of them")
     log = Log(path.name, protocol, columns)
     return Log(path.name, protocol, columns, tuple(_checked(path, log, heading, dict(zip(names, scales, strict=True)))))
@@ -154,7 +164,18 @@ def _csv(path: Path) -> tuple[list[str], list[list[str]]]:
     rows = list(csv.reader(files.text(path, files.TABLE).splitlines()))
     if not rows or not any(cell.strip() for cell in rows[0]):
         raise InvalidInput(f"{path}, line 1: no header; expected such as time [s],encoder [mm],command [mm/s]")
-    return [cell.strip() for cell in rows[0]], rows[1:]
+    heading = [cell.strip() for cell in rows[0]]
+    for mark, what in ((";", "semicolons"), ("\t", "tabs")):
+        if len(heading) == 1 and mark in heading[0]:
+            raise InvalidInput(f"{path}, line 1: {files.shown(heading[0])} is separated by {what}; columns are "
+                               "separated by commas, and numbers have a point")  # fmt: skip
+    for i, row in enumerate(rows[1:]):
+        if len(row) > len(heading) and any(cell.strip() for cell in row[len(heading) :]):
+            raise InvalidInput(
+                f"{path}, line {i + 2}, column {len(heading) + 1}: '{row[len(heading)]}' is one cell too many; the "
+                f"header names {len(heading)} columns; numbers have a point, not a comma"
+            )
+    return heading, rows[1:]
 
 
 def _parquet(path: Path) -> tuple[list[str], Any]:
@@ -238,7 +259,9 @@ def _checked(path: Path, log: Log, heading: list[str], scales: dict[str, float])
     """Raises what cannot be; returns what is doubtful."""
     time = log["time"]
     if len(time) < FEWEST:
-        raise InvalidInput(f"{path}: {len(time)} samples; at least {FEWEST} are needed")
+        raise InvalidInput(
+            f"{path}, line {len(time) + 1}: ends after {len(time)} samples; at least {FEWEST} are needed"
+        )
 
     def refuse(i: Any, name: str, why: str) -> InvalidInput:
         shown = f"{log[name][i] / scales[name]:.6g}"
@@ -264,7 +287,10 @@ def _checked(path: Path, log: Log, heading: list[str], scales: dict[str, float])
     if missing > MOST_GAPS * len(time):
         gap = np.flatnonzero(step > 1.5 * usual)[0] + 1
         raise refuse(gap, "time", f"is the first of {missing} gaps; {MOST_GAPS:.0%} of the samples may be missing")
-    doubts = [f"{path}: {missing} samples are missing"] if missing > 0 else []
+    doubts = []
+    if missing > 0:
+        gap = int(np.argmax(step > 1.5 * usual)) + 1
+        doubts.append(str(refuse(gap, "time", f"is the first of {missing} gaps; up to {MOST_GAPS:.0%} are allowed")))
     for name, (low, high) in ALLOWED.items():
         if name in log:
             values = log[name]
@@ -276,13 +302,18 @@ def _checked(path: Path, log: Log, heading: list[str], scales: dict[str, float])
     for name in ("frequency", "height"):
         if name in log and np.mean(log[name] == 0) > 0.5:
             raise refuse(np.flatnonzero(log[name] == 0)[0], name, "is one of more than half that were not valid")
-    speed = np.abs(np.diff(log["encoder"])) / step
-    if speed.max() > FASTEST:
-        i = int(np.argmax(speed > FASTEST)) + 1
-        raise refuse(i, "encoder", f"is {speed[i - 1] * step[i - 1]:.4g} mm from the sample before it; allowed: "
-                                   f"{FASTEST:g} mm/s; is it in µm?")  # fmt: skip
-    doubts += _related(log, refuse)
-    return doubts
+    for name in ("encoder", *(("x", "y") if log.protocol == "square" else ())):
+        if name not in log:
+            continue
+        most, speed = FASTEST if name == "encoder" else ALLOWED["x_command"][1], np.abs(np.diff(log[name])) / step
+        if speed.max() > most:
+            i = int(np.argmax(speed > most)) + 1
+            jump = speed[i - 1] * step[i - 1]
+            turns = [bits for bits in (8, 16, 24, 32) if abs(jump / (COUNT * 2**bits) - 1) < 0.02]
+            hint = f"did the count of {turns[0]} bits overflow?" if turns else "is it in µm?"
+            raise refuse(i, name, f"is {jump:.4g} mm from the sample before it; allowed: {most:g} mm/s; {hint}")
+    _related(log, refuse)
+    return doubts + plausible.doubts(log.columns, log.protocol, refuse)
 
 
 def _out_of(name: str, value: float, low: float, high: float) -> str:
@@ -294,12 +325,36 @@ def _out_of(name: str, value: float, low: float, high: float) -> str:
     return told
 
 
-def _related(log: Log, refuse: Any) -> list[str]:
+def _driven(at: np.ndarray, command: np.ndarray, name: str, refuse: Any) -> None:
+    """Refuses an axis of a *square* log that its command cannot have moved."""
+    if not np.ptp(command) > 0:
+        raise refuse(0, f"{name}_command", "is the same throughout; a square log needs commands that change")
+    if not np.ptp(at) > 0:
+        raise refuse(0, name, "never changes; a frozen or unconnected count")
+    moves = np.diff(at) / PERIOD
+    late = [float(np.corrcoef(moves[600:], command[600 - k : len(moves) - k])[0, 1]) for k in range(0, 600, 4)]
+    most = late[int(np.argmax(np.abs(late)))]
+    if most < -0.5:
+        raise refuse(0, f"{name}_command", f"begins a column of the opposite sign of the speed of {name}")
+    if not max(late) >= 0.3:
+        raise refuse(0, f"{name}_command", f"begins a column that {name} does not follow (no correlation in 600 ms)")
+    ratio = float(np.ptp(at)) / max(float(np.ptp(np.cumsum(command))) * PERIOD, 1e-9)
+    if not 0.05 < ratio < 20:
+        raise refuse(int(np.argmax(at)), name, f"ends a travel that is {ratio:.3g} times what the commands sum up to; "
+                                               "allowed: 0.05 to 20; are the units right?")  # fmt: skip
+
+
+def _related(log: Log, refuse: Any) -> None:
     """Columns that do not belong to each other."""
-    doubts = []
+    if log.protocol == "square":
+        for axis in ("x", "y"):
+            _driven(log[axis], log[f"{axis}_command"], axis, refuse)
+        return
     encoder = log["encoder"]
     travelled = float(np.ptp(encoder))
     if "command" in log and log.protocol in ("motion", "follow"):
+        if not np.ptp(log["command"]) > 0:
+            raise refuse(0, "command", f"is the same throughout; a {log.protocol} log needs commands that change")
         asked = np.cumsum(log["command"]) * PERIOD
         if travelled == 0:
             raise refuse(0, "encoder", "never changes; a frozen or unconnected count")
@@ -315,11 +370,12 @@ def _related(log: Log, refuse: Any) -> list[str]:
         if (log.protocol == "follow" and not 0.2 < ratio < 5) or ratio > 20 or ratio < 0.02:
             raise refuse(int(np.argmax(encoder)), "encoder",
                          f"ends a travel of {travelled:.4g} mm where the commands sum up to {wanted:.4g} mm; are the "
-                         "units right?")  # fmt: skip
+                         f"units right?{' Is it in m?' if ratio < 0.02 else ''}")  # fmt: skip
     if log.protocol == "sweep":
         top = int(np.argmax(encoder))
         if not 2.0 <= travelled <= 60.0:
-            raise refuse(top, "encoder", f"is the top of a sweep of {travelled:.4g} mm; allowed: 2 to 60 mm")
+            raise refuse(top, "encoder", f"is the top of a sweep of {travelled:.4g} mm; allowed: 2 to 60 mm"
+                         + ("; is it in m?" if travelled < 0.06 else ""))  # fmt: skip
         good = log["frequency"] > 0
         if np.corrcoef(np.argsort(np.argsort(encoder[good])), log["frequency"][good])[0, 1] < 0.3:
             raise refuse(top, "frequency", "is not above those near the sheet; frequency must rise with height")
@@ -327,11 +383,3 @@ def _related(log: Log, refuse: Any) -> list[str]:
         raise refuse(
             int(np.argmax(encoder)), "encoder", f"is part of {travelled:.4g} mm of travel; a rest log stands still"
         )
-    if log.protocol == "follow" and "height" in log and "set_height" in log:
-        good = log["height"] > 0
-        off = float(np.median(np.abs(log["height"] - log["set_height"])[good]))
-        if off > 0.5 * float(np.median(log["set_height"])) + 0.5:
-            doubts.append(
-                f"{log.name}: the height is {off:.3g} mm from the set height half of the time; was the loop closed?"
-            )
-    return doubts

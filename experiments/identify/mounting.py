@@ -11,6 +11,7 @@ at every height. What a smooth function of the encoder's reading explains, such 
 proportion to its speed, is not held against a candidate. Samples that an impulse spoilt do not count.
 """
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +19,7 @@ from scipy import ndimage
 
 from ...envs.plant import candidates, z_axis
 from . import posterior
-from .head import Swept, frequency_at
+from .head import Swept, frequency_at, params_of
 from .log import PERIOD, Log
 
 PRIOR = {
@@ -34,6 +35,15 @@ HIGHEST, LEAST, STILL = 8.0, 3.0, 0.1
 
 SMOOTH = 6
 """Order of the polynomial of the encoder's reading that is free."""
+
+TYPICAL = 1.5
+"""mm above the plate, of the jolts."""
+
+STARTS = 6
+"""Resonances from which least squares begins."""
+
+SETTLED = 400
+"""Samples after the first motion that do not count: in which state friction held the axis before is not known."""
 
 OUTLYING = 6.0
 """Scales of the errors from which on a sample is taken for spoilt."""
@@ -87,11 +97,11 @@ class Errors:
         near = np.maximum(self.motor, 0.05)
         steep = frequency_at(self.head, near + 1e-3) / frequency_at(self.head, near) - 1
         basis = np.column_stack([basis, steep * np.gradient(encoder) / np.ptp(np.gradient(encoder))])
-        self.good = np.ones(len(encoder), bool)
-        self._free = np.linalg.qr(basis)[0]
+        self.good = np.arange(len(encoder)) > np.flatnonzero(np.abs(self.command) > 1.0)[0] + SETTLED
+        self._free = np.linalg.qr(basis * self.good[:, None])[0]
         alone = self(self._tried(np.log([[1e-3, 100.0, 0.05, 0.01]])))[0]
         quick = alone - ndimage.median_filter(alone, 9)
-        self.good = np.abs(quick) < OUTLYING * 1.4826 * np.median(np.abs(quick))
+        self.good &= np.abs(quick) < OUTLYING * 1.4826 * np.median(np.abs(quick[self.good]))
         self._free = np.linalg.qr(basis * self.good[:, None])[0]
         self.worth = float(self.good.sum() - basis.shape[1])
 
@@ -128,17 +138,26 @@ def identify(log: Log, swept: Swept, axis: z_axis.Params, seed: int = 0) -> Foun
         return None
     errors = Errors(log, where, axis, swept)
     problem = posterior.Problem(errors.of, _LOW, _HIGH, errors.worth)
-    grid = np.array(
-        [[b, f, 0.05, c] for b in (2e-3, 8e-3, 0.025) for f in np.geomspace(40, 320, 10) for c in (0.05, 0.2)]
-    )
+    grid = np.array(list(itertools.product((2e-3, 8e-3, 0.025), np.geomspace(35, 350, 16), (0.05,), (0.05, 0.2))))
     first = np.log(grid)
     costs = np.sum(errors.of(first, np.zeros(len(first))) ** 2, axis=1)
-    starts = [posterior.nearest(problem, first[i], 0.0, 12) for i in np.argsort(costs)[:3]]
-    x = min(starts, key=lambda each: each[1])[0]
+    # A ringing has a valley of its own: the best of each resonance, the best of these.
+    begin = [min(range(len(first)), key=lambda i: costs[i] + 1e99 * (first[i, 1] != f)) for f in np.unique(first[:, 1])]
+    begin.sort(key=lambda i: float(costs[i]))
+    x = min((posterior.nearest(problem, first[i], 0.0, 12) for i in begin[:STARTS]), key=lambda each: each[1])[0]
     found = posterior.sampled(problem, x, np.zeros(1), np.random.default_rng(seed))
     at_1 = frequency_at(errors.head, np.array([1.0, 1.001]))
-    return Found(
-        dict(zip(PRIOR, np.exp(found.draws).T, strict=True)),
-        found.left * 1e-6 * float(at_1[0] / (at_1[1] - at_1[0])),
-        found.effective,
-    )
+    draws = dict(zip(PRIOR, np.exp(found.draws).T, strict=True))
+    # What a frequency is in mm is no better known than the head, and both of these are mm.
+    unsure = _steepness(swept, len(found.draws), np.random.default_rng(seed + 1))
+    draws |= {key: np.clip(draws[key] / unsure, *PRIOR[key]) for key in ("backlash", "compliance")}
+    return Found(draws, found.left * 1e-6 * float(at_1[0] / (at_1[1] - at_1[0])), found.effective)
+
+
+def _steepness(swept: Swept, count: int, rng: np.random.Generator) -> np.ndarray:
+    """How steeply frequency rises with height where the jolts are, of heads that the sweep leaves possible, over that
+    of the best; shape (count,)."""
+    middle, heights = np.log(list(swept.values.values())), np.array([TYPICAL, TYPICAL + 1e-3])
+    heads = [middle, *rng.multivariate_normal(middle, swept.covariance, count)]
+    rise = [float(np.diff(np.log(frequency_at(params_of(np.exp(x).tolist()), heights)))[0]) for x in heads]
+    return np.asarray(rise[1:]) / rise[0]

@@ -107,9 +107,9 @@ def sampled(problem: Problem, x: np.ndarray, cells: np.ndarray, rng: np.random.G
     informed = slopes @ slopes.T / unit + prior
     chosen, points, worth, weight = _weighed(problem, x, cells, np.array([c for _, c in refined]), informed, unit, rng)
     kept = rng.choice(len(points), KEPT, p=weight)
-    wider = _sandwich(slopes, here, informed, unit)
+    wider, spread = _sandwich(slopes, here, informed, unit)
     draws = np.clip(x + (points[kept] - x) @ wider.T, problem.low, problem.high)
-    return Sample(draws, cells[chosen[kept]], float(np.sqrt(unit)), float(np.linalg.norm(wider, 2)), worth)
+    return Sample(draws, cells[chosen[kept]], float(np.sqrt(unit)), spread, worth)
 
 
 def _weighed(
@@ -145,12 +145,12 @@ def _weighed(
     return chosen, points, worth, weight if worth > size else flat  # one draw would claim to know everything
 
 
-def _sandwich(slopes: np.ndarray, left: np.ndarray, informed: np.ndarray, unit: float) -> np.ndarray:
+def _sandwich(slopes: np.ndarray, left: np.ndarray, informed: np.ndarray, unit: float) -> tuple[np.ndarray, float]:
     """What draws around the nearest point are multiplied by: one but where scores of blocks scatter by more than those
-    of independent errors can by chance (Marchenko and Pastur 1967)."""
+    of independent errors can by chance (Marchenko and Pastur 1967); and the largest factor in any direction."""
     blocks, size = len(left) // BLOCK, len(slopes)
     if blocks < 2 * size:
-        return np.eye(size)
+        return np.eye(size), 1.0
     cut = blocks * BLOCK
     scores = (slopes[:, :cut] * left[:cut]).reshape(size, blocks, BLOCK).sum(axis=2) / unit
     root = np.linalg.cholesky(informed)
@@ -158,5 +158,4 @@ def _sandwich(slopes: np.ndarray, left: np.ndarray, informed: np.ndarray, unit: 
     values, vectors = np.linalg.eigh(whitened @ whitened.T)
     values[values < (1 + np.sqrt(size / blocks)) ** 2] = 1.0
     inner = (vectors * np.sqrt(values)) @ vectors.T
-    wider: np.ndarray = np.linalg.solve(root.T, inner @ root.T)
-    return wider
+    return np.linalg.solve(root.T, inner @ root.T), float(np.sqrt(values.max()))

@@ -1,4 +1,4 @@
-"""The four protocols on a simulated machine: logs that hold only what a real one could know.
+"""The protocols on a simulated machine: logs that hold only what a real one could know.
 
 The machine is the kernel's own, its sheet a flat plate. A host moves the head with velocity commands, as a motion
 controller would, and sees the encoder alone. Every protocol takes less than two minutes.
@@ -11,12 +11,13 @@ import numpy as np
 
 from ...envs import scenarios
 from ...envs.control.stack import get, resolve
-from ...envs.engine.quantity import check_choice
+from ...envs.engine.quantity import InvalidInput, check_choice
 from ...envs.plant import supervisor
 from ...envs.plant.controller import PERIOD
 from ...envs.plant.fleet import Fleet
 from ...envs.scenarios import Scenario, machines
 from ..measure import rollout
+from . import square
 from .log import PROTOCOLS, Log
 
 HEIGHTS = (0.6, 1.5, 5.0)
@@ -41,18 +42,26 @@ DITHER = 0.05
 """mm/s, added to the commands, so that steps of the converter average out."""
 
 
-def record(machine: Any, protocol: str, seed: int = 0) -> Log:
+def record(machine: Any, protocol: str, seed: int = 0, scenario: Any = None) -> Log:
     """The log of a protocol.
 
     Args:
         machine: name, file or tables of a machine, see :func:`machines.load`.
         protocol: one of :data:`PROTOCOLS`.
         seed: draws the machine, if it has distributions, and its noise.
+        scenario: whose sheet is followed, and how: a name, a file or a scenario. Default: the suite's waves.
+
+    Raises:
+        InvalidInput: a scenario for another protocol than *follow*, which alone has a sheet.
     """
     check_choice(protocol, PROTOCOLS, "protocol")
     cuts, rng = machines.load(machine), np.random.default_rng(seed)
     if protocol == "follow":
-        return _follow(cuts, seed)
+        return _follow(cuts, seed, scenarios.load("wavy" if scenario is None else scenario))
+    if scenario is not None:
+        raise InvalidInput(f"the {protocol} protocol has no sheet of a scenario; only follow has")
+    if protocol == "square":
+        return square.record(cuts, seed)
     flat = Scenario(name=protocol, duration=200.0, settle=0.0, feed=0.0, set_height=1.0)
     rows: list[list[float]] = []
     fleet, look, command = _begun(machines.put_on(flat, cuts), seed, 0.2 if protocol == "sweep" else HEIGHTS[0])
@@ -173,9 +182,9 @@ def _steps(rng: Any, about: float, level: float, hold: int, seconds: float, room
         encoder = yield (abs(level) if low else asked + DITHER * rng.uniform(-1, 1))
 
 
-def _follow(cuts: machines.Machine, seed: int) -> Log:
-    """Closed loop along a real sheet: the shipped reference law over the suite's waves."""
-    scenario = scenarios.load("wavy").varied(duration=FOLLOW)
+def _follow(cuts: machines.Machine, seed: int, scenario: Scenario) -> Log:
+    """Closed loop along a real sheet: the shipped reference law over that of a scenario."""
+    scenario = scenario.varied(duration=FOLLOW)
     scenario, stack = machines.put_on(scenario, cuts), resolve("xi2023-improved")
     fleet = rollout.fleet_for(scenario, stack, [seed])
     names = ("head_position", "command", "frequency", "height", "set_height")

@@ -15,7 +15,7 @@ from ..store.stamp import changed, said, with_imports
 from . import recorded
 
 MODULES = (
-    *("suites", "at_work", "agreement", "other_parts", "stages", "small"),
+    *("suites", "at_work", "agreement", "other_parts", "stages", "small", "identified"),
     *("campaigns", "filter_search", "interval_coverage", "pace", "documents"),
 )
 """Where studies are registered, in the order in which they are run."""

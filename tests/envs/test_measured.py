@@ -89,7 +89,11 @@ def test_a_recorded_signal_is_what_the_filter_gets(tmp_path):
         ("map", "x_mm,y_mm,height_mm\n0,0,0\n0,0,0\n1,1,0\n1,0,0\n", r"row 3: this point is there twice"),
         ("signal", "frequency_Hz\n3e6\n-1\n", r"row 3, column frequency_Hz: -1 Hz; it must be above 0"),
         ("signal", "f\n3e6\n", r"column frequency_Hz is missing"),
-        ("table", "frequency_Hz,height_mm\n3e6,1\n2e6,2\n", r"row 3: frequency and height must both rise"),
+        (
+            "table",
+            "frequency_Hz,height_mm\n3e6,1\n2e6,2\n",
+            r"row 3, column frequency_Hz: 2000000 after 3000000; freq.* must both rise",
+        ),
     ],
 )
 def test_bad_data_is_named_when_the_scenario_is_read(tmp_path, name, text, message):

@@ -39,16 +39,6 @@ def put(folder, header=HEADER, table=None, name="motion.csv"):
     return file
 
 
-def changed(row, column, value):
-    table = rows()
-    table[row][column] = value
-    return table
-
-
-def scaled(column, factor):
-    return [[*r[:column], f"{float(r[column]) * factor:.7g}", *r[column + 1 :]] for r in rows()]
-
-
 def test_a_sound_log_is_read_in_the_units_of_its_header(tmp_path):
     read = log.read(put(tmp_path, ["time [ms]", "encoder [µm]", "command [m/min]", "frequency [MHz]"],
                         [[f"{float(t) * 1e3:.1f}", f"{float(e) * 1e3:.2f}", f"{float(c) * 0.06:.6f}",
@@ -57,44 +47,6 @@ def test_a_sound_log_is_read_in_the_units_of_its_header(tmp_path):
     for name in ("time", "encoder", "command", "frequency"):
         np.testing.assert_allclose(read[name], plain[name], rtol=1e-6, atol=1e-4)
     assert plain.protocol == "motion"
-
-
-BAD = {
-    "nan": (HEADER, changed(7, 1, "nan"), r"line 9, column encoder.*nan is not a number"),
-    "infinite": (HEADER, changed(7, 2, "inf"), r"line 9, column command.*inf is not a number"),
-    "text": (HEADER, changed(7, 1, "far"), r"line 9, column encoder.*'far' is not a number"),
-    "comma": (HEADER, changed(7, 1, '"20,1"'), r"line 9, column encoder.*'20,1' is not a number; numbers have a point"),
-    "empty": (HEADER, changed(7, 3, ""), r"line 9, column frequency.*there is nothing"),
-    "short row": (HEADER, [*rows()[:5], ["0.005", "20"], *rows()[6:]], r"line 7, column command.*there is nothing"),
-    "backwards": (HEADER, changed(7, 0, "0.0055"), r"line 9, column time: 0.0055 is earlier"),
-    "twice": (HEADER, changed(7, 0, "0.0060"), r"line 9, column time: 0.006 is there twice"),
-    "gap": (HEADER, rows()[:300] + rows()[400:], r"line 302, column time: 0.4 comes 0.101 s after"),
-    "many gaps": (HEADER, [r for i, r in enumerate(rows()) if i % 50], r"line \d+, column time: .*gaps"),
-    "other rate": (HEADER, scaled(0, 4.0), r"line 3, column time: 0.004 is 0.004 s after.*period is 0.001 s"),
-    "ms as s": (HEADER, scaled(0, 1e3), r"line 3, column time: 1 is 1 s after.*is time in ms"),
-    "MHz as Hz": (HEADER, scaled(3, 1e-6), r"line 2, column frequency: 3.7 is out of range.*MHz"),
-    "kHz as Hz": (HEADER, scaled(3, 1e-3), r"line 2, column frequency: 3700 is out of range.*kHz"),
-    "µm as mm": (HEADER, scaled(1, 1e3), r"line 2, column encoder: 19500 is out of range.*µm"),
-    "jump": (HEADER, changed(700, 1, "40.0"), r"line 702, column encoder: 40 is .* mm from the sample before it"),
-    "frozen": (HEADER, [[r[0], "20.0", *r[2:]] for r in rows()], r"line 2, column encoder: 20 never changes"),
-    "turned": (HEADER, scaled(2, -1.0), r"line 2, column command: .* opposite sign"),
-    "no signal": (HEADER, scaled(2, 0.0)[:1] + [[*r[:2], str(i % 7), r[3]] for i, r in enumerate(rows())][1:],
-                  r"line 2, column command: .* does not follow"),
-    "few": (HEADER, rows(100), r"100 samples; at least 500"),
-    "column twice": ([*HEADER[:3], "encoder [mm]"], rows(), r"line 1: column encoder is there twice"),
-    "no unit": (["time", *HEADER[1:]], rows(), r"line 1: time has no unit; write time \[s\]"),
-    "wrong unit": ([*HEADER[:3], "frequency [mm]"], rows(), r"line 1: unit 'mm' of frequency is not allowed"),
-    "unknown": ([*HEADER[:3], "frequencies [Hz]"], rows(), r"line 1: unknown column 'frequencies'"),
-    "no header": (rows()[0], rows(), r"line 1: '0.0000' is a number; the first line names the columns"),
-    "missing": (["_time [s]", *HEADER[1:]], rows(), r"line 1: column time is missing"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("what", BAD)
-def test_a_damaged_log_is_refused_with_line_column_and_value(what, tmp_path):
-    header, table, told = BAD[what]
-    with pytest.raises(InvalidInput, match=told):
-        log.read(put(tmp_path, header, table))
 
 
 def test_a_file_beside_the_log_gives_units_and_must_not_contradict_it(tmp_path):
@@ -144,9 +96,7 @@ def test_a_sweep_and_a_rest_find_head_and_noise():
 def test_a_log_of_another_head_than_the_sweeps_is_refused():
     sweep, rest = protocols.record(KNOWN, "sweep"), protocols.record(KNOWN, "rest")
     other = log.Log("rest.csv", "rest", {**rest.columns, "frequency": 1.1 * rest["frequency"]})
-    with pytest.raises(
-        InvalidInput, match=r"rest.csv, line \d+, column frequency: .* is the sweep that of another head"
-    ):
+    with pytest.raises(InvalidInput, match=r"rest.csv, line \d+, column frequency: .* is that of another head"):
         identifying.identify([sweep, other])
 
 
