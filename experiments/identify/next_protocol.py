@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ...envs import scenarios
-from ...envs.control.stack import Stack, resolve
+from ...envs.control.stack import Stack, asked, resolve
 from ...envs.figures.metrics import rms_true
 from ...envs.plant.fleet import Fleet
 from ...envs.scenarios import Scenario, machines
@@ -101,26 +101,18 @@ def machine_of(base: Machine, draws: dict[str, dict[str, np.ndarray]], which: di
 
 
 def fleet_of(
-    scenario: Scenario, stack: Stack, cuts: list[Machine], seed: int, change: Callable[[Fleet], None] | None = None
+    scenario: Scenario, stack: Stack, cuts: list[Machine], seeds: Any, change: Callable[[Fleet], None] | None = None
 ) -> tuple[Fleet, np.ndarray]:
-    """One fleet of different machines over the same sheet with the same noise, begun; and their seeds."""
-    fleet = workshop.empty_fleet(len(cuts), workshop_team(stack))
-    seeds = np.full(len(cuts), seed, np.uint64)
+    """One fleet of different machines, each with the sheet and noise of its seed, begun; and these seeds."""
+    fleet = workshop.empty_fleet(len(cuts), asked(stack))
+    every, seeds = np.arange(len(cuts)), np.broadcast_to(np.asarray(seeds, np.uint64), len(cuts)).copy()
     for i, one in enumerate(cuts):
-        scenarios.prepare(fleet, machines.put_on(scenario, one), np.array([i]), seeds[:1])
-    every = np.arange(len(cuts))
+        scenarios.prepare(fleet, machines.put_on(scenario, one), every[i : i + 1], seeds[i : i + 1])
     stack.install(fleet, every)
     if change:
         change(fleet)
     fleet.begin(every, scenarios.noise_keys(seeds))
     return fleet, seeds
-
-
-def workshop_team(stack: Stack) -> Any:
-    """The team of one stack."""
-    from ...envs.control.stack import asked
-
-    return asked(stack)
 
 
 def gains(

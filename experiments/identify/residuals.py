@@ -73,7 +73,8 @@ def ljung_box(residual: np.ndarray, lags: int = 20) -> tuple[float, float]:
 
 
 def whiteness(residual: np.ndarray, order: int = 20) -> Whiteness:
-    """How white a residual is; the effect is that of the best linear prediction from ``order`` samples (Yule, Walker)."""
+    """How white a residual is; the effect is that of the best linear prediction from ``order`` samples (Yule,
+    Walker)."""
     rho = autocorrelation(residual)
     toeplitz = rho[np.abs(np.subtract.outer(np.arange(order), np.arange(order)))]
     weights = np.linalg.lstsq(toeplitz, rho[1 : order + 1], rcond=1e-10)[0]
@@ -163,7 +164,7 @@ def judged(residual: np.ndarray, command: np.ndarray, encoder: np.ndarray, count
     white, crossing = whiteness(residual), crossed(residual, command)
     counts, speed = rms / max(count, 1e-9), np.gradient(encoder)
     causes = {
-        "goes with the command before it: missing linear dynamics, such as a resonance or another loop": crossing.effect,
+        "goes with the command before it: missing linear dynamics, such as a resonance": crossing.effect,
         "goes with the speed: missing friction, play or a limit": ratio(residual, speed),
         "goes with the place: an uneven scale or screw": ratio(residual, encoder),
     }
