@@ -43,15 +43,26 @@ class Checked:
         )
 
 
+def fit_for(log: Log) -> None:
+    """Refuses what cannot be predicted.
+
+    Raises:
+        InvalidInput: it is no follow log, lacks a column, or is too short.
+    """
+    lacks = [name for name in ("height", "set_height") if name not in log]
+    if log.protocol != "follow" or lacks:
+        raise InvalidInput(f"{log.name}: --check takes a follow log with height and set_height")
+    if log.duration < 2 * SETTLE or not np.any(log["height"][round(SETTLE / PERIOD) :] > 0):
+        raise InvalidInput(f"{log.name}: --check takes a follow log of more than {2 * SETTLE:g} s with valid heights")
+
+
 def check(found: Identified, log: Log, controller: str, like: Any, seed: int = 0, draws: int = DRAWS) -> Checked:
     """Predicts a follow log.
 
     Raises:
         InvalidInput: it is no follow log, or lacks a column.
     """
-    lacks = [name for name in ("height", "set_height") if name not in log]
-    if log.protocol != "follow" or lacks:
-        raise InvalidInput(f"{log.name}: --check takes a follow log with height and set_height")
+    fit_for(log)
     stack, rng, base = resolve(controller), np.random.default_rng(seed), machines.load(like)
     known = draws_of(found.numbers, rng)
     sizes = {name: len(next(iter(columns.values()))) for name, columns in known.items()}

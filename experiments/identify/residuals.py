@@ -21,7 +21,7 @@ machine's) with the converter's steps between up to one [A]."""
 
 LARGE = 5.0
 """Encoder counts of RMS residual from which on a model that leaves something to explain does not explain the drive [A];
-with counts of 1 µm that is a third of what shipped controllers leave of a sheet at best."""
+a follower's error is some tens of them."""
 
 SHARE = 0.2
 """Share of the residual's variance that past, command, speed or place must explain to be named as a cause [A]; a
