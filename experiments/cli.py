@@ -741,7 +741,7 @@ def identify(
 
     Args:
         log: logs of the protocols rest, sweep and motion, one of each (docs/identification.md).
-        out: the machine's file; the sweep's table and a page that says whether the model explains the logs lie beside it.
+        out: the machine's file; the sweep's table and a page that says whether the model explains it lie beside.
         like: the machine that holds where the logs say nothing.
         check: a follow log that is not used; the page compares its following error with the predicted one.
         controller: what followed there, and in the page's forecasts.

@@ -15,7 +15,7 @@ from ...envs.plant.machine import SUBSTEPS
 from ...envs.scenarios import machines
 from ..plots.palette import COLOURS, GRID
 from ..report.figure import Figure, logarithmic
-from ..report.numbers import known, number, span
+from ..report.numbers import fixed, known, number, span
 from . import check_log, drive, head, next_protocol, residuals
 from .identifying import Identified, strong
 from .log import PERIOD, Log
@@ -40,8 +40,8 @@ SWEPT = 10.0
 """µm that the head's equations may leave of a sweep at 1 mm, RMS: twice the noise of the counted frequency there [A]."""
 
 NOISY = (0.15, 0.5)
-"""Relative differences of scatter at rest, measured against model, up to which the model explains it, and from which on
-it does not [A]; the scatter itself is known to some per cent."""
+"""Relative differences of scatter at rest, measured against model, up to which the model explains it, and
+beyond which it does not [A]; the scatter itself is known to some per cent."""
 
 NEAR = 0.1
 """Relative error of a predicted following error up to which it counts as predicted."""
@@ -105,6 +105,12 @@ def thin(x: np.ndarray, y: np.ndarray, most: int = DRAWN) -> tuple[np.ndarray, n
     return x[at], y[at]
 
 
+def parted(x: np.ndarray, y: np.ndarray, most: float = 0.2) -> tuple[np.ndarray, np.ndarray]:
+    """The line with a gap wherever ``x`` leaps by more than ``most``."""
+    leaps = np.flatnonzero(np.diff(x) > most) + 1
+    return np.insert(x, leaps, x[leaps - 1]), np.insert(y, leaps, np.nan)
+
+
 def _line(x: np.ndarray, y: np.ndarray, name: str, colour: int = 0, **more: Any) -> go.Scatter:
     return go.Scatter(x=np.round(x, 4), y=np.round(y, 5), name=name, mode="lines",
                       line={"color": COLOURS[colour], "width": 1.5, **more})  # fmt: skip
@@ -145,12 +151,12 @@ def _motion(d: Drive) -> list[Figure]:
     white, crossing = judged.white, judged.crossing
     p = "below 0.001" if white.p < 1e-3 else f"{white.p:.2g}"
     return [
-        Figure("against", "Log against model", "The worst second is that with the largest residual.",
+        Figure("against", "Log against model", "The worst second has the largest residual.",
                {"the worst second": against(part), "all": against(slice(None))}),
         Figure("over-time", f"The model leaves {judged.rms:.2g} µm RMS",
-               f"{judged.counts:.2g} counts of the encoder. Means of {drive.SEGMENT} ms are taken out: a drift is not held "
+               f"{judged.counts:.2g} counts of the encoder. Means of {drive.SEGMENT} ms are taken out: no drift is held "
                "against the axis. Samples at which the head stands are left out.",
-               {"all": go.Figure(_line(*thin(d.time, d.residual), "residual"), _axes("time, s", "encoder − model, µm"))},
+               {"all": go.Figure(_line(*parted(*thin(d.time, d.residual)), "rest"), _axes("time, s", "encoder − model, µm"))},
                height=320),
         Figure("spread", "Histogram of the residual", "", {"all": spread}, height=320),
         Figure("autocorrelation", "Does the residual follow from its own past?",
@@ -158,7 +164,7 @@ def _motion(d: Drive) -> list[Figure]:
                "variance, and that is what counts: a long log finds the smallest of patterns.",
                {"all": bounded(np.arange(1, len(rho)), rho[1:], white.bound, "autocorrelation")}, height=320),
         Figure("crossing", "Does the residual go with the command?",
-               f"Positive lags: the command came first. Shaded: 95 % bounds of independent signals, {crossing.outside:.0%} of "
+               f"Positive lags: the command came first. Shaded: 95 % bounds; {crossing.outside:.0%} of "
                f"the lags lie outside; the command's past explains {crossing.effect:.0%} of the variance.",
                {"all": bounded(crossing.lags, crossing.rho, crossing.bound, "cross-correlation")}, height=320),
     ]  # fmt: skip
@@ -181,11 +187,11 @@ def _swept(log: Log) -> tuple[Verdict, list[Figure]]:
         why += "; missing: stray capacitance, a nozzle of another shape, or a series capacitance"
     plots = [
         Figure("swept", "Frequency over height", "",
-               {"all": go.Figure([_line(h, 1e-6 * f, "table of the sweep"), _line(h, 1e-6 * made, "model", 1, dash="dot")],
+               {"all": go.Figure([_line(h, 1e-6 * f, "sweep"), _line(h, 1e-6 * made, "model", 1, dash="dot")],
                                  _axes("height, mm", "frequency, MHz"))}),
         Figure("swept-left", "What the head's equations leave of the table",
                "Reported heights come from the table, not from the equations.",
-               {"all": go.Figure(_line(h, off, "table − model"), _axes("height, mm", "table − model, µm"))}, height=320),
+               {"all": go.Figure(_line(h, off, "rest"), _axes("height, mm", "table − model, µm"))}, height=320),
     ]  # fmt: skip
     return Verdict(word, why), plots
 
@@ -228,7 +234,7 @@ def _checked(c: check_log.Checked) -> list[Figure]:
         plot.add_scatter(x=[c.measured[what]], y=[what], mode="markers", name="measured", showlegend=i == 0,
                          marker={"color": COLOURS[1], "symbol": "x", "size": 12})  # fmt: skip
     plot.update_layout(_axes("|height − set height|, µm", ""))
-    return [Figure("checked", "Predicted and measured following error", f"Each point: a machine drawn from what the logs "
+    return [Figure("checked", "Predicted and measured following error", f"Each point: a machine drawn from what logs "
                    f"say, on the sheet of {c.name}, with noise of its own.", {"all": plot}, height=300)]  # fmt: skip
 
 
@@ -239,7 +245,7 @@ def _rows(found: Identified) -> Iterable[dict[str, str]]:
         tiny = middle < 1e-3
         yield {
             "key": one.key,
-            "median": f"{middle:.3g}" if tiny else number(middle),
+            "median": f"{middle:.3g}" if tiny else fixed(middle, places),
             "interval": f"{low:.3g}–{high:.3g}" if tiny else span(low, high, places),
             "unit": UNITS.get(one.key.split(".")[-1], ""),
             "note": "" if one.found else "not excited: interval as wide as the prior",

@@ -16,8 +16,8 @@ LEVEL = 0.05
 """Of every test; bounds hold 95 %."""
 
 SMALL = 2.0
-"""Encoder counts of RMS residual below which nothing is called wrong: a count alone leaves 0.3, two of them (model's and
-machine's) with the converter's steps between up to one [A]."""
+"""Encoder counts of RMS residual below which no model is called wrong: a count alone leaves 0.3, two of them (model's
+and machine's) with the converter's steps between up to one [A]."""
 
 LARGE = 5.0
 """Encoder counts of RMS residual from which on a model that leaves something to explain does not explain the drive [A];
