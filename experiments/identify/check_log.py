@@ -39,7 +39,8 @@ class Checked:
         inside = "inside" if low <= self.measured["RMS"] <= high else "outside"
         return (
             f"{self.name} under {self.controller}: measured {self.measured['RMS']:.3g} µm RMS, predicted {middle:.3g} "
-            f"({low:.3g} to {high:.3g}) µm, {abs(off):.0%} {'more' if off > 0 else 'less'}; {inside} of the interval, which holds machines and noise but "
+            f"({low:.3g} to {high:.3g}) µm, {abs(off):.0%} {'more' if off > 0 else 'less'}; {inside} "
+            "of the interval, which holds machines and noise but "
             "not what is unknown of the sheet."
         )
 

@@ -37,7 +37,7 @@ DRAWN = 3000
 """Points of a line over a whole log: each the lowest or the highest of its stretch."""
 
 SWEPT = 10.0
-"""µm that the head's equations may leave of a sweep at 1 mm, RMS: twice the noise of the counted frequency there [A]."""
+"""µm RMS that the head's equations may leave of a sweep at 1 mm: some times its noise there [A]."""
 
 NOISY = (0.15, 0.5)
 """Relative differences of scatter at rest, measured against model, up to which the model explains it, and
@@ -154,9 +154,9 @@ def _motion(d: Drive) -> list[Figure]:
         Figure("against", "Log against model", "The worst second has the largest residual.",
                {"the worst second": against(part), "all": against(slice(None))}),
         Figure("over-time", f"The model leaves {judged.rms:.2g} µm RMS",
-               f"{judged.counts:.2g} counts of the encoder. Means of {drive.SEGMENT} ms are taken out: no drift is held "
+               f"{judged.counts:.2g} counts of the encoder. Encoder − model, less means of {drive.SEGMENT} ms: no drift is held "
                "against the axis. Samples at which the head stands are left out.",
-               {"all": go.Figure(_line(*parted(*thin(d.time, d.residual)), "rest"), _axes("time, s", "encoder − model, µm"))},
+               {"all": go.Figure(_line(*parted(*thin(d.time, d.residual)), "rest"), _axes("time, s", "residual, µm"))},
                height=320),
         Figure("spread", "Histogram of the residual", "", {"all": spread}, height=320),
         Figure("autocorrelation", "Does the residual follow from its own past?",

@@ -27,8 +27,8 @@ SHARE = 0.2
 """Share of the residual's variance that past, command, speed or place must explain to be named as a cause [A]; a
 fifth of the variance is a tenth of the RMS."""
 
-BINS = 24
-"""Of speed or place in a correlation ratio."""
+BINS, FINE = 24, 240
+"""Of speed and of place in a correlation ratio; a screw's error comes back at each turn."""
 
 
 @dataclass(frozen=True)
@@ -166,7 +166,7 @@ def judged(residual: np.ndarray, command: np.ndarray, encoder: np.ndarray, count
     causes = {
         "goes with the command before it: missing linear dynamics, such as a resonance": crossing.effect,
         "goes with the speed: missing friction, play or a limit": ratio(residual, speed),
-        "goes with the place: an uneven scale or screw": ratio(residual, encoder),
+        "goes with the place: an uneven scale or screw": ratio(residual, encoder, FINE),
     }
     named = [f"{why} ({share:.0%} of its variance)" for why, share in causes.items() if share >= SHARE]
     size = f"it leaves {rms:.2g} µm RMS, {counts:.2g} counts of the encoder"

@@ -56,9 +56,9 @@ def test_a_good_log_is_explained_and_what_was_not_excited_is_said(moved):
 
 def test_an_uneven_scale_of_the_encoder_is_called_wrong_and_named(moved):
     uneven = moved["encoder"] + 0.02 * np.sin(2 * np.pi * moved["encoder"] / 0.5)
-    word, why = verdict(identified_page.page(found(), [Log("motion.csv", "motion", {**moved.columns, "encoder": uneven})],
-                                             foresee=False))  # fmt: skip
-    assert word == "no"
+    log = Log("motion.csv", "motion", {**moved.columns, "encoder": uneven})
+    word, why = verdict(identified_page.page(found(), [log], foresee=False))
+    assert word == "no", why
     assert "uneven scale" in why
 
 
@@ -68,9 +68,9 @@ def test_a_resonance_that_the_model_does_not_have_is_called_wrong_and_named(move
     omega, zeta, ts = 2 * np.pi * 40.0, 0.05, 1e-3
     b, a = signal.bilinear([omega**2], [1, 2 * zeta * omega, omega**2], 1 / ts)
     swung = 30.0 + signal.lfilter(b, a, moved["encoder"] - 30.0)
-    word, why = verdict(identified_page.page(found(), [Log("motion.csv", "motion", {**moved.columns, "encoder": swung})],
-                                             foresee=False))  # fmt: skip
-    assert word == "no"
+    log = Log("motion.csv", "motion", {**moved.columns, "encoder": swung})
+    word, why = verdict(identified_page.page(found(), [log], foresee=False))
+    assert word == "no", why
     assert "missing linear dynamics" in why
 
 
@@ -91,7 +91,8 @@ def test_a_sheet_comes_back_from_a_perfect_follow_log():
     made, spacing, feed = surface.surface_of(follow)
     assert feed == pytest.approx(100.0)
     at = np.arange(len(made)) * spacing
-    np.testing.assert_allclose(made, 0.4 * np.sin(2 * np.pi * at / 80), atol=0.005)
+    off = made - 0.4 * np.sin(2 * np.pi * at / 80)
+    np.testing.assert_allclose((off - np.median(off))[20:-20], 0.0, atol=0.002)  # up to a constant, but for its ends
 
 
 def test_a_known_machine_is_predicted_on_a_log_that_was_not_used():
@@ -104,7 +105,7 @@ def test_a_known_machine_is_predicted_on_a_log_that_was_not_used():
 
 
 def test_only_a_follow_log_can_be_checked(moved):
-    with pytest.raises(InvalidInput, match="motion.csv: --check takes a follow log"):
+    with pytest.raises(InvalidInput, match=r"motion.csv: --check takes a follow log"):
         check_log.fit_for(moved)
 
 
