@@ -154,7 +154,7 @@ def _motion(d: Drive) -> list[Figure]:
         Figure("against", "Log against model", "The worst second has the largest residual.",
                {"the worst second": against(part), "all": against(slice(None))}),
         Figure("over-time", f"The model leaves {judged.rms:.2g} µm RMS",
-               f"{judged.counts:.2g} counts of the encoder. Encoder − model, less means of {drive.SEGMENT} ms: no drift is held "
+               f"{judged.counts:.2g} counts. Encoder − model, less means of {drive.SEGMENT} ms: no drift is held "
                "against the axis. Samples at which the head stands are left out.",
                {"all": go.Figure(_line(*parted(*thin(d.time, d.residual)), "rest"), _axes("time, s", "residual, µm"))},
                height=320),

@@ -100,8 +100,8 @@ def crossed(residual: np.ndarray, driver: np.ndarray, lags: int = LAGS) -> Cross
     sides = [np.max(np.abs(rho[lags:])), np.max(np.abs(rho[:lags]))]
     alone = [2 * stats.norm.sf(top / np.sqrt(variance)) for top in sides]
     p = [float(-np.expm1(lags * np.log1p(-min(a, 1 - 1e-12)))) for a in alone]
-    return Crossing(np.arange(-lags, lags + 1), rho, bound, float(np.mean(np.abs(rho) > bound)), *p,
-                    _explained(e, u, lags))  # fmt: skip
+    outside = float(np.mean(np.abs(rho) > bound))
+    return Crossing(np.arange(-lags, lags + 1), rho, bound, outside, p[0], p[1], _explained(e, u, lags))
 
 
 def _explained(e: np.ndarray, u: np.ndarray, lags: int) -> float:
