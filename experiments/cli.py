@@ -735,20 +735,24 @@ def identify(
     log: Annotated[Positional[tuple[str, ...]], arg(metavar="LOG ...")],
     out: Annotated[str, arg(aliases=("-o",))] = "mine.toml",
     like: str = "standard",
+    check: str | None = None,
+    controller: str = "xi2023-improved",
     overwrite: bool = False,
 ) -> None:
     """A machine's file from its logs; every number that they tell is a distribution, so --machine draws from it.
 
     Args:
         log: logs of the protocols rest, sweep, motion, square and follow, one of each (docs/identification.md).
-        out: the machine's file; the sweep's table lies beside it, and of follow the sheet, as .sheet.toml and
-            .sheets.toml.
+        out: the machine's file. Beside it lie the sweep's table, of follow the sheet as .sheet.toml and .sheets.toml, and
+            a page that says whether the model explains the logs.
         like: the machine that holds where the logs say nothing.
+        check: a follow log that is not used; the page compares its following error with the predicted one.
+        controller: what followed there, and in the page's forecasts.
         overwrite: replace an existing file.
     """
-    from .identify.identifying import command
+    from .identify.with_page import command
 
-    command(log, out, like, overwrite)
+    command(log, out, like, overwrite, check, controller)
 
 
 ABOUT = """Testbed for laser-cutting machine control. Everything is simulated; nothing is validated on a machine.

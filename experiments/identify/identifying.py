@@ -213,14 +213,15 @@ def _machine(
     )
 
 
-def command(files: tuple[str, ...], out: str, like: str, overwrite: bool) -> None:
-    """What ``kerfgym identify`` does."""
+def command(files: tuple[str, ...], out: str, like: str, overwrite: bool) -> tuple[Identified, list[Log]]:
+    """What ``kerfgym identify`` does but for its page; what was found, and the logs."""
     target = Path(out)
     if target.suffix != ".toml":
         raise InvalidInput(f"-o takes a file such as mine.toml, not {out}")
     if target.exists() and not overwrite:
         raise InvalidInput(f"'{target}' exists; --overwrite replaces it")
-    found = identify([read(file) for file in files], names.of_file(target.stem), like)
+    logs = [read(file) for file in files]
+    found = identify(logs, names.of_file(target.stem), like)
     write_text(target, machine_text.text_of(found.machine, whole=False))
     if found.table is not None:
         calibration.write_csv(found.table, target.with_suffix(".table.csv"))
@@ -235,6 +236,7 @@ def command(files: tuple[str, ...], out: str, like: str, overwrite: bool) -> Non
     for note in found.notes:
         print(note)
     print(target, *scenarios, sep="\n")
+    return found, logs
 
 
 def shown(value: float, interval: tuple[float, float, float]) -> str:

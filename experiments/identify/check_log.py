@@ -1,0 +1,90 @@
+"""A follow log that was not used: its following error, and what machines drawn from the logs make on its sheet."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...envs.control.stack import resolve
+from ...envs.engine.quantity import InvalidInput
+from ...envs.scenarios import Scenario, machines
+from ..measure import rollout
+from .identifying import Identified
+from .log import PERIOD, Log
+from .next_protocol import draws_of, fleet_of, machine_of
+from .surface import surface_of
+
+DRAWS = 60
+"""Machines that predict."""
+
+SETTLE, LONGEST = 1.0, 60.0
+"""s that do not count at the beginning, and s that are predicted at most."""
+
+
+@dataclass(frozen=True)
+class Checked:
+    """RMS and 95th percentile of height − set height, µm: measured, and predicted by each drawn machine."""
+
+    name: str
+    controller: str
+    measured: dict[str, float]
+    predicted: dict[str, np.ndarray]
+    touched: int
+
+    @property
+    def sentence(self) -> str:
+        """Whether the prediction holds what was measured."""
+        low, middle, high = np.percentile(self.predicted["RMS"], [2.5, 50, 97.5])
+        off = middle / self.measured["RMS"] - 1
+        inside = "inside" if low <= self.measured["RMS"] <= high else "outside"
+        return (
+            f"{self.name} under {self.controller}: measured {self.measured['RMS']:.3g} µm RMS, predicted {middle:.3g} "
+            f"({low:.3g} to {high:.3g}) µm, {abs(off):.0%} {'more' if off > 0 else 'less'}; {inside} "
+            "of the interval, which holds machines and noise but "
+            "not what is unknown of the sheet."
+        )
+
+
+def fit_for(log: Log) -> None:
+    """Refuses what cannot be predicted.
+
+    Raises:
+        InvalidInput: it is no follow log, lacks a column, or is too short.
+    """
+    lacks = [name for name in ("height", "set_height") if name not in log]
+    if log.protocol != "follow" or lacks:
+        raise InvalidInput(f"{log.name}: --check takes a follow log with height and set_height")
+    if log.duration < 2 * SETTLE or not np.any(log["height"][round(SETTLE / PERIOD) :] > 0):
+        raise InvalidInput(f"{log.name}: --check takes a follow log of more than {2 * SETTLE:g} s with valid heights")
+
+
+def check(found: Identified, log: Log, controller: str, like: Any, seed: int = 0, draws: int = DRAWS) -> Checked:
+    """Predicts a follow log.
+
+    Raises:
+        InvalidInput: it is no follow log, or lacks a column.
+    """
+    fit_for(log)
+    stack, rng, base = resolve(controller), np.random.default_rng(seed), machines.load(like)
+    known = draws_of(found.numbers, rng)
+    sizes = {name: len(next(iter(columns.values()))) for name, columns in known.items()}
+    picks = [{name: int(rng.integers(size)) for name, size in sizes.items()} for _ in range(draws)]
+    cuts = [machine_of(base, known, pick) for pick in picks]
+    profile, spacing, feed = surface_of(log, found.table)
+    steps = min(len(log["height"]), round(LONGEST / PERIOD))
+    wanted = float(np.median(log["set_height"]))
+    scenario = Scenario(name="check", duration=steps * PERIOD, settle=SETTLE, feed=feed, set_height=wanted)
+    every = np.arange(draws)
+    fleet, seeds = fleet_of(scenario, stack, cuts, seed + every, lambda f: f.put_profile(profile, spacing, every))
+    recording = rollout.run(fleet, scenario, stack, seeds)
+    first = round(SETTLE / PERIOD)
+    error, valid = log["height"] - log["set_height"], log["height"] > 0
+    made = np.abs(1e3 * recording.reported_error[first:])
+    real = np.abs(1e3 * error[first:steps][valid[first:steps]])
+    return Checked(
+        log.name,
+        controller,
+        {"RMS": float(np.sqrt(np.mean(real**2))), "95th percentile": float(np.percentile(real, 95))},
+        {"RMS": np.sqrt(np.nanmean(made**2, axis=0)), "95th percentile": np.nanpercentile(made, 95, axis=0)},
+        int(recording.collided.sum()),
+    )
