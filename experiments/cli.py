@@ -743,8 +743,8 @@ def identify(
 
     Args:
         log: logs of the protocols rest, sweep, motion, square and follow, one of each (docs/identification.md).
-        out: the machine's file. Beside it lie the sweep's table, of follow the sheet as .sheet.toml and .sheets.toml, and
-            a page that says whether the model explains the logs.
+        out: the machine's file. Beside it lie the sweep's table, of follow the sheet as .sheet.toml and .sheets.toml,
+            and a page that says whether the model explains the logs.
         like: the machine that holds where the logs say nothing.
         check: a follow log that is not used; the page compares its following error with the predicted one.
         controller: what followed there, and in the page's forecasts.

@@ -9,10 +9,10 @@ from ...envs.control.stack import resolve
 from ...envs.engine.quantity import InvalidInput
 from ...envs.scenarios import Scenario, machines
 from ..measure import rollout
+from .followed import followed
 from .identifying import Identified
 from .log import PERIOD, Log
 from .next_protocol import draws_of, fleet_of, machine_of
-from .surface import surface_of
 
 DRAWS = 60
 """Machines that predict."""
@@ -70,12 +70,14 @@ def check(found: Identified, log: Log, controller: str, like: Any, seed: int = 0
     sizes = {name: len(next(iter(columns.values()))) for name, columns in known.items()}
     picks = [{name: int(rng.integers(size)) for name, size in sizes.items()} for _ in range(draws)]
     cuts = [machine_of(base, known, pick) for pick in picks]
-    profile, spacing, feed = surface_of(log, found.table)
+    sheet = followed(log, found.table, found.machine.axis, found.machine.head.plate)
     steps = min(len(log["height"]), round(LONGEST / PERIOD))
     wanted = float(np.median(log["set_height"]))
-    scenario = Scenario(name="check", duration=steps * PERIOD, settle=SETTLE, feed=feed, set_height=wanted)
+    scenario = Scenario(name="check", duration=steps * PERIOD, settle=SETTLE, feed=sheet.feed, set_height=wanted)
     every = np.arange(draws)
-    fleet, seeds = fleet_of(scenario, stack, cuts, seed + every, lambda f: f.put_profile(profile, spacing, every))
+    fleet, seeds = fleet_of(
+        scenario, stack, cuts, seed + every, lambda f: f.put_profile(sheet.height, sheet.spacing, every)
+    )
     recording = rollout.run(fleet, scenario, stack, seeds)
     first = round(SETTLE / PERIOD)
     error, valid = log["height"] - log["set_height"], log["height"] > 0

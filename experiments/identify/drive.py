@@ -112,6 +112,9 @@ class Errors:
         whole = len(encoder) // SEGMENT * SEGMENT
         self._weight = 1.0 / np.sqrt(runs[:whole].reshape(-1, SEGMENT))
         self._weight[0, :60] = 0.0
+        moving = np.abs(encoder[20:] - encoder[:-20]) > 0
+        self.moving = np.concatenate([np.zeros(20, bool), moving])[:whole] & (np.arange(whole) >= 60)
+        """Whether the head moved within the last 20 ms, shape (samples of whole segments,)."""
         self.worth = float(np.sum(self._weight**2)) - len(self._weight)
         """Independent errors that a log is worth."""
         self.fastest = float(np.abs(encoder[20:] - encoder[:-20]).max()) / (20 * PERIOD)
@@ -133,6 +136,12 @@ class Errors:
         mean = (cut * square).sum(axis=2) / np.maximum(square.sum(axis=1), 1e-9)
         centred: np.ndarray = (self._weight * (cut - mean[:, :, None])).reshape(len(off), -1)
         return centred
+
+    def plain(self, axis: z_axis.Params) -> np.ndarray:
+        """Errors of an axis without the mean of each segment, all alike, shape (samples of whole segments,)."""
+        weight = np.where(self._weight > 0, self._weight, 1.0)
+        left: np.ndarray = (self([axis]).reshape(weight.shape) / weight).ravel()
+        return left
 
     def rms(self, axes: list[z_axis.Params]) -> np.ndarray:
         """µm, shape (axes,)."""

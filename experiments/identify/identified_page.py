@@ -65,6 +65,15 @@ class Drive(NamedTuple):
     residual: np.ndarray
     used: np.ndarray
     judged: Judged
+    verdict: Verdict
+
+
+def _verdict(whole: Judged, slow: Judged) -> Verdict:
+    """Of a motion log: slow moves tell whether the model stands for the drive. How a drive gets out of its limits is
+    its maker's, so what only quick moves leave does not say no."""
+    if slow.verdict.explains != "yes" or whole.verdict.explains == "yes":
+        return slow.verdict
+    return Verdict("partly", f"slow moves are explained; with the quick ones {whole.verdict.why}")
 
 
 def driven(found: Identified, log: Log) -> Drive:
@@ -83,12 +92,14 @@ def driven(found: Identified, log: Log) -> Drive:
     left = errors(axes)
     best = int(np.argmin(np.mean(left**2, axis=1)))
     model = candidates.courses([axes[best]], log["command"], float(log["encoder"][0]))[0, :, 0]
-    used, encoder = errors.used, log["encoder"]
-    residual = np.full(len(encoder), np.nan)
-    residual[used] = -left[best]
+    encoder = log["encoder"]
+    used, residual = np.zeros(len(encoder), bool), np.full(len(encoder), np.nan)
+    used[: len(errors.moving)] = errors.moving
+    residual[used] = -errors.plain(axes[best])[errors.moving]
     count = residuals.count_of(encoder)
-    judged = residuals.judged(residual[used], log["command"][used], encoder[used], count)
-    return Drive(log["time"], encoder, model, residual, used, judged)
+    slow = used & (np.arange(len(used)) < drive.SLOW)
+    judged, calm = (residuals.judged(residual[u], log["command"][u], encoder[u], count) for u in (used, slow))
+    return Drive(log["time"], encoder, model, residual, used, judged, _verdict(judged, calm))
 
 
 def thin(x: np.ndarray, y: np.ndarray, most: int = DRAWN) -> tuple[np.ndarray, np.ndarray]:
@@ -177,7 +188,7 @@ def _swept(log: Log) -> tuple[Verdict, list[Figure]]:
     h, f = np.asarray(table.height)[shown], np.asarray(table.frequency)[shown]
     good = h > 0.05
     h, f = h[good], f[good]
-    made = head._frequency(swept.params, h)
+    made = head.frequency_at(swept.params, h)
     off = 1e3 * (f - made) / np.gradient(made, h)
     near = (h > 0.7) & (h < 1.3)
     rms = float(np.sqrt(np.mean(off[near] ** 2))) if near.any() else float("nan")
@@ -271,10 +282,12 @@ def page(
         foresee: find which protocol to record next.
     """
     by = {log.protocol: log for log in logs}
-    told, chapters, first = [], [], []
+    told: list[Told] = []
+    chapters: list[tuple[str, list[str], list[Figure]]] = []
+    first: list[str] = []
     if "motion" in by:
         moved = driven(found, by["motion"])
-        told.append(Told(by["motion"].name, "motion", moved.judged.verdict))
+        told.append(Told(by["motion"].name, "motion", moved.verdict))
         chapters.append(("Z drive", [], _motion(moved)))
     if "sweep" in by:
         verdict, plots = _swept(by["sweep"])
@@ -285,7 +298,7 @@ def page(
         told.append(Told(by["rest"].name, "rest", verdict))
         chapters.append(("Noise", [], plots))
     if "follow" in by:
-        told.append(Told(by["follow"].name, "follow", Verdict("not asked", "no number is found from it")))
+        told.append(Told(by["follow"].name, "follow", Verdict("not asked", "the sheet is found from it, no number")))
     if check is not None:
         checked = check_log.check(found, check, controller, like)
         first.append(f"Prediction of a log that was not used: {checked.sentence}")

@@ -9,7 +9,7 @@ import pytest
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.plant import candidates
 from kerfgym.envs.scenarios import machines
-from kerfgym.experiments.identify import check_log, drive, identified_page, protocols, surface
+from kerfgym.experiments.identify import check_log, drive, identified_page, protocols
 from kerfgym.experiments.identify.identifying import Identified, Number
 from kerfgym.experiments.identify.log import Log
 
@@ -79,20 +79,6 @@ def test_names_in_logs_are_text_on_the_page_and_no_markup(moved):
     page = identified_page.page(found(), [Log(hostile, "motion", moved.columns)], foresee=False)
     assert "<script>alert" not in page
     assert "&lt;script&gt;alert(1)" in page
-
-
-def test_a_sheet_comes_back_from_a_perfect_follow_log():
-    time = np.arange(5000) * 1e-3
-    sheet = 0.4 * np.sin(2 * np.pi * time * 100 / 80)
-    height = 1.0 + 0.05 * np.cos(9 * time)
-    height[1000:1010] = 0.0
-    follow = Log("f.csv", "follow", {"encoder": sheet + np.where(height > 0, height, 1.0), "height": height,
-                                     "x": 100 * time})  # fmt: skip
-    made, spacing, feed = surface.surface_of(follow)
-    assert feed == pytest.approx(100.0)
-    at = np.arange(len(made)) * spacing
-    off = made - 0.4 * np.sin(2 * np.pi * at / 80)
-    np.testing.assert_allclose((off - np.median(off))[20:-20], 0.0, atol=0.002)  # up to a constant, but for its ends
 
 
 def test_a_known_machine_is_predicted_on_a_log_that_was_not_used():
