@@ -15,9 +15,9 @@ from ...envs.plant.machine import SUBSTEPS
 from ...envs.scenarios import machines
 from ..plots.palette import COLOURS, GRID
 from ..report.figure import Figure, logarithmic
-from ..report.numbers import fixed, known, number, span
+from ..report.numbers import number
 from . import check_log, drive, head, next_protocol, residuals
-from .identifying import Identified, strong
+from .identifying import Identified, shown, strong
 from .log import PERIOD, Log
 from .residuals import Judged, Verdict
 
@@ -27,6 +27,9 @@ UNITS = {
     "face": "mm", "body": "pF", "inductance": "µH", "noise": "pF", "jitter": "1", "bandwidth": "Hz", "zeta": "1",
     "speed": "mm/s", "acceleration": "mm/s²", "jerk": "mm/s³", "friction": "mm/s²", "bristle": "mm", "stiction": "1",
     "stribeck": "mm/s", "dead_time": "s", "backlash": "mm", "resonance": "Hz", "resonance_zeta": "1", "compliance": "1",
+    "impulses": "1/s", "impulse_samples": "samples", "impulse_height": "mm", "impulse_falloff": "mm",
+    "impulse_spread": "1", "drift": "1", "warming": "s", "x_plus": "1", "x_minus": "1", "y_plus": "1", "y_minus": "1",
+    "t1": "s", "t2": "s",
 }  # fmt: skip
 """Of a machine's file."""
 
@@ -251,13 +254,11 @@ def _checked(c: check_log.Checked) -> list[Figure]:
 
 def _rows(found: Identified) -> Iterable[dict[str, str]]:
     for one in found.numbers:
-        low, middle, high = one.interval
-        places = known(low, high, middle)
-        tiny = middle < 1e-3
+        low, middle, high = (shown(value, one.interval) for value in one.interval)
         yield {
             "key": one.key,
-            "median": f"{middle:.3g}" if tiny else fixed(middle, places),
-            "interval": f"{low:.3g}–{high:.3g}" if tiny else span(low, high, places),
+            "median": middle,
+            "interval": f"{low} to {high}",
             "unit": UNITS.get(one.key.split(".")[-1], ""),
             "note": "" if one.found else "not excited: interval as wide as the prior",
         }
