@@ -9,11 +9,12 @@ import pytest
 
 from kerfgym.envs.scenarios import machines
 from kerfgym.experiments import cli
+from kerfgym.experiments.identify import drive, posterior
 from kerfgym.experiments.manual import docs
 from kerfgym.experiments.studies.identified import truth
 
 SMALLER = {
-    "tune": ["--trials", "12", "--seeds", "2", "--threads", "1"],
+    "tune": ["--trials", "40", "--seeds", "3", "--threads", "1"],
     "benchmark": ["--seeds", "2", "--jobs", "1", "--no-ms", "--no-cost", "--no-blame", "--no-detuned"],
 }
 """What the tutorial's commands are run with, over what they say."""
@@ -31,6 +32,8 @@ def commands(page):
 def done(tmp_path, monkeypatch, capsys):
     """A folder in which everything of the tutorial was done, and what was printed."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(drive, "STARTS", 1)
+    monkeypatch.setattr(posterior, "ROUNDS", 1)
     for words in commands("your-machine.md"):
         assert words[0] == "kerfgym"
         given = SMALLER.get(words[1], [])
