@@ -14,7 +14,7 @@ from kerfgym.experiments.manual import docs
 from kerfgym.experiments.studies.identified import truth
 
 SMALLER = {
-    "tune": ["--trials", "40", "--seeds", "3", "--threads", "1"],
+    "tune": ["--trials", "60", "--seeds", "3", "--threads", "1"],
     "benchmark": ["--seeds", "2", "--jobs", "1", "--no-ms", "--no-cost", "--no-blame", "--no-detuned"],
 }
 """What the tutorial's commands are run with, over what they say."""
