@@ -14,6 +14,7 @@ _LAWS = (*_EVERYTHING, "baselines/test_every_controller.py", "baselines/test_law
 
 OWN: dict[str, tuple[str, ...]] = {
     "envs/plant/calibration": ("plant/test_calibration.py", *_Z),
+    "envs/plant/candidates": ("experiments/test_identify.py",),
     "envs/plant/controller": ("engine/test_kernels.py", *_Z),
     "envs/plant/cut": (
         "plant/test_xy_parts.py",
