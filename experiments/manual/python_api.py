@@ -71,6 +71,11 @@ PUBLIC: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
             "envs.plant.derivatives": ("Rollout", "Rollout.put_recorded", "Rollout.forward", "Rollout.backward"),
         },
     ),
+    "Your machine": (
+        "[Identification](identification.md#a-controller-on-your-machine) shows a controller on a machine that is not "
+        "kerfgym's.",
+        {"experiments.identify.outside": ("Outside", "Outside.begin", "Outside.step", "Outside.signal")},
+    ),
     "Drawings and the operator's panel": (
         "[Drawings](drawings.md) says what is cut of a file, [Reproduction](reproduction.md#the-operators-panel) shows "
         "the panel at work.",

@@ -9,7 +9,7 @@ import pytest
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.plant import heads
 from kerfgym.envs.scenarios import machines
-from kerfgym.experiments.identify import identifying, log, protocols
+from kerfgym.experiments.identify import belonging, identifying, log, protocols
 
 HEADER = ["time [s]", "encoder [mm]", "command [mm/s]", "frequency [Hz]"]
 
@@ -215,7 +215,7 @@ SPOILT = {
                            r"line \d+, column encoder: \S+ repeats the sample before it, as 50%"),
     "command of another log": ("motion", lambda: spoilt("motion", encoder=lambda c, v: other_encoder(len(v))),
                                r"line 2, column command: .*does not follow"),
-    "600 s": ("motion", lambda: spoilt("motion", np.resize(np.arange(54000), 600000),
+    "600 s": ("motion", lambda: spoilt("motion", np.resize(np.arange(39000), 600000),
                                        time=lambda c, v: 1e-3 * np.arange(len(v)),
                                        encoder=lambda c, v: 20 + wave(len(v), 5, 1000),
                                        command=lambda c, v: 31.4 * np.cos(2 * np.pi * np.arange(len(v)) / 1000)),
@@ -346,14 +346,14 @@ def test_a_calibration_table_that_is_none_of_text_is_refused(tmp_path):
 
 def test_a_sweep_of_another_head_than_the_rests_is_told_by_the_heights():
     sweep, rest = recorded("sweep"), recorded("rest")
-    assert identifying._belongs(identifying.head.swept(sweep).table, [rest]) == []
+    assert belonging.doubts(identifying.head.swept(sweep).table, [rest]) == []
     own = log.Log("rest.csv", "rest", {**rest.columns, "frequency": 0.97 * rest["frequency"]})
-    (said,) = identifying._belongs(identifying.head.swept(sweep).table, [own])
+    (said,) = belonging.doubts(identifying.head.swept(sweep).table, [own])
     assert "rest.csv, line" in said
     assert "column frequency" in said
     assert "mm from the rest before it" in said
     far = log.Log("rest.csv", "rest", {**rest.columns, "frequency": 0.3 * rest["frequency"]})
-    (said,) = identifying._belongs(identifying.head.swept(sweep).table, [far])
+    (said,) = belonging.doubts(identifying.head.swept(sweep).table, [far])
     assert "lies over 1 % below the sweep's lowest" in said
 
 

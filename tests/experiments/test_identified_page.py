@@ -23,7 +23,9 @@ def found(**changes):
     numbers = []
     for key, value in (AXIS | changes).items():
         ends = drive.PRIOR.get(key, (0.0, 0.022))
-        numbers.append(Number(f"axis.{key}", value * (1 + 1e-3 * rng.normal(size=1000)), ends, key != "stribeck"))
+        numbers.append(
+            Number(f"axis.{key}", value * (1 + 1e-3 * rng.normal(size=1000)), ends, key != "stribeck", "motion")
+        )
     return Identified(machines.load({"name": "mine"}), tuple(numbers), None, ("no rest log",))
 
 
