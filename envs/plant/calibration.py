@@ -59,12 +59,22 @@ class Pool:
 
     ``frequencies`` (Hz) and ``heights`` (mm) have the shape (heads · :data:`POINTS`,). A head without a table reads a
     straight line, so that a machine can run before it is calibrated.
+
+    Args:
+        heads: that carry a straight line.
+        more: places behind them, which cost no memory before :meth:`open` or a table fills them.
     """
 
-    def __init__(self, heads: int) -> None:
-        self.frequencies = np.tile(np.linspace(1e6, 5e6, POINTS), heads)
-        self.heights = np.tile(np.linspace(SPAN / POINTS, SPAN, POINTS), heads)
+    def __init__(self, heads: int, more: int = 0) -> None:
+        self.frequencies, self.heights = np.zeros((2, (heads + more) * POINTS))
         self._tables: dict[int, Table] = {}
+        self.open(0, heads)
+
+    def open(self, first: int, heads: int) -> None:
+        """Gives heads from ``first`` on a straight line."""
+        place = slice(first * POINTS, (first + heads) * POINTS)
+        self.frequencies[place] = np.tile(np.linspace(1e6, 5e6, POINTS), heads)
+        self.heights[place] = np.tile(np.linspace(SPAN / POINTS, SPAN, POINTS), heads)
 
     def __contains__(self, head: int) -> bool:
         return head in self._tables

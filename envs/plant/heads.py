@@ -25,17 +25,19 @@ OSCILLATORS = tuple(sensor.PRESETS)
 MEASURED = 16
 """Places for tables that users bring."""
 
-FAMILIES = 16
-"""Kinds of heads of users' own that a process may know, of :data:`HEADS` heads each."""
+FAMILIES = 512
+"""Kinds of heads of users' own that a process may know, of :data:`HEADS` heads each; a kind takes memory when it is
+first used."""
 
 _EXACT = HEADS * len(OSCILLATORS) + MEASURED
 _OWN = _EXACT + HEADS * len(OSCILLATORS)
 _EXACT_OWN = _OWN + HEADS * FAMILIES
 
-POOL = calibration.Pool(_EXACT_OWN + HEADS * FAMILIES)
+POOL = calibration.Pool(_OWN, 2 * HEADS * FAMILIES)
 """Tables of the heads that have been calibrated so far, those that users brought, and exact ones."""
 
 _families: list[tuple[sensor.Params, ...]] = []
+_indices: dict[tuple[sensor.Params, ...], int] = {}
 
 LONGEST_RUN = 2500
 """Control periods after which a calibration run is given up."""
@@ -65,28 +67,30 @@ def family(members: tuple[sensor.Params, ...]) -> int:
     Raises:
         InvalidInput: there are too many kinds of heads.
     """
-    if members not in _families:
+    if members not in _indices:
         if len(_families) == FAMILIES:
             raise InvalidInput(f"more than {FAMILIES} kinds of heads that say nozzle or oscillator in one process")
+        _indices[members] = first = _OWN + HEADS * len(_families)
         _families.append(members)
-    return _OWN + HEADS * _families.index(members)
+        POOL.open(first, HEADS)
+    return _indices[members]
 
 
 FIELDS = ("body", "inductance", "series", "radius", "bore")
 """What differs from head to head and preset to preset; the rest of :class:`sensor.Params` are disturbances."""
 
 
-def fields() -> np.ndarray:
-    """:data:`FIELDS` of every head by its index, shape (fields, heads); NaN where there is none."""
-    return _fields(len(_families))
+def fields(indices: np.ndarray) -> np.ndarray:
+    """:data:`FIELDS` of the heads with these indices, shape (fields, n)."""
+    different, which = np.unique(indices, return_inverse=True)
+    return np.array([[getattr(head(int(i)), name) for i in different] for name in FIELDS])[:, which]
 
 
-@functools.cache
-def _fields(families: int) -> np.ndarray:
-    out = np.full((len(FIELDS), _OWN + HEADS * families), np.nan)
-    for index in (*range(HEADS * len(OSCILLATORS)), *range(_OWN, _OWN + HEADS * families)):
-        out[:, index] = [getattr(head(index), name) for name in FIELDS]
-    return out
+@functools.lru_cache(maxsize=1)
+def _known(families: int) -> dict[tuple[float, ...], int]:
+    """The first head with each set of :data:`FIELDS`."""
+    indices = (*range(HEADS * len(OSCILLATORS)), *range(_OWN, _OWN + HEADS * families))
+    return {tuple(getattr(head(i), name) for name in FIELDS): i for i in reversed(indices)}
 
 
 def run(params: sensor.Params, seed: int = 0, gate: sensor.Gate | None = None) -> tuple[np.ndarray, np.ndarray]:
@@ -148,8 +152,9 @@ def table(index: int) -> calibration.Table:
 
 
 def carried(params: np.ndarray) -> np.ndarray:
-    """Indices of the heads with these :data:`FIELDS`, shape (fields, n)."""
-    return np.asarray((fields()[:, :, None] == params[:, None, :]).all(axis=0).argmax(axis=0))
+    """Indices of the heads with these :data:`FIELDS`, shape (fields, n); 0 for those that are in no pool."""
+    known = _known(len(_families))
+    return np.array([known.get(tuple(one), 0) for one in params.T.tolist()], dtype=int)
 
 
 def exact(index: int) -> int:

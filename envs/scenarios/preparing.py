@@ -78,7 +78,7 @@ def _prepare_head(fleet: Fleet, head: Head, m: np.ndarray, draws: Draws) -> None
         fleet,
         "sensor",
         m,
-        **dict(zip(heads.FIELDS, heads.fields()[:, which], strict=True)),
+        **dict(zip(heads.FIELDS, heads.fields(which), strict=True)),
         warming=1 - np.exp(-PERIOD / own.warming),
         impulses=own.impulses * PERIOD,
         longest=own.impulse_samples,

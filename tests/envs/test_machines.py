@@ -277,6 +277,21 @@ def test_the_pool_of_a_nozzle_draws_what_is_a_distribution_and_keeps_the_preset_
     assert heads.carried(carried)[0] == first + 3
 
 
+def test_a_hundred_kinds_of_nozzles_are_told_apart_in_one_process():
+    firsts = [scenarios.preparing.family(Head(face=8.0 + 0.01 * i)) for i in range(100)]
+    assert len(set(firsts)) == 100
+    assert [2 * heads.head(first).radius for first in firsts] == pytest.approx([8.0 + 0.01 * i for i in range(100)])
+    carried = heads.fields(np.array(firsts))
+    assert heads.carried(carried).tolist() == firsts
+    assert heads.POOL.frequencies[firsts[-1] * calibration.POINTS] == 1e6  # a straight line until it is calibrated
+
+
+def test_no_head_of_the_pool_is_number_zero():
+    unknown = heads.fields(np.array([0, 5]))
+    unknown[0, 1] += 1.0
+    assert heads.carried(unknown).tolist() == [0, 0]
+
+
 # ------------------------------------------------------------------------------------------------- environments
 
 
