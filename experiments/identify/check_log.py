@@ -1,7 +1,6 @@
 """A follow log that was not used: its following error, and what machines drawn from the logs make on its sheet."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -12,7 +11,6 @@ from ..measure import rollout
 from .followed import followed
 from .identifying import Identified
 from .log import PERIOD, Log
-from .next_protocol import draws_of, fleet_of, machine_of
 
 DRAWS = 60
 """Machines that predict."""
@@ -58,27 +56,25 @@ def fit_for(log: Log) -> None:
         raise InvalidInput(f"{log.name}: --check takes a follow log of more than {2 * SETTLE:g} s with valid heights")
 
 
-def check(found: Identified, log: Log, controller: str, like: Any, seed: int = 0, draws: int = DRAWS) -> Checked:
-    """Predicts a follow log.
+def check(found: Identified, log: Log, controller: str, seed: int = 0, draws: int = DRAWS) -> Checked:
+    """Predicts a follow log, from machines drawn from the machine's file.
 
     Raises:
         InvalidInput: it is no follow log, or lacks a column.
     """
     fit_for(log)
-    stack, rng, base = resolve(controller), np.random.default_rng(seed), machines.load(like)
-    known = draws_of(found.numbers, rng)
-    sizes = {name: len(next(iter(columns.values()))) for name, columns in known.items()}
-    picks = [{name: int(rng.integers(size)) for name, size in sizes.items()} for _ in range(draws)]
-    cuts = [machine_of(base, known, pick) for pick in picks]
+    stack = resolve(controller)
     sheet = followed(log, found.table, found.machine.axis, found.machine.head.plate)
     steps = min(len(log["height"]), round(LONGEST / PERIOD))
     wanted = float(np.median(log["set_height"]))
     scenario = Scenario(name="check", duration=steps * PERIOD, settle=SETTLE, feed=sheet.feed, set_height=wanted)
     every = np.arange(draws)
-    fleet, seeds = fleet_of(
-        scenario, stack, cuts, seed + every, lambda f: f.put_profile(sheet.height, sheet.spacing, every)
+    recording = rollout.roll(
+        machines.put_on(scenario, found.machine),
+        stack,
+        seed + every,
+        change=lambda f: f.put_profile(sheet.height, sheet.spacing, every),
     )
-    recording = rollout.run(fleet, scenario, stack, seeds)
     first = round(SETTLE / PERIOD)
     error, valid = log["height"] - log["set_height"], log["height"] > 0
     made = np.abs(1e3 * recording.reported_error[first:])

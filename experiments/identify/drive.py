@@ -1,7 +1,7 @@
 """The Z drive from a motion log: prediction errors of the encoder, over many candidate axes at once.
 
-1. slow moves alone, which no limit touches: a grid of axes without dead time, each compared at every dead time, which
-   only delays what it does; then least squares for loop, friction and dead time;
+1. slow moves alone, with which a log begins and which no limit touches: a grid of axes without dead time, each compared
+   at every dead time, which only delays what it does; then least squares for loop, friction and dead time;
 2. quicker moves as well: a grid of accelerations and jerks around what is known, least squares for all numbers;
 3. the whole log. Where all that ends in a valley beside the right one, CMA-ES over the whole prior;
 4. where quick moves leave more than slow ones all the same, each segment's errors have a scale of their own: how a
@@ -21,6 +21,7 @@ from ...envs.plant import candidates, z_axis
 from ...envs.plant.controller import PERIOD
 from ...envs.plant.machine import SUBSTEPS
 from . import posterior
+from .residuals import count_of
 
 PRIOR = {
     "bandwidth": (15.0, 250.0),
@@ -41,9 +42,12 @@ LATEST = 22.0
 SEGMENT = 250
 """Samples whose mean is free: what a log and a model have drifted apart is not held against the axis."""
 
-SLOW, QUICK, STARTS = 9500, 17000, 3
-"""Samples of a motion log that are slow moves alone, and with quicker ones, but none at top speed; places from which
-least squares begins."""
+SLOW, QUICK, ENOUGH = 55.0, 250.0, 3000
+"""mm/s that commands of slow moves do not exceed, and those of quicker ones, which are not at top speed; samples that
+such a beginning of a log must have to count as one [A]."""
+
+STARTS = 3
+"""Places from which least squares begins."""
 
 GRID = {
     "bandwidth": tuple(np.geomspace(18, 220, 9)),
@@ -57,8 +61,8 @@ LIMITS = {"acceleration": tuple(np.geomspace(3.2e3, 3.8e4, 40)), "jerk": (0.5, 1
 """Where the second begins: mm/s², and shares of the jerk that slow moves seem to have."""
 
 GENERATIONS, EXPLAINED, AT_ONCE = 60, 2.0, 64
-"""Generations of a search over the whole prior, and µm of RMS error from which on there is none: a valley beside the
-right one leaves tens to hundreds of µm; axes in memory at a time."""
+"""Generations of a search over the whole prior, and µm of RMS error beyond the encoder's rounding up to which there is
+none: a valley beside the right one leaves tens to hundreds of µm; axes in memory at a time."""
 
 APART = 4.0
 """Times what slow moves leave, from which on a segment is said not to be explained."""
@@ -75,7 +79,7 @@ class Found:
         draws: by key of a machine's ``[axis]``, each of shape (draws,); ``dead_time`` in s holds the latency.
         best: the most likely axis, without converter and backlash.
         left: µm, RMS of what the best axis leaves of the encoder, where the segments that it explains less count less.
-        slow: µm, RMS that it leaves of slow moves, each of which counts alike.
+        slow: µm, RMS that it leaves of slow moves beyond the encoder's rounding; each segment counts alike.
         apart: share of the log's segments that leave more than :data:`APART` times what slow moves do.
         beyond: µm, RMS that they leave; 0 if there are none.
         spread: factor by which blocks of what is left widen the draws at most.
@@ -99,6 +103,17 @@ def axis(x: np.ndarray, late: float) -> z_axis.Params:
     return z_axis.Params()._replace(omega=omega, dead_time=(late + 0.5) / SUBSTEPS, dac=0.0, backlash=0.0, **v)
 
 
+def beginnings(command: np.ndarray) -> tuple[int, int]:
+    """Samples of a log up to which its commands, mm/s, are those of slow moves, and of quicker ones; what has less than
+    :data:`ENOUGH` of the one begins with the other, and the whole log is the beginning of one that has neither."""
+    found = []
+    for most in (SLOW, QUICK):
+        beyond = np.flatnonzero(np.abs(command) > most)
+        found.append(int(beyond[0]) if len(beyond) else len(command))
+    slow, quick = (samples if samples >= ENOUGH else None for samples in found)
+    return slow or quick or len(command), quick or len(command)
+
+
 class Errors:
     """What axes leave of a log's encoder, µm, segment by segment.
 
@@ -119,6 +134,10 @@ class Errors:
         """Independent errors that a log is worth."""
         self.fastest = float(np.abs(encoder[20:] - encoder[:-20]).max()) / (20 * PERIOD)
         """mm/s of the log."""
+        self.slow, self.quick = beginnings(command)
+        """Samples of slow moves, and of quicker ones."""
+        self.rounding = count_of(encoder) / np.sqrt(12)
+        """µm of RMS error that the encoder's counts alone leave."""
 
     def __call__(self, axes: list[z_axis.Params]) -> np.ndarray:
         """Shape (axes, samples)."""
@@ -152,6 +171,10 @@ class Errors:
         """The same of one point, µm."""
         return float(self.rms([axis(x, np.rint(late))])[0])
 
+    def beyond_rounding(self, x: np.ndarray, late: float) -> float:
+        """What is left without what the encoder's rounding accounts for, µm."""
+        return float(np.sqrt(max(self.rms_of(x, late) ** 2 - self.rounding**2, 0.0)))
+
     def by_segment(self, x: np.ndarray, late: float) -> np.ndarray:
         """µm, RMS of each segment, shape (segments,)."""
         square = self([axis(x, np.rint(late))]).reshape(self._weight.shape) ** 2
@@ -166,7 +189,7 @@ class Errors:
     def first(self, samples: int) -> "Errors":
         """Those of the beginning of the log."""
         part = Errors(self.command[:samples], self.encoder[:samples])
-        part.fastest = self.fastest
+        part.fastest, part.rounding = self.fastest, self.rounding
         return part
 
     def of(self, points: np.ndarray, cells: np.ndarray) -> np.ndarray:
@@ -180,8 +203,8 @@ def identify(command: np.ndarray, encoder: np.ndarray, seed: int = 0) -> Found:
     begun = _begun(errors)
     x, late, left = _followed(errors, *begun)
     if left > EXPLAINED:
-        searched = _nearest(errors, *_searched(errors.first(QUICK), seed))
-        (x, late), left = min(((x, late), left), (searched, errors.rms_of(*searched)), key=lambda each: each[1])
+        searched = _nearest(errors, *_searched(errors.first(errors.quick), seed))
+        (x, late), left = min(((x, late), left), (searched, errors.beyond_rounding(*searched)), key=lambda e: e[1])
     counted, quiet = errors, 0.0
     if left > EXPLAINED:
         counted, x, late, quiet = _set_apart(errors, *begun)
@@ -192,7 +215,7 @@ def identify(command: np.ndarray, encoder: np.ndarray, seed: int = 0) -> Found:
     draws["dead_time"] = (found.cells + rng.uniform(0, 1, len(found.cells))) / SUBSTEPS * PERIOD
     middle, cell = np.median(found.draws, axis=0), float(np.median(found.cells))
     best = axis(middle, cell)
-    leaves, slow = errors.by_segment(middle, cell), errors.first(SLOW).rms_of(middle, cell)
+    leaves, slow = errors.by_segment(middle, cell), errors.first(errors.slow).beyond_rounding(middle, cell)
     apart = leaves > APART * quiet if quiet > 0.0 else np.zeros(len(leaves), bool)
     beyond = float(np.sqrt(np.mean(leaves[apart] ** 2))) if apart.any() else 0.0
     return Found(draws, best, found.left, found.spread, found.effective, slow, float(apart.mean()), beyond)
@@ -204,7 +227,7 @@ def _set_apart(errors: Errors, x: np.ndarray, late: float) -> tuple[Errors, np.n
     counted, quiet = errors, 0.0
     for rounds in (4, 8):  # scales are soon what they are
         leaves = errors.by_segment(x, late)
-        quiet = float(np.median(leaves[: SLOW // SEGMENT]))
+        quiet = float(np.median(leaves[: errors.slow // SEGMENT]))
         counted = errors.scaled(np.maximum(leaves / quiet, 1.0))
         x, late = _nearest(counted, x, late, rounds=rounds)
     return counted, x, late, quiet
@@ -212,18 +235,18 @@ def _set_apart(errors: Errors, x: np.ndarray, late: float) -> tuple[Errors, np.n
 
 def _begun(errors: Errors) -> tuple[np.ndarray, float]:
     """An axis by slow moves, but for its limits, which are by quick ones, and its delay in substeps."""
-    quick = errors.first(QUICK)
-    x, late = _slow(errors.first(SLOW))
+    quick = errors.first(errors.quick)
+    x, late = _slow(errors.first(errors.slow))
     return _nearest(quick, _limited(quick, x, late), late, _FREE)
 
 
 def _followed(errors: Errors, x: np.ndarray, late: float) -> tuple[np.ndarray, float, float]:
-    """From there on an axis near the best, its delay in substeps and µm that it leaves."""
-    quick = errors.first(QUICK)
+    """From there on an axis near the best, its delay in substeps and µm that it leaves beyond rounding."""
+    quick = errors.first(errors.quick)
     x, late = _nearest(quick, x, late)
     x, late = _nearest(errors, x, late, _FREE)
     x, late = _nearest(errors, x, late)
-    return x, late, errors.rms_of(x, late)
+    return x, late, errors.beyond_rounding(x, late)
 
 
 _FREE = [NAMES.index(name) for name in ("speed", *LIMITS)]

@@ -1,18 +1,22 @@
 """The sensor from a sweep and a rest log: its oscillator and plate, the calibration table, its noise.
 
 A sweep gives frequency over height. The head's own equations are fitted to it (:mod:`envs.plant.sensor`), for which the
-nozzle's size must be known within the range that is searched. At rest, what frequency scatters at several heights
+nozzle's size must be known within the range that is searched; its bore and the oscillator's series capacitors are those
+of the machine that it is like. At rest, what frequency scatters at several heights
 comes from noise of the capacitance, from the oscillator and from counting, and these fall apart because their shares
 change with height. Impulses do not count: scatter is that of the middle 90 % of the differences of neighbours.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy import optimize
 
 from ...envs.engine.quantity import InvalidInput
 from ...envs.plant import calibration, sensor
+from ...envs.scenarios import Head
+from ...envs.scenarios.distributions import middle
 from .log import PERIOD, Log
 
 RANGES = {"face": (6.0, 16.0), "body": (5.0, 40.0), "inductance": (50.0, 500.0)}
@@ -21,9 +25,9 @@ RANGES = {"face": (6.0, 16.0), "body": (5.0, 40.0), "inductance": (50.0, 500.0)}
 ROUNDED, SPOILT = 0.4e-3, 4.0
 """mm that an encoder's count leaves open [A]; standard deviations from which on a sample counts less."""
 
-SETTLED = 0.8
-"""mm of a sweep at 10 mm/s after which the mounting no longer rings from its start; below it the nozzle's height is not
-the encoder's by some µm, which there outweighs all noise [C]."""
+SETTLED = 0.08
+"""s of a sweep after which the mounting no longer rings from its start; before, the nozzle's height is not that of the
+encoder by some µm, which near the sheet outweighs all noise [C]."""
 
 NOISE, JITTER = (1e-4, 3e-2), (1e-8, 1e-4)
 """pF, and share of the frequency, that are searched [A]."""
@@ -34,36 +38,57 @@ STILL = 1.5
 
 @dataclass(frozen=True)
 class Swept:
-    """What a sweep says: the head's numbers and their covariance, its table, and µm that the fit leaves at 1 mm."""
+    """What a sweep says: the head's numbers and their covariance, its table, and µm that the fit leaves at 1 mm; and
+    what was known of the head before."""
 
     values: dict[str, float]
     covariance: np.ndarray
     table: calibration.Table
     left: float
+    known: sensor.Params
 
     @property
     def params(self) -> sensor.Params:
         """The head."""
-        return params_of(list(self.values.values()))
+        return params_of(list(self.values.values()), self.known)
 
 
-def params_of(values: list[float]) -> sensor.Params:
-    """The head of a face, mm, a body, pF, and an inductance, µH."""
+def known_of(head: Head) -> sensor.Params:
+    """What no sweep tells of a machine's head: its bore, and the series capacitors of its oscillator."""
+    preset = sensor.PRESETS[head.oscillator]
+    return preset if head.bore is None else preset._replace(bore=0.5 * float(middle(head.bore)))
+
+
+def params_of(values: list[float], known: sensor.Params) -> sensor.Params:
+    """The head of a face, mm, a body, pF, and an inductance, µH; the rest is known."""
     face, body, inductance = map(float, values)
-    return sensor.Params(radius=0.5 * face, body=body, inductance=inductance)
+    return known._replace(radius=0.5 * face, body=body, inductance=inductance)
 
 
 def frequency_at(p: sensor.Params, heights: np.ndarray) -> np.ndarray:
     """Hz at heights in mm."""
     fringe = np.maximum(0.0, np.log(8 * np.pi * p.radius / heights) - 1.0)
     plate = sensor.EPSILON0 * np.pi * (p.radius**2 - p.bore**2) / heights
-    total = p.body + plate + 2 * sensor.EPSILON0 * p.radius * fringe
-    made: np.ndarray = 1e9 / (2 * np.pi * np.sqrt(p.inductance * total))
+    c5 = p.body + plate + 2 * sensor.EPSILON0 * p.radius * fringe
+    made: np.ndarray = 1e9 / (2 * np.pi * np.sqrt(p.inductance * c5 / (1.0 + c5 * p.series)))
     return made
 
 
-def swept(log: Log) -> Swept:
+def scatter_at(p: sensor.Params, frequency: Any, noise: Any, jitter: Any) -> Any:
+    """Hz by which samples of a frequency scatter at rest: noise of C5, pF, of the oscillator, relative, and of
+    counting, of which neighbours have a difference that is triangular."""
+    total = (1e9 / (2 * np.pi * frequency)) ** 2 / p.inductance
+    c5 = total / (1.0 - total * p.series)
+    counted = frequency / (sensor.CLOCK * np.floor(0.25e-3 * frequency)) / np.sqrt(6)
+    return frequency * np.sqrt((0.5 * noise / (c5 * (1.0 + c5 * p.series))) ** 2 + jitter**2 + counted**2)
+
+
+def swept(log: Log, known: sensor.Params = sensor.EQ3) -> Swept:
     """The head of a sweep: a touch of the sheet, then up.
+
+    Args:
+        log: of the protocol *sweep*.
+        known: bore and series capacitors.
 
     Raises:
         InvalidInput: the sweep does not reach from the sheet to 2 mm, or is not fit for a table; and why.
@@ -81,16 +106,17 @@ def swept(log: Log) -> Swept:
                            "must reach 2 mm")  # fmt: skip
     span = min(calibration.SPAN, float(np.floor(10 * height[-1]) / 10))
     speed = float(np.median(np.diff(height)[np.diff(height) > 0])) / PERIOD
-    table = calibration.build(f, height, span=span, speed=max(speed, span / (len(height) * PERIOD)))
-    used = (height > SETTLED) & (height <= span)
+    speed = max(speed, span / (len(height) * PERIOD))
+    table = calibration.build(f, height, span=span, speed=speed)
+    used = (height > SETTLED * speed) & (height <= span)
     h, y = height[used], f[used]
     # What frequency scatters goes with the capacitance's noise, and is much the same share of it at every height; near
     # the plate a rounding of the encoder counts for more.
-    steep = np.abs(np.gradient(np.log(frequency_at(sensor.Params(), h)), h))
+    steep = np.abs(np.gradient(np.log(frequency_at(known, h)), h))
     scale = np.hypot(scatter(np.log(y[h > 1.0])), ROUNDED * steep)
 
     def off(x: np.ndarray) -> np.ndarray:
-        made: np.ndarray = np.log(frequency_at(params_of(np.exp(x[:3]).tolist()), h + x[3]) / y) / scale
+        made: np.ndarray = np.log(frequency_at(params_of(np.exp(x[:3]).tolist(), known), h + x[3]) / y) / scale
         return made
 
     low, high = np.log(np.array(list(RANGES.values()))).T
@@ -110,7 +136,7 @@ def swept(log: Log) -> Swept:
     values = dict(zip(RANGES, np.exp(found.x[:3]).tolist(), strict=True))
     near = np.abs(h - 1.0) < 0.3
     at_1 = 1e3 * float(np.std((left * scale / steep)[near])) if near.any() else np.nan
-    return Swept(values, covariance[:3, :3], table, at_1)
+    return Swept(values, covariance[:3, :3], table, at_1, known)
 
 
 def rests(log: Log) -> list[tuple[slice, float]]:
@@ -154,10 +180,8 @@ def noise(log: Log, head: Swept, rng: np.random.Generator, draws: int = 1000) ->
     for where, _ in stood:
         f = log["frequency"][where]
         f = f[f > 0]
-        middle, n = float(np.median(f)), len(f)
-        capacitance = (1e9 / (2 * np.pi * middle)) ** 2 / p.inductance
-        counted = middle**2 / (sensor.CLOCK * np.floor(0.25e-3 * middle)) / np.sqrt(6)
-        sigma = middle * np.sqrt((0.5 * noises / capacitance) ** 2 + jitters**2 + (counted / middle) ** 2)
+        n = len(f)
+        sigma = scatter_at(p, float(np.median(f)), noises, jitters)
         # Neighbouring differences share a sample: the variance of their variance is 3 instead of 2 σ⁴/n.
         fine += -0.5 * ((np.log(scatter(f)) - np.log(sigma)) / np.sqrt(0.75 / n)) ** 2
     weight = np.exp(fine - fine.max()).ravel()

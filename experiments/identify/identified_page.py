@@ -10,7 +10,7 @@ import plotly.graph_objects as go
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
-from ...envs.plant import candidates, sensor
+from ...envs.plant import candidates
 from ...envs.plant.machine import SUBSTEPS
 from ...envs.scenarios import machines
 from ..plots.palette import COLOURS, GRID
@@ -100,7 +100,7 @@ def driven(found: Identified, log: Log) -> Drive:
     used[: len(errors.moving)] = errors.moving
     residual[used] = -errors.plain(axes[best])[errors.moving]
     count = residuals.count_of(encoder)
-    slow = used & (np.arange(len(used)) < drive.SLOW)
+    slow = used & (np.arange(len(used)) < errors.slow)
     judged, calm = (residuals.judged(residual[u], log["command"][u], encoder[u], count) for u in (used, slow))
     return Drive(log["time"], encoder, model, residual, used, judged, _verdict(judged, calm))
 
@@ -184,8 +184,7 @@ def _motion(d: Drive) -> list[Figure]:
     ]  # fmt: skip
 
 
-def _swept(log: Log) -> tuple[Verdict, list[Figure]]:
-    swept = head.swept(log)
+def _swept(swept: head.Swept) -> tuple[Verdict, list[Figure]]:
     table = swept.table
     shown = np.linspace(0, len(table.height) - 1, min(400, len(table.height))).astype(int)
     h, f = np.asarray(table.height)[shown], np.asarray(table.frequency)[shown]
@@ -210,21 +209,17 @@ def _swept(log: Log) -> tuple[Verdict, list[Figure]]:
     return Verdict(word, why), plots
 
 
-def _rested(found: Identified, log: Log, sweep: Log) -> tuple[Verdict, list[Figure]]:
+def _rested(found: Identified, swept: head.Swept, log: Log) -> tuple[Verdict, list[Figure]]:
     middle = {n.key: n.interval[1] for n in found.numbers}
-    p = head.swept(sweep).params
     real, made, at = [], [], []
     for where, _ in head.rests(log):
         f = log["frequency"][where]
         f = f[f > 0]
         mean = float(np.median(f))
-        capacitance = (1e9 / (2 * np.pi * mean)) ** 2 / p.inductance
-        counted = mean / (sensor.CLOCK * np.floor(0.25e-3 * mean)) / np.sqrt(6)
-        share = np.sqrt((0.5 * middle["head.noise"] / capacitance) ** 2 + middle["head.jitter"] ** 2 + counted**2)
         real.append(head.scatter(f))
-        made.append(mean * float(share))
+        made.append(float(head.scatter_at(swept.params, mean, middle["head.noise"], middle["head.jitter"])))
         at.append(mean)
-    heights = np.interp(at, found.table.frequency, found.table.height) if found.table is not None else np.array(at)
+    heights = np.interp(at, swept.table.frequency, swept.table.height)
     off = float(np.max(np.abs(np.array(made) / np.array(real) - 1)))
     word = "yes" if off <= NOISY[0] else "partly" if off <= NOISY[1] else "no"
     why = f"scatter at {len(at)} heights differs from the model's by {off:.0%} at most"
@@ -290,18 +285,18 @@ def page(
         moved = driven(found, by["motion"])
         told.append(Told(by["motion"].name, "motion", moved.verdict))
         chapters.append(("Z drive", [], _motion(moved)))
-    if "sweep" in by:
-        verdict, plots = _swept(by["sweep"])
+    if found.swept:
+        verdict, plots = _swept(found.swept)
         told.append(Told(by["sweep"].name, "sweep", verdict))
         chapters.append(("Sensor", [], plots))
-    if "rest" in by and "sweep" in by:
-        verdict, plots = _rested(found, by["rest"], by["sweep"])
+    if "rest" in by and found.swept:
+        verdict, plots = _rested(found, found.swept, by["rest"])
         told.append(Told(by["rest"].name, "rest", verdict))
         chapters.append(("Noise", [], plots))
     if "follow" in by:
         told.append(Told(by["follow"].name, "follow", Verdict("not asked", "the sheet is found from it, no number")))
     if check is not None:
-        checked = check_log.check(found, check, controller, like)
+        checked = check_log.check(found, check, controller)
         first.append(f"Prediction of a log that was not used: {checked.sentence}")
         off = abs(float(np.median(checked.predicted["RMS"])) / checked.measured["RMS"] - 1)
         why = f"the median of the predicted RMS is {off:.0%} off (allowed: {NEAR:.0%})"

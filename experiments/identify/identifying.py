@@ -21,9 +21,9 @@ ROWS = 100
 """Draws that stand for a posterior in the file, equally likely."""
 
 UNEXPLAINED = 3.0
-"""µm of the encoder that a model may leave of slow moves [A]. A drive of this model leaves a rounding, 0.3 µm for
-counts of 1 µm; drives of another make, whose following it still tells, 1 µm; those that it can't stand for, from 5 µm
-on (tests/oracle/foreign.py)."""
+"""µm that a model may leave of slow moves beyond the encoder's rounding [A]. A drive of this model leaves a tenth;
+drives of another make, whose following it still tells, 1 µm; those that it can't stand for, from 5 µm on
+(tests/oracle/foreign.py)."""
 
 UNEXCITED = 0.7
 """Share of the prior's interval from which on a log has told nothing."""
@@ -35,6 +35,9 @@ NEEDS = {
     "square": "gains and time constants of the X and Y axes",
 }
 """What each protocol finds."""
+
+COMPANIONS = {"sweep": (".table.csv",), "follow": sheet_files.ENDS}
+"""Files that a log adds to the machine's."""
 
 
 @dataclass(frozen=True)
@@ -61,11 +64,16 @@ class Identified:
 
     machine: Machine
     numbers: tuple[Number, ...]
-    table: calibration.Table | None
+    swept: head.Swept | None
     notes: tuple[str, ...]
     explained: bool = True  # whether the model can stand for this drive
     sheet: followed.Followed | None = None
     spectrum: roughness.Spectrum | None = None
+
+    @property
+    def table(self) -> calibration.Table | None:
+        """The sweep's calibration table."""
+        return self.swept.table if self.swept else None
 
 
 def identify(logs: Iterable[Log], name: str = "mine", like: Any = "standard", seed: int = 0) -> Identified:
@@ -98,13 +106,13 @@ def identify(logs: Iterable[Log], name: str = "mine", like: Any = "standard", se
             given, [by[p] for p in ("sweep", "rest", "motion") if p in by], f"{base.head.table}'s"
         )
     if "sweep" in by:
-        swept = head.swept(by["sweep"])
+        swept = head.swept(by["sweep"], head.known_of(base.head))
         spread = rng.multivariate_normal(np.log(list(swept.values.values())), swept.covariance, 1000)
         for key, draws in zip(swept.values, np.exp(spread).T, strict=True):
             numbers.append(_number(f"head.{key}", draws, head.RANGES[key], "sweep"))
         notes.append(
-            f"sweep: table rated {swept.table.rating}, scatter {swept.table.noise:.1f} µm at 1 mm; the nozzle's bore "
-            "is taken as 2 mm"
+            f"sweep: table rated {swept.table.rating}, scatter {swept.table.noise:.1f} µm at 1 mm; a nozzle's bore of "
+            f"{2 * swept.known.bore:g} mm and oscillator {base.head.oscillator} are those of '{base.name}'"
         )
         notes += belonging.doubts(swept.table, [by[p] for p in ("rest", "motion") if p in by])
     if "rest" in by and swept:
@@ -127,7 +135,7 @@ def identify(logs: Iterable[Log], name: str = "mine", like: Any = "standard", se
             )
         if found.slow > UNEXPLAINED:
             notes.append(
-                f"motion: {found.slow:.1f} µm of slow moves are far more than counts of an encoder; the model does not "
+                f"motion: {found.slow:.1f} µm of slow moves are left beyond the encoder's rounding; the model does not "
                 "explain this drive"
             )
         elif found.apart > 0.0:
@@ -150,13 +158,12 @@ def identify(logs: Iterable[Log], name: str = "mine", like: Any = "standard", se
     for protocol in NEEDS:
         if protocol not in by:
             notes.append(f"no {protocol} log: {NEEDS[protocol]} as in '{base.name}'")
-    table = swept.table if swept else None
     machine, sheet, spectrum = _machine(base, name, numbers, [log.name for log in logs], rng), None, None
     if "follow" in by:
-        sheet = followed.followed(by["follow"], table, machine.axis, machine.head.plate)
+        sheet = followed.followed(by["follow"], swept.table if swept else None, machine.axis, machine.head.plate)
         spectrum = roughness.spectrum(sheet.position, sheet.felt, sheet.plate, 1e-3 * sheet.noise)
         notes += sheet_files.told(sheet, spectrum)
-    return Identified(machine, tuple(numbers), table, tuple(notes), explained, sheet, spectrum)
+    return Identified(machine, tuple(numbers), swept, tuple(notes), explained, sheet, spectrum)
 
 
 def _mounted(log: Log, swept: head.Swept | None, axis: Any, numbers: list[Number], seed: int) -> list[str]:
@@ -218,9 +225,11 @@ def command(files: tuple[str, ...], out: str, like: str, overwrite: bool) -> tup
     target = Path(out)
     if target.suffix != ".toml":
         raise InvalidInput(f"-o takes a file such as mine.toml, not {out}")
-    if target.exists() and not overwrite:
-        raise InvalidInput(f"'{target}' exists; --overwrite replaces it")
     logs = [read(file) for file in files]
+    ends = {".toml", ".html", *(end for log in logs for end in COMPANIONS.get(log.protocol, ()))}
+    there = [str(file) for file in map(target.with_suffix, sorted(ends)) if file.exists()]
+    if there and not overwrite:
+        raise InvalidInput(f"{', '.join(there)}: exists; --overwrite replaces what is there")
     found = identify(logs, names.of_file(target.stem), like)
     write_text(target, machine_text.text_of(found.machine, whole=False))
     if found.table is not None:

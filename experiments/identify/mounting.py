@@ -159,5 +159,5 @@ def _steepness(swept: Swept, count: int, rng: np.random.Generator) -> np.ndarray
     of the best; shape (count,)."""
     middle, heights = np.log(list(swept.values.values())), np.array([TYPICAL, TYPICAL + 1e-3])
     heads = [middle, *rng.multivariate_normal(middle, swept.covariance, count)]
-    rise = [float(np.diff(np.log(frequency_at(params_of(np.exp(x).tolist()), heights)))[0]) for x in heads]
+    rise = [float(np.diff(np.log(frequency_at(params_of(np.exp(x).tolist(), swept.known), heights)))[0]) for x in heads]
     return np.asarray(rise[1:]) / rise[0]

@@ -20,7 +20,7 @@ from ...envs.scenarios import Scenario, machines
 from ...envs.scenarios.machines import Machine
 from ...envs.tasks import workshop
 from ..measure import rollout
-from . import drive, head
+from . import drive, head, mounting
 from .identifying import Identified, Number
 
 MACHINES = 200
@@ -33,8 +33,15 @@ CAP = 1000.0
 """µm that a run which touches the sheet, or leaves it, counts as: the set height of the scenario."""
 
 TELLS = {"sweep": tuple(f"head.{key}" for key in head.RANGES), "rest": ("head.noise", "head.jitter"),
-         "motion": tuple(f"axis.{key}" for key in (*drive.PRIOR, "dead_time"))}  # fmt: skip
-"""Numbers that each protocol tells."""
+         "motion": tuple(f"axis.{key}" for key in (*drive.PRIOR, "dead_time")),
+         "motion near the plate": tuple(f"axis.{key}" for key in mounting.PRIOR)}  # fmt: skip
+"""Numbers that each protocol tells; the third needs the frequency, and the sweep."""
+
+RANGES = {
+    "head": {**head.RANGES, "noise": head.NOISE, "jitter": head.JITTER},
+    "axis": {**drive.PRIOR, **mounting.PRIOR, "dead_time": (5e-5, 0.02)},
+}
+"""Where a number lies that no log tells: uniform in the logarithm, but for the dead time."""
 
 
 @dataclass(frozen=True)
@@ -73,16 +80,15 @@ def indices(score: Callable[[dict[str, np.ndarray]], np.ndarray], groups: dict[s
 def draws_of(numbers: tuple[Number, ...], rng: Any, most: int = 1000) -> dict[str, dict[str, np.ndarray]]:
     """Draws by protocol and key: those that logs gave, joint, and the priors' of what has no log."""
     known, out = {n.key: n.draws for n in numbers}, {}
-    ranges = {f"head.{k}": v for k, v in head.RANGES.items()} | {f"axis.{k}": v for k, v in drive.PRIOR.items()}
-    ranges |= {"head.noise": head.NOISE, "head.jitter": head.JITTER}
+    ranges = {f"{table}.{key}": ends for table, of in RANGES.items() for key, ends in of.items()}
     for protocol, keys in TELLS.items():
         there = [key for key in keys if key in known]
         if there:
             out[protocol] = {key: known[key] for key in there}
             continue
-        out[protocol] = {k: np.exp(rng.uniform(*np.log(ranges[k]), most)) for k in keys if k in ranges}
+        out[protocol] = {k: np.exp(rng.uniform(*np.log(ranges[k]), most)) for k in keys}
         if "axis.dead_time" in keys:
-            out[protocol]["axis.dead_time"] = rng.uniform(0.0, 0.02, most)
+            out[protocol]["axis.dead_time"] = rng.uniform(*ranges["axis.dead_time"], most)
     few = rng.integers(0, len(next(iter(out["sweep"].values()))), HEADS)
     out["sweep"] = {key: values[few] for key, values in out["sweep"].items()}
     return out

@@ -20,8 +20,12 @@ SMALL = 2.0
 and machine's) with the converter's steps between up to one [A]."""
 
 LARGE = 5.0
-"""Encoder counts of RMS residual from which on a model that leaves something to explain does not explain the drive [A];
-a follower's error is some tens of them."""
+"""Encoder counts of RMS residual from which on a model that leaves something to explain does not explain the drive
+[A]."""
+
+FINEST = 1.0
+"""µm that a count is taken for if it is smaller: what matters to a follower, whose error is some tens of µm, does not
+become less with a finer scale [A]."""
 
 SHARE = 0.2
 """Share of the residual's variance that past, command, speed or place must explain to be named as a cause [A]; a
@@ -170,7 +174,8 @@ def judged(residual: np.ndarray, command: np.ndarray, encoder: np.ndarray, count
     }
     named = [f"{why} ({share:.0%} of its variance)" for why, share in causes.items() if share >= SHARE]
     size = f"it leaves {rms:.2g} µm RMS, {counts:.2g} counts of the encoder"
-    if counts <= SMALL:
+    large = rms / max(count, FINEST)
+    if large <= SMALL:
         also = "" if white.p > LEVEL and not named else (
             "; tests find a pattern in it, as they do in any log so long, but there is nothing of size to explain"
         )  # fmt: skip
@@ -181,7 +186,7 @@ def judged(residual: np.ndarray, command: np.ndarray, encoder: np.ndarray, count
                      "missing dynamics that the command does not drive linearly, or a disturbance"]  # fmt: skip
         sides = [w for w, p in (("before", crossing.p_causal), ("after", crossing.p_feedback)) if p < LEVEL]
         told = f"; correlation with the command {' and '.join(sides)} it is outside of the bounds" if sides else ""
-        word = "no" if counts > LARGE else "partly"
+        word = "no" if large > LARGE else "partly"
         return Judged(rms, counts, white, crossing, Verdict(word, f"{size}; the rest {'; '.join(named)}{told}"))
     return Judged(rms, counts, white, crossing,
                   Verdict("partly", f"{size}, and that is noise without a pattern: the encoder or the drive is noisier "

@@ -18,6 +18,9 @@ from .roughness import Spectrum
 LONGEST = 600.0
 """s of a scenario."""
 
+ENDS = (".sheet.csv", ".sheet.toml", ".sheets.toml")
+"""Of the files' names: the profile, the scenario with it, and the one that draws others."""
+
 
 def profile_csv(found: Followed) -> str:
     """The profile, as ``[sheet.profile]`` takes it; ``tip_mm`` is beside it for those who read it."""
@@ -83,7 +86,7 @@ def told(found: Followed, made: Spectrum) -> list[str]:
 
 def write(found: Followed, made: Spectrum, beside: Path) -> tuple[Path, Path]:
     """Writes ``mine.sheet.csv``, ``mine.sheet.toml`` and ``mine.sheets.toml`` beside ``mine.toml``; both scenarios."""
-    table, very, drawn = (beside.with_suffix(end) for end in (".sheet.csv", ".sheet.toml", ".sheets.toml"))
+    table, very, drawn = (beside.with_suffix(end) for end in ENDS)
     write_text(table, profile_csv(found))
     write_text(very, of_profile(found, f"{beside.stem} sheet", table.name))
     write_text(drawn, of_spectrum(found, made, f"{beside.stem} sheets"))

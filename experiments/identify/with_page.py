@@ -3,7 +3,6 @@
 from pathlib import Path
 
 from ...envs.control.stack import resolve
-from ...envs.engine.quantity import InvalidInput
 from ..store.runs import write_text
 from . import check_log, identified_page, identifying
 from .log import read
@@ -16,8 +15,6 @@ def command(files: tuple[str, ...], out: str, like: str, overwrite: bool, check:
         InvalidInput: a file is there already, or a log cannot be used.
     """
     target = Path(out).with_suffix(".html")
-    if target.exists() and not overwrite:
-        raise InvalidInput(f"'{target}' exists; --overwrite replaces it")
     resolve(controller)
     unseen = read(check) if check else None
     if unseen:

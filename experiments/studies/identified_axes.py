@@ -5,14 +5,14 @@ For each number: how often the 95 % interval holds the truth, and the median err
     python -m kerfgym.experiments.studies.identified_axes --machines 60 --first 0
 """
 
-import argparse
 import time
 
 import numpy as np
 
 from ...envs import scenarios
-from ...envs.scenarios import machines
+from ...envs.scenarios.machines import load
 from ..identify import slides, square
+from ..store import script
 
 WIDE = {
     "name": "wide",
@@ -27,18 +27,18 @@ WIDE = {
 """What the machines are drawn from; presets take turns."""
 
 
-def main() -> None:
-    """What ``python -m kerfgym.experiments.studies.identified_axes`` does."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--machines", type=int, default=60)
-    parser.add_argument("--first", type=int, default=0)
-    asked = parser.parse_args()
-    seeds = range(asked.first, asked.first + asked.machines)
+def main(machines: int = 60, first: int = 0) -> int:
+    """Tell how often intervals of identified X and Y axes hold the truth.
+
+    Args:
+        machines: how many.
+        first: seed of the first of them.
+    """
     inside: dict[str, list[bool]] = {}
     off: dict[str, list[float]] = {}
-    for seed in seeds:
+    for seed in range(first, first + machines):
         started, preset = time.monotonic(), ("wu", "modern")[seed % 2]
-        machine = machines.load({**WIDE, "gantry": {**WIDE["gantry"], "preset": preset}})  # type: ignore[dict-item]
+        machine = load({**WIDE, "gantry": {**WIDE["gantry"], "preset": preset}})  # type: ignore[dict-item]
         found = slides.identify(square.record(machine, seed), scenarios.axes_of(machine.gantry), seed)
         missed = []
         for key, true in square.truth(machine, seed).items():
@@ -54,7 +54,8 @@ def main() -> None:
         )
     for key, held in inside.items():
         print(f"{key:13s} {sum(held)} of {len(held)}, median error {1e6 * np.median(off[key]):.2f} ppm")
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    script.run(main, "kerfgym.experiments.studies.identified_axes")

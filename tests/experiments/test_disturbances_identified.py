@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy import ndimage, stats
 
-from kerfgym.experiments.identify import disturbance_coverage, disturbances, head, identifying, protocols
+from kerfgym.experiments.identify import disturbances, head, identifying, protocols
 from kerfgym.experiments.identify.log import PERIOD, Log
+from kerfgym.experiments.studies import identified_disturbances
 
 QUIET = {
     "noise": 1e-3, "nominal": True, "impulses": 12.0, "impulse_samples": 3.0, "impulse_height": 0.15,
@@ -135,6 +136,6 @@ def test_the_machines_file_draws_impulses_and_keeps_what_was_not_told(rest, swep
 
 
 def test_the_count_of_the_study_is_of_machines_and_intervals():
-    held = disturbance_coverage.covered(2, 3)
+    held = identified_disturbances.covered(2, 3)
     assert all(len(each) <= 2 for each in held.values())
     assert len(held["drift"]) == 2

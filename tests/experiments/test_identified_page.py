@@ -9,7 +9,7 @@ import pytest
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.plant import candidates
 from kerfgym.envs.scenarios import machines
-from kerfgym.experiments.identify import check_log, drive, identified_page, protocols
+from kerfgym.experiments.identify import check_log, drive, identified_page, identifying, next_protocol, protocols
 from kerfgym.experiments.identify.identifying import Identified, Number
 from kerfgym.experiments.identify.log import Log
 
@@ -17,8 +17,8 @@ AXIS = {"bandwidth": 60.0, "zeta": 0.7, "speed": 400.0, "acceleration": 12000.0,
         "bristle": 0.005, "stiction": 1.4, "stribeck": 3.0, "dead_time": 0.00433}  # fmt: skip
 
 
-def found(**changes):
-    """A drive that is known to a thousandth."""
+def found(like=None, **changes):
+    """A drive that is known to a thousandth, on the machine that it is like."""
     rng = np.random.default_rng(0)
     numbers = []
     for key, value in (AXIS | changes).items():
@@ -26,7 +26,8 @@ def found(**changes):
         numbers.append(
             Number(f"axis.{key}", value * (1 + 1e-3 * rng.normal(size=1000)), ends, key != "stribeck", "motion")
         )
-    return Identified(machines.load({"name": "mine"}), tuple(numbers), None, ("no rest log",))
+    base = machines.load({"name": "mine", **(like or {})})
+    return Identified(identifying._machine(base, "mine", numbers, [], rng), tuple(numbers), None, ("no rest log",))
 
 
 @pytest.fixture(scope="module")
@@ -76,6 +77,22 @@ def test_a_resonance_that_the_model_does_not_have_is_called_wrong_and_named(move
     assert "missing linear dynamics" in why
 
 
+@pytest.mark.parametrize("count", [1e-5, 0.01, 0.02])
+def test_coarse_and_fine_scales_of_the_encoder_are_no_mistake_of_the_model(moved, count):
+    rounded = count * np.round(moved["encoder"] / count + 0.2)
+    log = Log("motion.csv", "motion", {**moved.columns, "encoder": rounded})
+    word, why = verdict(identified_page.page(found(), [log], foresee=False))
+    assert word == "yes", why
+
+
+def test_what_no_log_told_near_the_plate_may_be_recorded_next():
+    gains = next_protocol.gains(found(), "standard", n=24)
+    assert {gain.protocol for gain in gains} == {"sweep", "rest", "motion", "motion near the plate"}
+    (near,) = (gain for gain in gains if gain.protocol == "motion near the plate")
+    assert 0.0 < near.after <= near.now
+    assert not near.recorded
+
+
 def test_names_in_logs_are_text_on_the_page_and_no_markup(moved):
     hostile = "<script>alert(1)</script>\"'&.csv"
     page = identified_page.page(found(), [Log(hostile, "motion", moved.columns)], foresee=False)
@@ -86,9 +103,9 @@ def test_names_in_logs_are_text_on_the_page_and_no_markup(moved):
 def test_a_known_machine_is_predicted_on_a_log_that_was_not_used():
     known = {"name": "known", "head": {"nominal": True}, "axis": {**AXIS, "dead_time": 0.004, "latency": 0.0003}}
     unseen = protocols.record(known, "follow", 3)
-    checked = check_log.check(found(), unseen, "xi2023-improved", {"name": "k", "head": {"nominal": True}}, draws=16)
+    checked = check_log.check(found({"head": {"nominal": True}}), unseen, "xi2023-improved", draws=16)
     assert np.median(checked.predicted["RMS"]) == pytest.approx(checked.measured["RMS"], rel=0.1)
-    slow = check_log.check(found(bandwidth=20.0), unseen, "xi2023-improved", "standard", draws=16)
+    slow = check_log.check(found(bandwidth=20.0), unseen, "xi2023-improved", draws=16)
     assert abs(np.median(slow.predicted["RMS"]) / slow.measured["RMS"] - 1) > 0.1
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from kerfgym.envs.engine.quantity import InvalidInput
-from kerfgym.envs.plant import candidates, z_axis
+from kerfgym.envs.plant import candidates, sensor, z_axis
 from kerfgym.envs.scenarios import machines
 from kerfgym.experiments.identify import drive, head, identifying, log, mounting, protocols
 
@@ -37,6 +37,49 @@ def put(folder, header=HEADER, table=None, name="motion.csv"):
     file = folder / name
     file.write_text("\n".join(",".join(row) for row in [header, *(table or rows())]), encoding="utf-8")
     return file
+
+
+def test_bore_and_oscillator_are_those_of_the_machine_that_it_is_like():
+    machine = machines.load({**KNOWN, "head": {**KNOWN["head"], "bore": 3.6, "oscillator": "eq1"}})
+    known = head.known_of(machine.head)
+    assert (known.bore, known.series) == (1.8, 0.003)
+    sweep, rest = (protocols.record(machine, protocol, 2) for protocol in ("sweep", "rest"))
+    swept = head.swept(sweep, known)
+    assert swept.values == pytest.approx({"face": 10.0, "body": 10.0, "inductance": 150.0}, rel=0.03)
+    noise = head.noise(rest, swept, np.random.default_rng(0))["noise"]
+    assert np.median(noise) == pytest.approx(2e-3, rel=0.1)
+    # Taken for the usual one, another head makes the same frequencies, and other noise.
+    assert head.swept(sweep).values["body"] != pytest.approx(10.0, rel=0.05)
+
+
+@pytest.mark.parametrize("oscillator", ["eq3", "eq1"])
+def test_scatter_is_that_of_the_sensor_itself(oscillator):
+    p = sensor.PRESETS[oscillator]
+    c5 = np.array([sensor.capacitance(p, h, 1.0) for h in (0.3, 1.0, 5.0)])
+    rate = [sensor.oscillator(p, c, 0.0) for c in c5]
+    off = [0.5 * (sensor.oscillator(p, c - 1e-3, 0.0) - sensor.oscillator(p, c + 1e-3, 0.0)) for c in c5]
+    counted = head.scatter_at(p, np.array(rate), 0.0, 0.0)
+    both = head.scatter_at(p, np.array(rate), 1e-3, 0.0)
+    assert np.sqrt(both**2 - counted**2) == pytest.approx(off, rel=1e-3)
+
+
+def test_a_log_begins_with_slow_moves_or_is_taken_whole():
+    slow, brisk, top = np.full(5000, 20.0), np.full(4000, -200.0), np.full(2000, 3000.0)
+    assert drive.beginnings(np.concatenate([slow, brisk, top])) == (5000, 9000)
+    assert drive.beginnings(np.concatenate([slow[:100], brisk, top])) == (4100, 4100)
+    assert drive.beginnings(np.concatenate([top, brisk])) == (6000, 6000)
+    assert drive.beginnings(slow) == (5000, 5000)
+
+
+def test_files_beside_the_machines_are_not_overwritten_unasked(tmp_path):
+    for protocol in ("sweep", "motion"):
+        log.write(protocols.record(KNOWN, protocol, 1), tmp_path / f"{protocol}.csv")
+    mine = tmp_path / "mine.table.csv"
+    mine.write_text("of another run", encoding="utf-8")
+    files = (str(tmp_path / "sweep.csv"), str(tmp_path / "motion.csv"))
+    with pytest.raises(InvalidInput, match=r"mine.table.csv: exists; --overwrite"):
+        identifying.command(files, str(tmp_path / "mine.toml"), "standard", False)
+    assert mine.read_text(encoding="utf-8") == "of another run"
 
 
 def test_a_sound_log_is_read_in_the_units_of_its_header(tmp_path):

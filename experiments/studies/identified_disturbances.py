@@ -1,14 +1,14 @@
-"""How often intervals of impulses and drift hold the truth, on machines that are drawn from their priors.
+"""How often intervals of impulses and drift hold the truth, on machines that are drawn from their priors::
 
-python -m kerfgym.experiments.identify.disturbance_coverage [MACHINES [FIRST SEED]]
+python -m kerfgym.experiments.studies.identified_disturbances --machines 60 --first 0
 """
 
-import sys
 from collections import defaultdict
 
 import numpy as np
 
-from . import disturbances, head, protocols
+from ..identify import disturbances, head, protocols
+from ..store import script
 
 TRUTHS = {
     "impulses": (0.2, 50.0),
@@ -48,7 +48,17 @@ def covered(machines: int, first: int = 0) -> dict[str, list[bool]]:
     return dict(hits)
 
 
-if __name__ == "__main__":
-    asked = [int(word) for word in sys.argv[1:3]]
-    for name, held in covered(*(asked or [60])).items():
+def main(machines: int = 60, first: int = 0) -> int:
+    """Tell how often intervals of impulses and drift hold the truth.
+
+    Args:
+        machines: how many.
+        first: seed of the first of them.
+    """
+    for name, held in covered(machines, first).items():
         print(f"{name:18s}{sum(held):5d} of {len(held)}")
+    return 0
+
+
+if __name__ == "__main__":
+    script.run(main, "kerfgym.experiments.studies.identified_disturbances")
