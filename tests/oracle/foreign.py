@@ -15,6 +15,7 @@ They share no code with the machine, and no equation where another is as usual:
 Every number was written down before anything was identified from it.
 """
 
+from collections import namedtuple
 from dataclasses import astuple, dataclass, fields, replace
 from typing import Any
 
@@ -91,7 +92,7 @@ WRONG = {
 }
 """Machines that it can't stand for."""
 
-_NAMES = tuple(f.name for f in fields(Foreign))
+_Numbers = namedtuple("_Numbers", [f.name for f in fields(Foreign)])
 
 
 @njit(cache=True)
@@ -104,45 +105,27 @@ def _friction(v, coulomb, static, stribeck, viscous):
 @njit(cache=True)
 def _slope(y, out, p, u, carried, carried_speed, load):
     """Time derivatives of the states; ``load``: acceleration by what hangs on the motor."""
-    (
-        natural,
-        damping,
-        weight,
-        current,
-        filtered,
-        force,
-        slew,
-        coulomb,
-        static,
-        stribeck,
-        viscous,
-        smooth,
-        ripple,
-        pitch,
-        flexure,
-        flexure_damping,
-    ) = p
-    omega = 2 * np.pi * natural
-    kp, ki = 2 * damping * omega, omega * omega
-    asked = kp * (weight * u - y[4]) + y[3]
-    given = min(max(asked, -force), force)
+    omega = 2 * np.pi * p.natural
+    kp, ki = 2 * p.damping * omega, omega * omega
+    asked = kp * (p.weight * u - y[4]) + y[3]
+    given = min(max(asked, -p.force), p.force)
     winding = ki * (u - y[4])
     if asked != given and winding * asked > 0.0:
         winding = 0.0
-    change = min(max((given - y[2]) / current, -slew), slew)
-    pull = y[2] + ripple * np.sin(2 * np.pi * y[0] / pitch) + load
-    if smooth > 0.0:
-        push = np.tanh(y[1] / smooth) * abs(_friction(abs(y[1]) + 1e-9, coulomb, static, stribeck, viscous))
+    change = min(max((given - y[2]) / p.current, -p.slew), p.slew)
+    pull = y[2] + p.ripple * np.sin(2 * np.pi * y[0] / p.pitch) + load
+    if p.smooth > 0.0:
+        push = np.tanh(y[1] / p.smooth) * abs(_friction(abs(y[1]) + 1e-9, p.coulomb, p.static, p.stribeck, p.viscous))
         acceleration = pull - push
     elif abs(y[1]) < 0.02:  # Karnopp: what is slow sticks up to the static force, and comes to rest
-        acceleration = -y[1] / 2e-5 if abs(pull) <= static else pull - static * np.sign(pull)
+        acceleration = -y[1] / 2e-5 if abs(pull) <= p.static else pull - p.static * np.sign(pull)
     else:
-        acceleration = pull - _friction(y[1], coulomb, static, stribeck, viscous)
-    wr = 2 * np.pi * flexure
+        acceleration = pull - _friction(y[1], p.coulomb, p.static, p.stribeck, p.viscous)
+    wr = 2 * np.pi * p.flexure
     out[0], out[1], out[2], out[3] = y[1], acceleration, change, winding
-    out[4] = (y[1] - y[4]) / filtered
+    out[4] = (y[1] - y[4]) / p.filtered
     out[5] = y[6]
-    out[6] = wr * wr * (carried - y[5]) + 2 * flexure_damping * wr * (carried_speed - y[6])
+    out[6] = wr * wr * (carried - y[5]) + 2 * p.flexure_damping * wr * (carried_speed - y[6])
 
 
 @njit(cache=True)
@@ -168,62 +151,7 @@ def _period(p, y, hang, held, arrives, sheet, spacing, x, feed, draws, seen):
     """A period. ``held`` and ``arrives``: commands, and from which step on they act, the newest first."""
     k = np.empty((4, STATES))
     z = np.empty(STATES)
-    (
-        natural,
-        damping,
-        weight,
-        current,
-        filtered,
-        _delay,
-        _jitter,
-        speed,
-        force,
-        slew,
-        coulomb,
-        static,
-        stribeck,
-        viscous,
-        smooth,
-        ripple,
-        pitch,
-        bits,
-        count,
-        play,
-        flexure,
-        flexure_damping,
-        bent,
-        load,
-        load_natural,
-        load_damping,
-        face,
-        bore,
-        edge,
-        body,
-        inductance,
-        noise,
-        clock,
-        impulses,
-        impulse,
-    ) = p
-    q = (
-        natural,
-        damping,
-        weight,
-        current,
-        filtered,
-        force,
-        slew,
-        coulomb,
-        static,
-        stribeck,
-        viscous,
-        smooth,
-        ripple,
-        pitch,
-        flexure,
-        flexure_damping,
-    )
-    wl = 2 * np.pi * load_natural
+    wl = 2 * np.pi * p.load_natural
     total, touched, gap = 0.0, False, 0.0
     for n in range(SUBSTEPS):
         u = 0.0
@@ -231,20 +159,20 @@ def _period(p, y, hang, held, arrives, sheet, spacing, x, feed, draws, seen):
             if arrives[i] <= n:
                 u = held[i]
                 break
-        u = min(max(u, -speed), speed)
-        step = speed / 2.0 ** (bits - 1.0)
+        u = min(max(u, -p.speed), p.speed)
+        step = p.speed / 2.0 ** (p.bits - 1.0)
         u = np.rint(u / step) * step
-        if bent != 1.0:
-            u = np.sign(u) * speed * (abs(u) / speed) ** bent
+        if p.bent != 1.0:
+            u = np.sign(u) * p.speed * (abs(u) / p.speed) ** p.bent
         before = hang[2]
-        hang[2] = min(max(hang[2], y[0] - 0.5 * play), y[0] + 0.5 * play)
-        picked = y[1] if play == 0.0 else (hang[2] - before) / DT
-        spring = wl * wl * (hang[0] - y[0]) + 2 * load_damping * wl * (hang[1] - y[1])
+        hang[2] = min(max(hang[2], y[0] - 0.5 * p.play), y[0] + 0.5 * p.play)
+        picked = y[1] if p.play == 0.0 else (hang[2] - before) / DT
+        spring = wl * wl * (hang[0] - y[0]) + 2 * p.load_damping * wl * (hang[1] - y[1])
         for r in range(4):
             c = 0.0 if r == 0 else (0.5 * DT if r < 3 else DT)
             for j in range(STATES):
                 z[j] = y[j] if r == 0 else y[j] + c * k[r - 1, j]
-            _slope(z, k[r], q, u, hang[2] + c * picked, picked, load * spring)
+            _slope(z, k[r], p, u, hang[2] + c * picked, picked, p.load * spring)
         for j in range(STATES):
             y[j] += DT / 6.0 * (k[0, j] + 2 * k[1, j] + 2 * k[2, j] + k[3, j])
         hang[1] -= DT * spring
@@ -255,12 +183,12 @@ def _period(p, y, hang, held, arrives, sheet, spacing, x, feed, draws, seen):
         if n >= 75:
             total += gap
     felt = total / 25.0
-    if draws[2] < impulses * 1e-3:
-        felt += impulse * (2.0 * draws[3] - 1.0)
-    f = _frequency(max(felt, 1e-3), noise * draws[0], face, bore, edge, body, inductance)
+    if draws[2] < p.impulses * 1e-3:
+        felt += p.impulse * (2.0 * draws[3] - 1.0)
+    f = _frequency(max(felt, 1e-3), p.noise * draws[0], p.face, p.bore, p.edge, p.body, p.inductance)
     periods = np.floor(0.25e-3 * f)
-    f = periods * clock / np.floor(periods * clock / f + draws[1])
-    seen[0] = np.rint(y[0] / count) * count
+    f = periods * p.clock / np.floor(periods * p.clock / f + draws[1])
+    seen[0] = np.rint(y[0] / p.count) * p.count
     seen[1] = 0.0 if touched else f
     seen[2] = gap
     for i in range(HELD):
@@ -289,7 +217,7 @@ class Running:
         self.hang = np.array([at, 0.0, at])
         self.held, self.arrives = np.zeros(HELD), np.full(HELD, -1e9)
         self.arrives[0] = -1.0
-        self.x, self.seen, self.p = 0.0, np.zeros(3), astuple(make)
+        self.x, self.seen, self.p = 0.0, np.zeros(3), _Numbers(*astuple(make))
 
     def step(self, command: float) -> tuple[float, float]:
         """A period under a command, mm/s: encoder, mm, and frequency, Hz (0: it touches)."""
