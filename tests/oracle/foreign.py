@@ -85,6 +85,26 @@ GOOD = {
 """Machines that the model should be able to stand for: a screw with a good drive, an old and slow one with play, a
 direct drive."""
 
+FRESH = {
+    "rack": Foreign(
+        natural=38.0, damping=0.65, weight=0.2, current=0.6e-3, filtered=0.3e-3, delay=3.2e-3, speed=380.0, force=11e3,
+        slew=3e6, coulomb=500.0, static=640.0, stribeck=4.0, viscous=4.0, smooth=0.15, ripple=80.0, pitch=12.0,
+        bits=14.0, count=2e-3, play=8e-3, flexure=95.0, flexure_damping=0.05, face=5.5, bore=0.75, edge=2.0, body=8.0,
+        inductance=165.0, noise=2e-3, impulses=4.0,
+    ),
+    "linear motor": Foreign(
+        natural=140.0, damping=0.85, weight=0.0, current=0.15e-3, filtered=0.15e-3, delay=0.8e-3, speed=900.0,
+        force=25e3, slew=2e7, coulomb=150.0, static=180.0, stribeck=12.0, viscous=6.0, ripple=120.0, pitch=30.0,
+        count=5e-5, flexure=260.0, flexure_damping=0.03, face=4.0, edge=4.0, body=16.0, inductance=200.0, noise=1e-3,
+    ),
+    "gear": Foreign(
+        natural=60.0, damping=1.0, weight=0.4, current=0.5e-3, filtered=0.5e-3, delay=6.3e-3, speed=260.0, force=7.5e3,
+        slew=1.5e6, coulomb=1100.0, static=1600.0, stribeck=2.0, viscous=0.5, ripple=10.0, pitch=2.0, bits=12.0,
+        count=1e-3, play=1.5e-2, flexure=130.0, flexure_damping=0.06, body=11.0, inductance=140.0, noise=4e-3,
+    ),
+}  # fmt: skip
+"""More of these, on which nobody looked while identification was made."""
+
 WRONG = {
     "bent gain": replace(Foreign(), bent=0.85),
     "load at 40 Hz": replace(Foreign(), load=0.5),

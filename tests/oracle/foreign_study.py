@@ -20,7 +20,7 @@ from kerfgym.envs.scenarios import Scenario, machines
 from kerfgym.experiments.identify import identifying
 from kerfgym.experiments.identify.outside import Outside
 from kerfgym.experiments.measure import rollout
-from kerfgym.tests.oracle.foreign import GOOD, WRONG, Foreign
+from kerfgym.tests.oracle.foreign import FRESH, GOOD, WRONG, Foreign
 from kerfgym.tests.oracle.foreign_logs import followed, recorded
 
 CONTROLLERS = ("xi2023-tuned", "pid", "observer", "forecast")
@@ -75,13 +75,15 @@ def identified(make: Foreign, folder: Path, seed: int = 0) -> identifying.Identi
 
 
 def _main() -> None:
-    every = {**GOOD, **WRONG}
+    every = {**GOOD, **FRESH, **WRONG}
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*", default=list(every))
-    for name in parser.parse_args().names:
+    parser.add_argument("--sheet", type=int, default=17, help="seed of the unseen sheet")
+    asked = parser.parse_args()
+    for name in asked.names:
         with tempfile.TemporaryDirectory() as place:
             folder, begun = Path(place), time.process_time()
-            found, sheet = identified(every[name], folder), unseen(folder)
+            found, sheet = identified(every[name], folder), unseen(folder, asked.sheet)
             print(f"{name}, {time.process_time() - begun:.0f} s of CPU")
             for note in found.notes:
                 print(f"    {note}")
