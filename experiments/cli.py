@@ -727,8 +727,9 @@ def record(
         raise InvalidInput(f"-o takes a .csv or .parquet file, not {target}")
     if target.exists() and not overwrite:
         raise InvalidInput(f"'{target}' exists; --overwrite replaces it")
-    write(recorded(machine, protocol, seed, scenario), target)
-    print(target)
+    made = recorded(machine, protocol, seed, scenario)
+    write(made, target)
+    print(*made.warnings, target, sep="\n")
 
 
 def identify(

@@ -45,6 +45,9 @@ STARTS = 6
 SETTLED = 400
 """Samples after the first motion that do not count: in which state friction held the axis before is not known."""
 
+MOVING = 1.0
+"""mm/s of the command from which on the head is said to move."""
+
 OUTLYING = 6.0
 """Scales of the errors from which on a sample is taken for spoilt."""
 
@@ -71,7 +74,9 @@ def part(log: Log, swept: Swept) -> slice | None:
         return None
     rests = np.flatnonzero(np.convolve(still[first:], np.ones(enough), "valid") > enough - 0.5)
     begin = first + int(rests[0]) + enough - 1 if len(rests) else len(f)
-    return slice(begin, len(f)) if (len(f) - begin) * PERIOD >= LEAST else None
+    moving = np.flatnonzero(np.abs(log["command"][begin:]) > MOVING)
+    enough_moves = len(moving) > 0 and (len(f) - begin - moving[0] - SETTLED) * PERIOD >= LEAST
+    return slice(begin, len(f)) if enough_moves else None
 
 
 def mounted(axis: z_axis.Params, x: np.ndarray) -> z_axis.Params:
@@ -97,7 +102,7 @@ class Errors:
         near = np.maximum(self.motor, 0.05)
         steep = frequency_at(self.head, near + 1e-3) / frequency_at(self.head, near) - 1
         basis = np.column_stack([basis, steep * np.gradient(encoder) / np.ptp(np.gradient(encoder))])
-        self.good = np.arange(len(encoder)) > np.flatnonzero(np.abs(self.command) > 1.0)[0] + SETTLED
+        self.good = np.arange(len(encoder)) > np.flatnonzero(np.abs(self.command) > MOVING)[0] + SETTLED
         self._free = np.linalg.qr(basis * self.good[:, None])[0]
         alone = self(self._tried(np.log([[1e-3, 100.0, 0.05, 0.01]])))[0]
         quick = alone - ndimage.median_filter(alone, 9)

@@ -32,8 +32,12 @@ GAIN = 5.0
 LOW, HIGH = 15.0, 60.0
 """mm, between which the fast moves of the motion protocol go."""
 
-NEAR, JOLTS = 1.2, 32
-"""mm, height from which it jolts the head within the sensor's range, and how often."""
+NEAR, JOLTS, SPEEDS, SLACK = 1.2, 8, (80.0, 120.0, 180.0, 250.0), 4e-3
+"""Jolts within the sensor's range: mm of the height from which on, how many at each speed, mm/s, and mm by which they
+begin higher for each mm/s, since a drive whose jerk is limited may come back further than it went."""
+
+BEFORE = 300
+"""Samples before a touch of the plate that are left out of the log."""
 
 LEAST = 0.6
 """mm below which the host lets the head come at no time."""
@@ -64,6 +68,7 @@ def record(machine: Any, protocol: str, seed: int = 0, scenario: Any = None) -> 
         return square.record(cuts, seed)
     flat = Scenario(name=protocol, duration=200.0, settle=0.0, feed=0.0, set_height=1.0)
     rows: list[list[float]] = []
+    warned: tuple[str, ...] = ()
     fleet, look, command = _begun(machines.put_on(flat, cuts), seed, 0.2 if protocol == "sweep" else HEIGHTS[0])
     if protocol == "sweep":
         fleet.set("job.request", 0, supervisor.CALIBRATE)
@@ -79,13 +84,18 @@ def record(machine: Any, protocol: str, seed: int = 0, scenario: Any = None) -> 
             command[0] = asked
             fleet.advance()
             rows.append(look())
+            if rows[-1][2] == 0.0:  # it touched the plate: what comes then is an alarm's
+                seconds = len(rows) * PERIOD
+                warned = (f"{protocol}.csv: the head touched the plate after {seconds:.4g} s; the log ends before",)
+                del rows[-BEFORE:]
+                break
             try:
                 asked = script.send(rows[-1][0])
             except StopIteration:
                 break
     encoder, sent, frequency = np.asarray(rows).T
     columns = {"time": np.arange(len(rows)) * PERIOD, "encoder": encoder, "command": sent, "frequency": frequency}
-    return Log(f"{protocol}.csv", protocol, columns)
+    return Log(f"{protocol}.csv", protocol, columns, warned)
 
 
 def _begun(scenario: Scenario, seed: int, gap: float) -> tuple[Fleet, Callable[[], list[float]], np.ndarray]:
@@ -153,17 +163,19 @@ def _motion(rng: Any) -> Any:
             encoder = yield -3000.0
         for _ in range(120):
             yield 0.0
-    yield from _to(rng, NEAR, 2.5, 30.0)
-    for _ in range(200):
-        yield 0.0
-    for k in range(JOLTS):
-        speed, lasts = (80.0, 120.0, 180.0, 250.0)[k % 4] * rng.uniform(0.9, 1.1), int(rng.integers(7, 14))
-        for command in (speed, -speed):  # up and stop, which opens the free play; down again
-            for _ in range(lasts):
-                yield command
-            for _ in range(int(rng.integers(60, 120))):
-                yield 0.0
-        yield from _to(rng, NEAR, 0.15)
+    for level in SPEEDS:
+        near = NEAR + SLACK * level
+        yield from _to(rng, near, 2.5 if level == SPEEDS[0] else 1.0, 30.0)
+        for _ in range(200):
+            yield 0.0
+        for _ in range(JOLTS):
+            speed, lasts = level * rng.uniform(0.9, 1.1), int(rng.integers(7, 14))
+            for command in (speed, -speed):  # up and stop, which opens the free play; down again
+                for _ in range(lasts):
+                    yield command
+                for _ in range(int(rng.integers(60, 120))):
+                    yield 0.0
+            yield from _to(rng, near, 0.15)
 
 
 def _steps(rng: Any, about: float, level: float, hold: int, seconds: float, room: float = 8.0) -> Any:

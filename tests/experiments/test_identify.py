@@ -7,6 +7,7 @@ from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.plant import candidates, sensor, z_axis
 from kerfgym.envs.scenarios import machines
 from kerfgym.experiments.identify import drive, head, identifying, log, mounting, protocols
+from kerfgym.experiments.studies.identified import WIDE
 
 KNOWN = {
     "name": "known",
@@ -69,6 +70,25 @@ def test_a_log_begins_with_slow_moves_or_is_taken_whole():
     assert drive.beginnings(np.concatenate([slow[:100], brisk, top])) == (4100, 4100)
     assert drive.beginnings(np.concatenate([top, brisk])) == (6000, 6000)
     assert drive.beginnings(slow) == (5000, 5000)
+
+
+def test_a_log_ends_before_the_head_touches_the_plate_and_says_so():
+    touches = protocols.record(WIDE, "motion", 327)
+    assert [w for w in touches.warnings if "the head touched the plate after 39" in w]
+    assert np.all(touches["frequency"] > 0)
+    assert touches["encoder"].min() > 0.3
+
+
+def test_a_log_whose_last_stretch_stands_tells_nothing_of_the_mounting():
+    sweep, motion = (protocols.record(KNOWN, protocol, 5) for protocol in ("sweep", "motion"))
+    swept = head.swept(sweep)
+    first = mounting.part(motion, swept).start + 50
+    still = {
+        key: np.concatenate([values[:first], np.repeat(values[first], 5000)]) for key, values in motion.columns.items()
+    }
+    still["command"][first:] = 0.0
+    stopped = log.Log("motion.csv", "motion", still)
+    assert mounting.part(stopped, swept) is None
 
 
 def test_files_beside_the_machines_are_not_overwritten_unasked(tmp_path):
