@@ -681,24 +681,27 @@ def machine(
     what: Annotated[Positional[tuple[str, ...]], arg(metavar="NAME|FILE ...")] = (),
     like: str = "standard",
     set_: Annotated[UseAppendAction[list[str]], arg(name="set", metavar="KEY=VALUE")] = [],  # noqa: B006
+    seed: int = 0,
     overwrite: bool = False,
 ) -> None:
     """Machines as files: what cuts, for --machine of every command and machine= of every environment.
 
     list shows the presets. new FILE writes a machine with every number, its unit and its range, to be changed in an
-    editor or with --set. show NAME|FILE tells what differs from the standard machine. check FILE ... tells what is
-    wrong in files, or what is hardly meant.
+    editor or with --set. draw FILE writes the one machine that --seed draws from one with distributions, every number
+    fixed. show NAME|FILE tells what differs from the standard machine. check FILE ... tells what is wrong in files, or
+    what is hardly meant.
 
     Args:
-        action: list, new, show or check.
-        what: of new the file to write, of show and check machines: names of presets, or files.
-        like: of new, the machine to begin with.
+        action: list, new, draw, show or check.
+        what: of new and draw the file to write, of show and check machines: names of presets, or files.
+        like: of new, the machine to begin with; of draw, the one with distributions.
         set_: of new, a number that differs, such as axis.bandwidth=25 or head.bore=1.5; may be given several times.
-        overwrite: of new, replace an existing file.
+        seed: of draw, which machine.
+        overwrite: of new and draw, replace an existing file.
     """
     from .machine import machine_files
 
-    machine_files.ACTIONS.get(action, machine_files.unknown(action))(what, like, set_, overwrite)
+    machine_files.ACTIONS.get(action, machine_files.unknown(action))(what, like, set_, overwrite, seed)
 
 
 def record(

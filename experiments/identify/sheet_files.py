@@ -15,8 +15,8 @@ from ..store.runs import write_text
 from .followed import Followed
 from .roughness import Spectrum
 
-LONGEST = 600.0
-"""s of a scenario."""
+LONGEST, DRAWN = 600.0, 8.0
+"""s of the scenario with the very sheet at most, and of those that draw others: each seed draws another stretch."""
 
 ENDS = (".sheet.csv", ".sheet.toml", ".sheets.toml")
 """Of the files' names: the profile, the scenario with it, and the one that draws others."""
@@ -36,7 +36,7 @@ def of_profile(found: Followed, name: str, file: str) -> str:
     """A scenario with the very sheet, as TOML; ``file`` is that of its profile."""
     return (
         f'name = "{name}"\nsummary = "the sheet that was followed, {found.position[-1] / 1e3:.3g} m of it"\n'
-        f"{_journey(found)}[sheet.profile]\n"
+        f"{_journey(found, LONGEST)}[sheet.profile]\n"
         f'file = "{file}"\nspacing = {max(float(found.spacing), 0.01):.6g}  # mm, from sample to sample\n'
     )
 
@@ -44,7 +44,8 @@ def of_profile(found: Followed, name: str, file: str) -> str:
 def of_spectrum(found: Followed, made: Spectrum, name: str) -> str:
     """A scenario that draws sheets of this spectrum, as TOML."""
     text = [
-        f'name = "{name}"\nsummary = "sheets of the spectrum of the one that was followed"\n{_journey(found)}[sheet]\n',
+        f'name = "{name}"\nsummary = "sheets of the spectrum of the one that was followed"\n',
+        f"{_journey(found, DRAWN)}[sheet]\n",
         f"tilt = {{ choice = [{-abs(made.tilt):.4g}, {abs(made.tilt):.4g}] }}  # mm/mm, up or down\n",
     ]
     if made.continuous:
@@ -59,9 +60,9 @@ def of_spectrum(found: Followed, made: Spectrum, name: str) -> str:
     return "".join(text)
 
 
-def _journey(found: Followed) -> str:
+def _journey(found: Followed, longest: float) -> str:
     return (
-        f"duration = {min(max(round(found.duration, 3), 0.4), LONGEST):g}\n"
+        f"duration = {min(max(round(found.duration, 3), 0.4), longest):g}\n"
         f"feed = {min(max(found.feed, 0.0), 2000.0):.4g}  # mm/s\n"
         f"set_height = {float(np.clip(found.set_height, 0.05, 9.0)):.4g}  # mm\n"
     )

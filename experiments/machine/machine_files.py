@@ -1,6 +1,7 @@
-"""What ``kerfgym machine`` does: list, new, show, check."""
+"""What ``kerfgym machine`` does: list, new, draw, show, check."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,18 +14,14 @@ from ...envs.safety import names
 from ...envs.scenarios import machine_text, machines
 from ...envs.scenarios.machines import STANDARD, Machine
 from ..store.runs import write_text
+from .fixed import fixed
 
 Words = tuple[str, ...]
 
 
-def new(what: Words, like: str, assignments: list[str], overwrite: bool) -> None:
+def new(what: Words, like: str, assignments: list[str], overwrite: bool, seed: int) -> None:
     """Writes a machine's file."""
-    if len(what) != 1 or not what[0].endswith(".toml"):
-        raise InvalidInput(f"new takes one file to write, such as mine.toml, not {' '.join(what) or 'nothing'}")
-    file = Path(what[0])
-    if file.exists() and not overwrite:
-        raise InvalidInput(f"'{file}' exists; --overwrite replaces it")
-    begin = machines.load(like)
+    file, begin = _target(what, "new", overwrite), machines.load(like)
     tables = {**begin.tables, "name": names.of_file(file.stem)}
     tables["summary"] = f"begun as {begin.name}" + ("" if not assignments else ", but for what is listed below")
     for key, value in parsed(assignments, "axis.bandwidth=25").items():
@@ -43,19 +40,29 @@ def new(what: Words, like: str, assignments: list[str], overwrite: bool) -> None
     print(file)
 
 
-def list_(what: Words, like: str, assignments: list[str], overwrite: bool) -> None:
+def draw(what: Words, like: str, assignments: list[str], overwrite: bool, seed: int) -> None:
+    """Writes the file of one machine that another with distributions draws."""
+    if assignments:
+        raise InvalidInput(f"draw takes no --set {assignments[0]}; new does")
+    file = _target(what, "draw", overwrite)
+    made = replace(fixed(machines.load(like), seed), name=names.of_file(file.stem))
+    write_text(file, machine_text.text_of(made))
+    print(file)
+
+
+def list_(what: Words, like: str, assignments: list[str], overwrite: bool, seed: int) -> None:
     """Prints the presets, a line each."""
     for name in machines.presets():
         print(f"  {name:16s} {machines.load(name).summary}")
 
 
-def show(what: Words, like: str, assignments: list[str], overwrite: bool) -> None:
+def show(what: Words, like: str, assignments: list[str], overwrite: bool, seed: int) -> None:
     """Prints machines: what differs from the standard one, and what is hardly meant."""
     for machine in map(machines.load, _some(what, "show")):
         _show(machine)
 
 
-def check(what: Words, like: str, assignments: list[str], overwrite: bool) -> None:
+def check(what: Words, like: str, assignments: list[str], overwrite: bool, seed: int) -> None:
     """Prints what is wrong in machines' files, or else what is hardly meant."""
     for one in _some(what, "check"):
         machine = machines.load(one)
@@ -63,6 +70,16 @@ def check(what: Words, like: str, assignments: list[str], overwrite: bool) -> No
         print(f"{one}: machine '{machine.name}' ({machine.digest}) is good; {_said(machine)}")
         for doubt in doubts:
             print(f"  but {doubt}")
+
+
+def _target(what: Words, action: str, overwrite: bool) -> Path:
+    """The one file to write."""
+    if len(what) != 1 or not what[0].endswith(".toml"):
+        raise InvalidInput(f"{action} takes one file to write, such as mine.toml, not {' '.join(what) or 'nothing'}")
+    file = Path(what[0])
+    if file.exists() and not overwrite:
+        raise InvalidInput(f"'{file}' exists; --overwrite replaces it")
+    return file
 
 
 def _some(what: Words, action: str) -> Words:
@@ -96,9 +113,9 @@ def _show(machine: Machine) -> None:
         print(f"but {doubt}")
 
 
-Action = Callable[[Words, str, list[str], bool], None]
+Action = Callable[[Words, str, list[str], bool, int], None]
 
-ACTIONS: dict[str, Action] = {"list": list_, "new": new, "show": show, "check": check}
+ACTIONS: dict[str, Action] = {"list": list_, "new": new, "draw": draw, "show": show, "check": check}
 """What the command can do."""
 
 
