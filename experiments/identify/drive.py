@@ -3,7 +3,9 @@
 1. slow moves alone, with which a log begins and which no limit touches: a grid of axes without dead time, each compared
    at every dead time, which only delays what it does; then least squares for loop, friction and dead time;
 2. quicker moves as well: a grid of accelerations and jerks around what is known, least squares for all numbers;
-3. the whole log. Where all that ends in a valley beside the right one, CMA-ES over the whole prior;
+3. the whole log. A drive at its limits is chaotic: where a limit is wrong by a thousandth, a quick move may end
+   anywhere. So segments count the less the more of them is left, as outliers do (Holland and Welsch 1977), and come in
+   as the axis comes nearer. Where all that ends in a valley beside the right one, CMA-ES over the whole prior;
 4. where quick moves leave more than slow ones all the same, each segment's errors have a scale of their own: how a
    drive gets out of its limits is its maker's, and must not spoil what slow moves tell of the loop;
 5. how sure that is: draws of the posterior (:mod:`.posterior`). A dead time acts in substeps of 50 µs: within one, all
@@ -48,6 +50,13 @@ such a beginning of a log must have to count as one [A]."""
 
 STARTS = 3
 """Places from which least squares begins."""
+
+GATHERINGS, JUMPS = 6, 60
+"""Times that segments which were left out are looked at again; points of each width that are tried in between."""
+
+LOUD, ODD = 2.0, 0.25
+"""Times what slow moves leave, from which on a segment is not yet explained; share of them from which on the model is
+likely to be another one, and there is no point in going on [A]."""
 
 GRID = {
     "bandwidth": tuple(np.geomspace(18, 220, 9)),
@@ -175,10 +184,20 @@ class Errors:
         """What is left without what the encoder's rounding accounts for, µm."""
         return float(np.sqrt(max(self.rms_of(x, late) ** 2 - self.rounding**2, 0.0)))
 
+    def each(self, axes: list[z_axis.Params]) -> np.ndarray:
+        """µm, RMS of each segment, shape (axes, segments)."""
+        square = self(axes).reshape(len(axes), *self._weight.shape) ** 2
+        rms: np.ndarray = np.sqrt(square.sum(axis=2) / np.maximum(np.sum(self._weight**2, axis=1), 1e-9))
+        return rms
+
     def by_segment(self, x: np.ndarray, late: float) -> np.ndarray:
-        """µm, RMS of each segment, shape (segments,)."""
-        square = self([axis(x, np.rint(late))]).reshape(self._weight.shape) ** 2
-        return np.sqrt(square.sum(axis=1) / np.maximum(np.sum(self._weight**2, axis=1), 1e-9))
+        """The same of one point, shape (segments,)."""
+        segments: np.ndarray = self.each([axis(x, np.rint(late))])[0]
+        return segments
+
+    def quiet(self, x: np.ndarray, late: float) -> float:
+        """µm that slow moves leave, the median of their segments."""
+        return float(np.median(self.by_segment(x, late)[: self.slow // SEGMENT]))
 
     def scaled(self, scales: np.ndarray) -> "Errors":
         """Those whose segments count by a scale of their own, shape (segments,)."""
@@ -201,7 +220,9 @@ def identify(command: np.ndarray, encoder: np.ndarray, seed: int = 0) -> Found:
     """Axes that may have made a log, from its commands, mm/s, and its encoder, mm."""
     errors = Errors(command, encoder)
     begun = _begun(errors)
-    x, late, left = _followed(errors, *begun)
+    x, late = _gathered(errors, *begun, seed)
+    x, late = _nearest(errors, x, late)
+    left = errors.beyond_rounding(x, late)
     if left > EXPLAINED:
         searched = _nearest(errors, *_searched(errors.first(errors.quick), seed))
         (x, late), left = min(((x, late), left), (searched, errors.beyond_rounding(*searched)), key=lambda e: e[1])
@@ -227,7 +248,7 @@ def _set_apart(errors: Errors, x: np.ndarray, late: float) -> tuple[Errors, np.n
     counted, quiet = errors, 0.0
     for rounds in (4, 8):  # scales are soon what they are
         leaves = errors.by_segment(x, late)
-        quiet = float(np.median(leaves[: errors.slow // SEGMENT]))
+        quiet = errors.quiet(x, late)
         counted = errors.scaled(np.maximum(leaves / quiet, 1.0))
         x, late = _nearest(counted, x, late, rounds=rounds)
     return counted, x, late, quiet
@@ -240,13 +261,33 @@ def _begun(errors: Errors) -> tuple[np.ndarray, float]:
     return _nearest(quick, _limited(quick, x, late), late, _FREE)
 
 
-def _followed(errors: Errors, x: np.ndarray, late: float) -> tuple[np.ndarray, float, float]:
-    """From there on an axis near the best, its delay in substeps and µm that it leaves beyond rounding."""
-    quick = errors.first(errors.quick)
-    x, late = _nearest(quick, x, late)
-    x, late = _nearest(errors, x, late, _FREE)
-    x, late = _nearest(errors, x, late)
-    return x, late, errors.beyond_rounding(x, late)
+def _gathered(errors: Errors, x: np.ndarray, late: float, seed: int) -> tuple[np.ndarray, float]:
+    """From there on an axis of which the fewest segments leave more than slow moves do, and its delay in substeps."""
+    rng = np.random.default_rng(seed)
+    for rounds in range(GATHERINGS):
+        for _ in range(3):
+            leaves, quiet = errors.by_segment(x, late), errors.quiet(x, late)
+            counted = errors.scaled(np.maximum(leaves / quiet, 1.0) ** 2)
+            x, late = _nearest(counted, x, late, rounds=4)
+        loud = float(np.mean(errors.by_segment(x, late) > LOUD * quiet))
+        if loud == 0.0 or (rounds > 0 and loud > ODD):
+            break
+        x = _jumped(errors, counted, x, late, quiet, rng)
+    return x, late
+
+
+def _jumped(
+    errors: Errors, counted: Errors, x: np.ndarray, late: float, quiet: float, rng: np.random.Generator
+) -> np.ndarray:
+    """The best of points around, as far as the segments that count allow: that which least squares cannot step to."""
+    _, slopes = posterior.Problem(counted.of, _LOW, _HIGH, errors.worth).slopes(x, np.rint(late))
+    known = slopes @ slopes.T / quiet**2 + np.diag(12 / (_HIGH - _LOW) ** 2)
+    spread = np.linalg.inv(known)
+    away = [width * rng.multivariate_normal(np.zeros(len(x)), spread, JUMPS) for width in (0.5, 1.0, 2.0, 4.0)]
+    points = np.clip(x + np.concatenate([np.zeros((1, len(x))), *away]), _LOW, _HIGH)
+    costs = np.log1p((errors.each([axis(point, np.rint(late)) for point in points]) / quiet) ** 2).sum(axis=1)
+    best: np.ndarray = points[int(np.argmin(costs))]
+    return best
 
 
 _FREE = [NAMES.index(name) for name in ("speed", *LIMITS)]

@@ -25,6 +25,9 @@ UNEXPLAINED = 3.0
 drives of another make, whose following it still tells, 1 µm; those that it can't stand for, from 5 µm on
 (tests/oracle/foreign.py)."""
 
+FEW = 4
+"""Draws for each number that an importance sample must be worth."""
+
 UNEXCITED = 0.7
 """Share of the prior's interval from which on a log has told nothing."""
 
@@ -129,6 +132,11 @@ def identify(logs: Iterable[Log], name: str = "mine", like: Any = "standard", se
             numbers.append(_number(f"axis.{key}", draws, ends, "motion", key in drive.PRIOR))
         notes.append(f"motion: the model leaves {found.left:.2f} µm of the encoder; the sample is worth "
                      f"{found.effective:.0f} draws")  # fmt: skip
+        if found.effective < FEW * len(drive.NAMES):
+            notes.append(
+                "motion: too few draws for intervals, which may be too narrow: at its limits the smallest of changes "
+                "sends this drive elsewhere"
+            )
         if found.spread > 2.0:
             notes.append(
                 f"motion: what is left is not chance alone; intervals are up to {found.spread:.1f} times as wide"

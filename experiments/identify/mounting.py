@@ -39,8 +39,8 @@ SMOOTH = 6
 TYPICAL = 1.5
 """mm above the plate, of the jolts."""
 
-STARTS = 6
-"""Resonances from which least squares begins."""
+STARTS = 8
+"""Resonances from which least squares begins, each of which may end in a valley of its own."""
 
 SETTLED = 400
 """Samples after the first motion that do not count: in which state friction held the axis before is not known."""
@@ -149,8 +149,8 @@ def identify(log: Log, swept: Swept, axis: z_axis.Params, seed: int = 0) -> Foun
     # A ringing has a valley of its own: the best of each resonance, the best of these.
     begin = [min(range(len(first)), key=lambda i: costs[i] + 1e99 * (first[i, 1] != f)) for f in np.unique(first[:, 1])]
     begin.sort(key=lambda i: float(costs[i]))
-    x = min((posterior.nearest(problem, first[i], 0.0, 12) for i in begin[:STARTS]), key=lambda each: each[1])[0]
-    found = posterior.sampled(problem, x, np.zeros(1), np.random.default_rng(seed))
+    valleys = [posterior.nearest(problem, first[i], 0.0, 12) for i in begin[:STARTS]]
+    found = posterior.sampled_valleys(problem, valleys, np.random.default_rng(seed))
     at_1 = frequency_at(errors.head, np.array([1.0, 1.001]))
     draws = dict(zip(PRIOR, np.exp(found.draws).T, strict=True))
     # What a frequency is in mm is no better known than the head, and both of these are mm.

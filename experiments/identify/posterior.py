@@ -28,6 +28,9 @@ DRAWS, ROUNDS = 160, 3
 KEPT = 1000
 """Draws that are returned."""
 
+HOPELESS, FEWEST = 12.0, 60
+"""Logarithm of a likelihood that is too small beside the best; points of each round in each of many valleys."""
+
 
 @dataclass(frozen=True)
 class Problem:
@@ -100,49 +103,125 @@ def sampled(problem: Problem, x: np.ndarray, cells: np.ndarray, rng: np.random.G
     """
     refined = [nearest(problem, x, cell, 2) for cell in cells]
     best = int(np.argmin([cost for _, cost in refined]))
-    x, cost = refined[best]
-    here, slopes = problem.slopes(x, cells[best])
-    unit = cost / problem.worth
-    prior = np.diag(12 / (problem.high - problem.low) ** 2)
-    informed = slopes @ slopes.T / unit + prior
-    chosen, points, worth, weight = _weighed(problem, x, cells, np.array([c for _, c in refined]), informed, unit, rng)
-    kept = rng.choice(len(points), KEPT, p=weight)
-    wider, spread = _sandwich(slopes, here, informed, unit)
-    draws = np.clip(x + (points[kept] - x) @ wider.T, problem.low, problem.high)
-    return Sample(draws, cells[chosen[kept]], float(np.sqrt(unit)), spread, worth)
+    costs = np.array([cost for _, cost in refined])
+    valley = _Valley.at(problem, refined[best][0], cells[best], costs.min() / problem.worth)
+    return _merged(problem, cells, [valley], [_explored(problem, valley, cells, costs, rng)], rng)
 
 
-def _weighed(
-    problem: Problem, x: np.ndarray, cells: np.ndarray, costs: np.ndarray, informed: np.ndarray, unit: float,
+def sampled_valleys(problem: Problem, points: list[tuple[np.ndarray, float]], rng: np.random.Generator) -> Sample:
+    """The posterior around several points at once, where errors have several valleys that may be the right one.
+
+    Args:
+        problem: what is asked; its one cell is 0.
+        points: the bottoms of valleys with their sums of squared errors. What lies within a standard deviation of a
+            better one is taken for the same, and what is :data:`HOPELESS` is left out.
+        rng: draws.
+    """
+    points = sorted(points, key=lambda each: each[1])
+    unit, valleys = points[0][1] / problem.worth, list[_Valley]()
+    for x, cost in points:
+        there = any(np.all(np.abs(x - other.x) < other.deviations) for other in valleys)
+        if not there and (cost - points[0][1]) / (2 * unit) < HOPELESS:
+            valleys.append(_Valley.at(problem, x, 0.0, unit))
+    least, cells = np.array([points[0][1]]), np.zeros(1)
+    draws = max(DRAWS // len(valleys), FEWEST)
+    return _merged(problem, cells, valleys, [_explored(problem, v, cells, least, rng, draws) for v in valleys], rng)
+
+
+@dataclass(frozen=True)
+class _Valley:
+    """The bottom of one, what is known there, and what draws around it are multiplied by, and by how much at most."""
+
+    x: np.ndarray
+    informed: np.ndarray
+    unit: float
+    wider: np.ndarray
+    spread: float
+
+    @property
+    def deviations(self) -> np.ndarray:
+        """Standard deviations of the numbers."""
+        return np.sqrt(np.diag(np.linalg.inv(self.informed)))
+
+    @classmethod
+    def at(cls, problem: Problem, x: np.ndarray, cell: float, unit: float) -> "_Valley":
+        here, slopes = problem.slopes(x, cell)
+        informed = slopes @ slopes.T / unit + np.diag(12 / (problem.high - problem.low) ** 2)
+        return cls(x, informed, unit, *_sandwich(slopes, here, informed, unit))
+
+
+@dataclass(frozen=True)
+class _Explored:
+    """Points, the index of the cell of each, logarithms of how likely they are, and what they were proposed from."""
+
+    points: np.ndarray
+    chosen: np.ndarray
+    likely: np.ndarray
+    proposed: list[tuple[Any, np.ndarray]]
+
+
+def _explored(
+    problem: Problem,
+    valley: _Valley,
+    cells: np.ndarray,
+    costs: np.ndarray,
     rng: np.random.Generator,
-) -> tuple[np.ndarray, np.ndarray, float, np.ndarray]:  # fmt: skip
-    """Cells, points, what they are worth, and their weights."""
-    least, size = costs.min(), len(x)
-    spread, middle = np.linalg.inv(informed) * 1.3, x
+    draws: int = DRAWS,
+) -> _Explored:
+    """Points of a valley, by proposals that adapt; ``costs`` of the cells, of which the least counts as likely as 1."""
+    least, size, unit = costs.min(), len(valley.x), valley.unit
+    spread, middle = np.linalg.inv(valley.informed) * 1.3, valley.x
     odds = 0.9 * special.softmax(-(costs - least) / (2 * unit)) + 0.1 / len(cells)
     points, chosen, likely = np.zeros((0, size)), np.zeros(0, int), np.zeros(0)
     proposed: list[tuple[Any, np.ndarray]] = []
     for _ in range(ROUNDS):
         proposal = stats.multivariate_t(middle, spread, df=5, allow_singular=True, seed=rng)
-        new, k = np.atleast_2d(proposal.rvs(DRAWS)).reshape(DRAWS, size), rng.choice(len(cells), DRAWS, p=odds)
+        new, k = np.atleast_2d(proposal.rvs(draws)).reshape(draws, size), rng.choice(len(cells), draws, p=odds)
         inside = np.all((new > problem.low) & (new < problem.high), axis=1)
-        fine = np.full(DRAWS, -np.inf)
+        fine = np.full(draws, -np.inf)
         if inside.any():
             fine[inside] = -(np.sum(problem.errors(new[inside], cells[k[inside]]) ** 2, axis=1) - least) / (2 * unit)
         points, chosen, likely = np.concatenate([points, new]), np.append(chosen, k), np.append(likely, fine)
         proposed.append((proposal, odds))
-        density = special.logsumexp([p.logpdf(points) + np.log(o[chosen]) for p, o in proposed], axis=0)
-        weight = special.softmax(likely - density)
-        # Too few draws with weight cannot tell a shape: weights are flattened until there are enough.
-        flat, power = weight, 1.0
-        while 1 / np.sum(flat**2) < 4 * size and power > 1e-4:
-            power *= 0.8
-            flat = special.softmax(power * (likely - density))
+        weight, flat = _weights(likely - _density(proposed, points, chosen), size)
         middle, spread = flat @ points, 1.2 * np.atleast_2d(np.cov(points.T, aweights=flat))
         odds = np.array([weight[chosen == i].sum() for i in range(len(cells))])
         odds = 0.9 * odds / odds.sum() + 0.1 / len(cells)
+    return _Explored(points, chosen, likely, proposed)
+
+
+def _density(proposed: list[tuple[Any, np.ndarray]], points: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+    """Logarithm of the density of a mixture of proposals, but for a constant."""
+    mixed: np.ndarray = special.logsumexp([p.logpdf(points) + np.log(o[chosen]) for p, o in proposed], axis=0)
+    return mixed
+
+
+def _weights(logarithms: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
+    """Weights, and the same flattened until there are enough draws with weight to tell a shape."""
+    weight = special.softmax(logarithms)
+    flat, power = weight, 1.0
+    while 1 / np.sum(flat**2) < 4 * size and power > 1e-4:
+        power *= 0.8
+        flat = special.softmax(power * logarithms)
+    return weight, flat
+
+
+def _merged(
+    problem: Problem, cells: np.ndarray, valleys: list[_Valley], explored: list[_Explored], rng: np.random.Generator
+) -> Sample:
+    """Draws from all valleys, each as often as it is likely."""
+    points, chosen, likely = (np.concatenate([getattr(e, k) for e in explored]) for k in ("points", "chosen", "likely"))
+    of = np.repeat(np.arange(len(valleys)), [len(e.points) for e in explored])
+    size, proposed = points.shape[1], [p for e in explored for p in e.proposed]
+    weight, flat = _weights(likely - _density(proposed, points, chosen), size)
     worth = float(1 / np.sum(weight**2))
-    return chosen, points, worth, weight if worth > size else flat  # one draw would claim to know everything
+    kept = rng.choice(len(points), KEPT, p=weight if worth > size else flat)  # one draw would claim to know everything
+    draws = np.empty((KEPT, size))
+    for i, valley in enumerate(valleys):
+        mine = of[kept] == i
+        draws[mine] = valley.x + (points[kept[mine]] - valley.x) @ valley.wider.T
+    left, spread = float(np.sqrt(valleys[0].unit)), max(valley.spread for valley in valleys)
+    return Sample(np.clip(draws, problem.low, problem.high), cells[chosen[kept]], left, spread, worth)
 
 
 def _sandwich(slopes: np.ndarray, left: np.ndarray, informed: np.ndarray, unit: float) -> tuple[np.ndarray, float]:

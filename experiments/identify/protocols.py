@@ -142,7 +142,7 @@ def _motion(rng: Any) -> Any:
     """
     yield 0.0
     middle = 0.5 * (LOW + HIGH) - 10.0
-    for level, hold in ((1.0, 25), (4.0, 15), (15.0, 8), (60.0, 6), (200.0, 8)):
+    for level, hold in ((1.0, 25), (4.0, 15), (15.0, 8), (60.0, 15), (200.0, 20)):
         yield from _to(rng, middle, 1.0)
         yield from _steps(rng, middle, level, hold, 2.0)
     yield from _to(rng, 25.0, 1.0)

@@ -70,3 +70,22 @@ def test_cells_come_by_their_odds(regressors):
     assert count[2] == 0
     assert stats.binomtest(count[0], count[0] + count[1]).pvalue > 1e-9
     assert min(count[:2]) > 300
+
+
+def test_two_valleys_are_drawn_from_as_often_as_they_are_likely():
+    # Errors of a quartic with two bottoms at ±1, of which one is less deep: its quadrature says how likely each is.
+    def errors(points, cells):
+        x = points[:, 0]
+        return np.stack([8.0 * (x**2 - 1.0), 1.0 + 0.25 * x, np.zeros(len(x))], axis=1)
+
+    problem = posterior.Problem(errors, np.array([-2.0]), np.array([2.0]), 2.0)
+    at = [posterior.nearest(problem, np.array([x])) for x in (-0.9, 0.9, 0.95)]
+    found = posterior.sampled_valleys(problem, at, np.random.default_rng(0))
+    unit, grid = min(cost for _, cost in at) / 2.0, np.linspace(-2, 2, 20001)
+    density = np.exp(-np.sum(errors(grid[:, None], None) ** 2, axis=1) / (2 * unit))
+    density /= density.sum()
+    left = float(density[grid < 0].sum())
+    assert 0.55 < left < 0.95
+    assert np.mean(found.draws[:, 0] < 0) == pytest.approx(left, abs=0.05)
+    quantiles = np.interp([0.1, 0.3, 0.9], np.cumsum(density), grid)
+    assert np.quantile(found.draws[:, 0], [0.1, 0.3, 0.9]) == pytest.approx(quantiles, abs=0.02)
