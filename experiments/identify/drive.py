@@ -51,6 +51,9 @@ such a beginning of a log must have to count as one [A]."""
 STARTS = 3
 """Places from which least squares begins."""
 
+QUIETEST = 1e-3
+"""µm that slow moves are taken to leave at least: an ideal encoder leaves nothing to compare with."""
+
 GATHERINGS, JUMPS = 6, 60
 """Times that segments which were left out are looked at again; points of each width that are tried in between."""
 
@@ -197,7 +200,7 @@ class Errors:
 
     def quiet(self, x: np.ndarray, late: float) -> float:
         """µm that slow moves leave, the median of their segments."""
-        return float(np.median(self.by_segment(x, late)[: self.slow // SEGMENT]))
+        return max(float(np.median(self.by_segment(x, late)[: self.slow // SEGMENT])), QUIETEST)
 
     def scaled(self, scales: np.ndarray) -> "Errors":
         """Those whose segments count by a scale of their own, shape (segments,)."""

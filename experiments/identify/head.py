@@ -18,12 +18,13 @@ from ...envs.plant import calibration, sensor
 from ...envs.scenarios import Head
 from ...envs.scenarios.distributions import middle
 from .log import PERIOD, Log
+from .residuals import count_of
 
 RANGES = {"face": (6.0, 16.0), "body": (5.0, 40.0), "inductance": (50.0, 500.0)}
 """mm, pF and µH that are searched [A]."""
 
-ROUNDED, SPOILT = 0.4e-3, 4.0
-"""mm that an encoder's count leaves open [A]; standard deviations from which on a sample counts less."""
+ROUNDED, SPOILT = 0.4, 4.0
+"""Share of an encoder's count that it leaves open [A]; standard deviations from which on a sample counts less."""
 
 SETTLED = 0.08
 """s of a sweep after which the mounting no longer rings from its start; before, the nozzle's height is not that of the
@@ -113,7 +114,7 @@ def swept(log: Log, known: sensor.Params = sensor.EQ3) -> Swept:
     # What frequency scatters goes with the capacitance's noise, and is much the same share of it at every height; near
     # the plate a rounding of the encoder counts for more.
     steep = np.abs(np.gradient(np.log(frequency_at(known, h)), h))
-    scale = np.hypot(scatter(np.log(y[h > 1.0])), ROUNDED * steep)
+    scale = np.hypot(scatter(np.log(y[h > 1.0])), 1e-3 * ROUNDED * count_of(encoder) * steep)
 
     def off(x: np.ndarray) -> np.ndarray:
         made: np.ndarray = np.log(frequency_at(params_of(np.exp(x[:3]).tolist(), known), h + x[3]) / y) / scale

@@ -14,7 +14,7 @@ from ...envs.scenarios import axes_of, machine_text, machines
 from ...envs.scenarios.distributions import Joint, middle
 from ...envs.scenarios.machines import Machine
 from ..store.runs import write_text
-from . import belonging, disturbances, drive, followed, head, mounting, roughness, sheet_files, slides
+from . import belonging, disturbances, drive, followed, head, mounting, posterior, roughness, sheet_files, slides
 from .log import Log, read
 
 ROWS = 100
@@ -24,9 +24,6 @@ UNEXPLAINED = 3.0
 """µm that a model may leave of slow moves beyond the encoder's rounding [A]. A drive of this model leaves a tenth;
 drives of another make, whose following it still tells, 1 µm; those that it can't stand for, from 5 µm on
 (tests/oracle/foreign.py)."""
-
-FEW = 4
-"""Draws for each number that an importance sample must be worth."""
 
 UNEXCITED = 0.7
 """Share of the prior's interval from which on a log has told nothing."""
@@ -132,7 +129,7 @@ def identify(logs: Iterable[Log], name: str = "mine", like: Any = "standard", se
             numbers.append(_number(f"axis.{key}", draws, ends, "motion", key in drive.PRIOR))
         notes.append(f"motion: the model leaves {found.left:.2f} µm of the encoder; the sample is worth "
                      f"{found.effective:.0f} draws")  # fmt: skip
-        if found.effective < FEW * len(drive.NAMES):
+        if found.effective < posterior.FEW * len(drive.NAMES):
             notes.append(
                 "motion: too few draws for intervals, which may be too narrow: at its limits the smallest of changes "
                 "sends this drive elsewhere"

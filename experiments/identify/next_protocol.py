@@ -106,17 +106,13 @@ def machine_of(base: Machine, draws: dict[str, dict[str, np.ndarray]], which: di
     return replace(base, head=replace(base.head, **tables["head"]), axis=replace(base.axis, **tables["axis"]))
 
 
-def fleet_of(
-    scenario: Scenario, stack: Stack, cuts: list[Machine], seeds: Any, change: Callable[[Fleet], None] | None = None
-) -> tuple[Fleet, np.ndarray]:
-    """One fleet of different machines, each with the sheet and noise of its seed, begun; and these seeds."""
+def fleet_of(scenario: Scenario, stack: Stack, cuts: list[Machine], seed: int) -> tuple[Fleet, np.ndarray]:
+    """One fleet of different machines, all with the sheet and noise of one seed, begun; and the seed of each."""
     fleet = workshop.empty_fleet(len(cuts), asked(stack))
-    every, seeds = np.arange(len(cuts)), np.broadcast_to(np.asarray(seeds, np.uint64), len(cuts)).copy()
+    every, seeds = np.arange(len(cuts)), np.full(len(cuts), seed, np.uint64)
     for i, one in enumerate(cuts):
         scenarios.prepare(fleet, machines.put_on(scenario, one), every[i : i + 1], seeds[i : i + 1])
     stack.install(fleet, every)
-    if change:
-        change(fleet)
     fleet.begin(every, scenarios.noise_keys(seeds))
     return fleet, seeds
 

@@ -28,6 +28,9 @@ DRAWS, ROUNDS = 160, 3
 KEPT = 1000
 """Draws that are returned."""
 
+FEW = 4
+"""Draws for each number that a sample must be worth to tell a shape."""
+
 HOPELESS, FEWEST = 12.0, 60
 """Logarithm of a likelihood that is too small beside the best; points of each round in each of many valleys."""
 
@@ -200,7 +203,7 @@ def _weights(logarithms: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]
     """Weights, and the same flattened until there are enough draws with weight to tell a shape."""
     weight = special.softmax(logarithms)
     flat, power = weight, 1.0
-    while 1 / np.sum(flat**2) < 4 * size and power > 1e-4:
+    while 1 / np.sum(flat**2) < FEW * size and power > 1e-4:
         power *= 0.8
         flat = special.softmax(power * logarithms)
     return weight, flat

@@ -86,6 +86,11 @@ def record(machine: Any, protocol: str, seed: int = 0, scenario: Any = None) -> 
             rows.append(look())
             if rows[-1][2] == 0.0:  # it touched the plate: what comes then is an alarm's
                 seconds = len(rows) * PERIOD
+                if len(rows) < 2 * BEFORE:
+                    raise InvalidInput(
+                        f"the {protocol} protocol: after {seconds:.4g} s the head touches the plate already, or its "
+                        "sensor tells nothing; nothing can be recorded"
+                    )
                 warned = (f"{protocol}.csv: the head touched the plate after {seconds:.4g} s; the log ends before",)
                 del rows[-BEFORE:]
                 break

@@ -194,7 +194,7 @@ def judged(residual: np.ndarray, command: np.ndarray, encoder: np.ndarray, count
 
 
 def count_of(encoder: np.ndarray) -> float:
-    """µm of one count: the smallest step that a log shows more than by rounding."""
-    steps = np.abs(np.diff(encoder))
+    """µm of one count: the smallest step, or difference of steps, that a log shows more than by rounding."""
+    steps = np.abs(np.concatenate([np.diff(encoder), np.diff(encoder, 2)]))
     steps = steps[steps > 5e-6]
     return 1e3 * float(np.quantile(steps, 0.001)) if len(steps) else 1.0

@@ -6,7 +6,7 @@ import pytest
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.plant import candidates, sensor, z_axis
 from kerfgym.envs.scenarios import machines
-from kerfgym.experiments.identify import drive, head, identifying, log, mounting, protocols
+from kerfgym.experiments.identify import drive, head, identifying, log, mounting, posterior, protocols, residuals
 
 KNOWN = {
     "name": "known",
@@ -63,6 +63,34 @@ def test_scatter_is_that_of_the_sensor_itself(oscillator):
     assert np.sqrt(both**2 - counted**2) == pytest.approx(off, rel=1e-3)
 
 
+@pytest.mark.parametrize("count", [0.005, 0.02])
+def test_a_coarse_encoder_widens_the_intervals_of_the_head(count):
+    coarse = {**KNOWN, "axis": {**KNOWN["axis"], "encoder": count}}
+    swept = head.swept(protocols.record(coarse, "sweep", 1))
+    sure = np.sqrt(np.diag(swept.covariance))
+    off = np.log(list(swept.values.values())) - np.log([10.0, 10.0, 168.0])
+    assert np.all(np.abs(off) < 3 * sure)
+    fine = head.swept(protocols.record(KNOWN, "sweep", 1))
+    assert np.all(sure > np.sqrt(np.diag(fine.covariance)))
+
+
+@pytest.mark.parametrize(("count", "speed"), [(1e-3, 10.0), (0.02, 10.0), (0.02, 300.0), (1e-3, 3.0)])
+def test_a_count_is_found_whatever_the_speed(count, speed):
+    place = speed * 1e-3 * np.arange(3000) + 0.7 * count * np.sin(np.arange(3000))
+    assert residuals.count_of(count * np.round(place / count)) == pytest.approx(1e3 * count, rel=1e-6)
+
+
+def test_an_ideal_encoder_is_no_trouble(monkeypatch):
+    """What the right axis leaves is nothing at all, and nothing is divided by it."""
+    monkeypatch.setattr(posterior, "ROUNDS", 1)
+    command = protocols.record(KNOWN, "motion", 1)["command"][:12000]
+    made = drive.axis(np.log([KNOWN["axis"][key] for key in drive.NAMES]), 86)
+    encoder = candidates.courses([made], command, 30.0)[0, :, 0]
+    found = drive.identify(command, encoder)
+    assert found.left < 0.01
+    assert np.median(found.draws["bandwidth"]) == pytest.approx(60.0, rel=1e-4)
+
+
 def test_a_log_begins_with_slow_moves_or_is_taken_whole():
     slow, brisk, top = np.full(5000, 20.0), np.full(4000, -200.0), np.full(2000, 3000.0)
     assert drive.beginnings(np.concatenate([slow, brisk, top])) == (5000, 9000)
@@ -77,6 +105,12 @@ def test_a_log_ends_before_the_head_touches_the_plate_and_says_so(monkeypatch):
     assert [w for w in touches.warnings if "the head touched the plate after" in w]
     assert np.all(touches["frequency"] > 0)
     assert touches["encoder"][1000:].min() > 0.3
+
+
+def test_a_head_that_touches_at_once_has_no_log(monkeypatch):
+    monkeypatch.setattr(protocols, "HEIGHTS", (-0.1, 1.5, 5.0))
+    with pytest.raises(InvalidInput, match=r"rest protocol: after .* s the head touches the plate already"):
+        protocols.record(KNOWN, "rest", 3)
 
 
 def test_a_log_whose_last_stretch_stands_tells_nothing_of_the_mounting():
