@@ -137,7 +137,20 @@ def swept(log: Log, known: sensor.Params = sensor.EQ3) -> Swept:
     values = dict(zip(RANGES, np.exp(found.x[:3]).tolist(), strict=True))
     near = np.abs(h - 1.0) < 0.3
     at_1 = 1e3 * float(np.std((left * scale / steep)[near])) if near.any() else np.nan
+    table = _grounded(table, params_of(list(values.values()), known), float(height[(height > 0) & (f > 0)].min()))
     return Swept(values, covariance[:3, :3], table, at_1, known)
+
+
+def _grounded(table: calibration.Table, p: sensor.Params, lowest: float) -> calibration.Table:
+    """The table, whose entries below the lowest sample, mm, are the head's equations' if what it had continued to there
+    is less than half of them: a play that a touch leaves open is no head's, and near the sheet a table is steep."""
+    below = table.height < lowest
+    made = frequency_at(p, table.height)
+    if not below.any() or np.all(table.frequency[below] > 0.5 * made[below]):
+        return table
+    first = int(np.argmin(below))
+    continued = np.where(below, made * (table.frequency[first] / made[first]), table.frequency)
+    return table._replace(frequency=continued)
 
 
 def rests(log: Log) -> list[tuple[slice, float]]:

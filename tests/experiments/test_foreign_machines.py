@@ -4,10 +4,11 @@ them it says that it can't stand for. All of them: ``python -m kerfgym.tests.ora
 import numpy as np
 import pytest
 
-from kerfgym.experiments.identify import drive, posterior
+from kerfgym.envs.plant import calibration
+from kerfgym.experiments.identify import drive, head, posterior
 from kerfgym.experiments.identify.identifying import UNEXPLAINED
-from kerfgym.tests.oracle.foreign import GOOD, WRONG
-from kerfgym.tests.oracle.foreign_logs import scripted
+from kerfgym.tests.oracle.foreign import FRESH, GOOD, WRONG
+from kerfgym.tests.oracle.foreign_logs import recorded, scripted
 from kerfgym.tests.oracle.foreign_study import CONTROLLERS, identified, measured, predicted, unseen
 
 
@@ -29,6 +30,14 @@ def test_logs_of_another_make_tell_its_following_error_on_an_unseen_sheet_within
         here = measured(make, controller, tmp_path / "table.csv", sheet, seeds=(0,))
         there = float(np.mean(predicted(found.machine, controller, tmp_path, range(8))))
         assert there == pytest.approx(here, rel=0.1), controller
+
+
+def test_a_table_of_a_sweep_that_begins_with_play_can_be_read(tmp_path):
+    table = head.swept(recorded(FRESH["gear"], "sweep", tmp_path)).table
+    assert table.frequency[0] > 1e5
+    assert np.all(np.diff(table.frequency) > 0)
+    calibration.write_csv(table, tmp_path / "table.csv")
+    assert calibration.read_csv(tmp_path / "table.csv").frequency == pytest.approx(table.frequency, rel=1e-6)
 
 
 @pytest.mark.parametrize("name", ["load at 40 Hz"])
