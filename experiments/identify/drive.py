@@ -363,13 +363,7 @@ def _nearest(
     at, width = np.append(x, late), np.append(_HIGH - _LOW, 40.0)
     chosen, damping = list(free or range(len(at))), 1e-2
     for _ in range(rounds):
-        signs, k = np.where(at + posterior.STEP > high, -1.0, 1.0), np.floor(at[-1])
-        points = at + np.diag(posterior.STEP * signs)[[i for i in chosen if i < len(NAMES)]]
-        made = _between(errors, np.concatenate([at[None], points]))
-        here, slopes = made[0], (made[1:] - made[0]) / (posterior.STEP * signs[chosen[: len(points)], None])
-        if len(NAMES) in chosen:
-            two = errors([axis(at[:-1], k), axis(at[:-1], k + 1.0)])
-            slopes = np.concatenate([slopes, two[1:] - two[:1]])
+        here, slopes = _slopes(errors, at, chosen, high)
         cost = float(here @ here)
         weak = cost / errors.worth / width[chosen] ** 2  # what the prior weighs, where the log does not tell
         normal, push = slopes @ slopes.T, slopes @ here
@@ -390,6 +384,27 @@ def _nearest(
         if costs[best] > cost * (1 - 1e-5):
             break
     return at[:-1], float(at[-1])
+
+
+def _slopes(errors: Errors, at: np.ndarray, chosen: list[int], high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Errors at a point whose last number is a delay in substeps, and their derivatives by the chosen numbers, of which
+    the delay is the last: by wide steps, and by finer ones where those are many deviations wide."""
+    smooth = [i for i in chosen if i < len(NAMES)]
+    steps = np.full(len(smooth), posterior.STEP)
+    for _ in range(2):
+        moved = steps * np.where(at[smooth] + steps > high[smooth], -1.0, 1.0)
+        points = np.tile(at, (len(smooth) + 1, 1))
+        points[np.arange(1, len(smooth) + 1), smooth] += moved
+        made = _between(errors, points)
+        here, slopes = made[0], (made[1:] - made[0]) / moved[:, None]
+        steps = posterior.fine_steps(slopes, float(here @ here) / errors.worth)
+        if np.all(steps > 0.5 * posterior.STEP):
+            break
+    if len(NAMES) in chosen:
+        k = np.floor(at[-1])
+        two = errors([axis(at[:-1], k), axis(at[:-1], k + 1.0)])
+        slopes = np.concatenate([slopes, two[1:] - two[:1]])
+    return here, slopes
 
 
 def _between(errors: Errors, points: np.ndarray) -> np.ndarray:

@@ -16,11 +16,13 @@ from typing import Any
 import numpy as np
 from scipy import special, stats
 
-STEP = 1e-4
-"""Of a number, which is a logarithm, for derivatives."""
+STEP, FINE, LEAST = 1e-4, 0.3, 1e-8
+"""Steps of a number, which is a logarithm, for derivatives: at most, in standard deviations of it alone, and at least.
+One that is many deviations wide tells of jumps that errors have where nothing likely lies."""
 
-BLOCK = 1000
-"""Samples of a block of errors, longer than they are correlated."""
+BLOCK, ENOUGH = 500, 4
+"""Samples of a block of errors, longer than they are correlated; blocks for each number that it takes to tell how their
+scores scatter."""
 
 DRAWS, ROUNDS = 160, 3
 """Points of each round of sampling, and rounds."""
@@ -50,12 +52,25 @@ class Problem:
     high: np.ndarray
     worth: float
 
-    def slopes(self, x: np.ndarray, cell: float) -> tuple[np.ndarray, np.ndarray]:
-        """Errors at a point and their derivatives, shape (numbers, samples)."""
-        signs = np.where(x + STEP > self.high, -1.0, 1.0)
-        points = np.concatenate([x[None], x + np.diag(STEP * signs)])
+    def slopes(self, x: np.ndarray, cell: float, steps: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Errors at a point and their derivatives, shape (numbers, samples), by steps of the numbers or by those that
+        what is known asks for."""
+        wide = np.full(len(x), STEP) if steps is None else steps
+        moved = wide * np.where(x + wide > self.high, -1.0, 1.0)
+        points = np.concatenate([x[None], x + np.diag(moved)])
         made = self.errors(points, np.full(len(points), cell))
-        return made[0], (made[1:] - made[0]) / (STEP * signs)[:, None]
+        here, slopes = made[0], (made[1:] - made[0]) / moved[:, None]
+        if steps is not None:
+            return here, slopes
+        finer = fine_steps(slopes, float(here @ here) / self.worth)
+        return self.slopes(x, cell, finer) if np.any(finer < 0.5 * STEP) else (here, slopes)
+
+
+def fine_steps(slopes: np.ndarray, unit: float) -> np.ndarray:
+    """Steps of numbers by what wide ones told, where errors have the variance ``unit``."""
+    known = np.sqrt(unit / np.maximum(np.sum(slopes**2, axis=1), 1e-300))
+    steps: np.ndarray = np.clip(FINE * known, LEAST, STEP)
+    return steps
 
 
 @dataclass(frozen=True)
@@ -228,16 +243,20 @@ def _merged(
 
 
 def _sandwich(slopes: np.ndarray, left: np.ndarray, informed: np.ndarray, unit: float) -> tuple[np.ndarray, float]:
-    """What draws around the nearest point are multiplied by: one but where scores of blocks scatter by more than those
-    of independent errors can by chance (Marchenko and Pastur 1967); and the largest factor in any direction."""
+    """What draws around the nearest point are multiplied by, and the largest factor in any direction.
+
+    It is one where scores of blocks scatter by no more than those of independent errors. By chance some directions of
+    those scatter more, too, by up to the square of 1 + sqrt(size / blocks) (Marchenko and Pastur 1967); that stays, so
+    that the draws are rather too wide.
+    """
     blocks, size = len(left) // BLOCK, len(slopes)
-    if blocks < 2 * size:
+    if blocks < ENOUGH * size:
         return np.eye(size), 1.0
     cut = blocks * BLOCK
     scores = (slopes[:, :cut] * left[:cut]).reshape(size, blocks, BLOCK).sum(axis=2) / unit
     root = np.linalg.cholesky(informed)
     whitened = np.linalg.solve(root, scores)
-    values, vectors = np.linalg.eigh(whitened @ whitened.T)
-    values[values < (1 + np.sqrt(size / blocks)) ** 2] = 1.0
+    values, vectors = np.linalg.eigh(whitened @ whitened.T * blocks / (blocks - size))  # the fit took ``size`` of them
+    values = np.maximum(values, 1.0)
     inner = (vectors * np.sqrt(values)) @ vectors.T
     return np.linalg.solve(root.T, inner @ root.T), float(np.sqrt(values.max()))
