@@ -67,6 +67,16 @@ def test_one_suite_takes_whatever_scenario_it_is_given():
     assert (grid.suite, grid.scenarios[0].name) == ("cutting", "contour-circle")
 
 
+def test_a_sheet_of_ones_own_counts_beside_a_suites(tmp_path):
+    """As in a search, where all that is named counts; of the suite's own, its core."""
+    own = tmp_path / "mine.toml"
+    own.write_text('name = "mine"\nduration = 2.0\nsettle = 0.5\nfeed = 200.0\nset_height = 1.0\n', encoding="utf-8")
+    (grid,) = plan(named=[str(own), "step"])
+    assert grid.core == ("mine", "step")
+    (grid,) = plan(named=["step"])
+    assert grid.core == scenarios.core("following")
+
+
 def test_the_shipped_comparison_holds_every_controller_once_and_every_policy():
     grids = by_suite(everything=True)
     assert tuple(grids) == SHOWN
