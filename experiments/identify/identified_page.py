@@ -1,27 +1,22 @@
 """The page of an identification: one file that says whether the model explains the logs, and shows why."""
 
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Any, NamedTuple
 
-import jinja2
 import numpy as np
 import plotly.graph_objects as go
-from markupsafe import Markup
-from plotly.offline import get_plotlyjs
 
 from ...envs.plant import candidates
 from ...envs.plant.machine import SUBSTEPS
 from ...envs.scenarios import machines
 from ..plots.palette import COLOURS, GRID
 from ..report.figure import Figure, logarithmic
+from ..report.frame import framed
 from ..report.numbers import number
 from . import check_log, drive, head, next_protocol, residuals
 from .identifying import Identified, shown, strong
 from .log import PERIOD, Log
 from .residuals import Judged, Verdict
-
-REPORT = Path(__file__).parents[1] / "report"
 
 UNITS = {
     "face": "mm", "body": "pF", "inductance": "µH", "noise": "pF", "jitter": "1", "bandwidth": "Hz", "zeta": "1",
@@ -305,11 +300,8 @@ def page(
     gains = next_protocol.gains(found, like, controller) if foresee else []
     advice = _advice(gains)
     first += [f"Record next: {advice}"] if gains else []
-    loader = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(REPORT), autoescape=True, undefined=jinja2.StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True,
-    )  # fmt: skip
-    return loader.get_template("identified.html").render(
+    return framed(
+        "identified.html",
         name=found.machine.name,
         logs=[log.name for log in by.values()],
         like=machines.load(like).name,
@@ -323,9 +315,6 @@ def page(
         controller=controller,
         chapters=chapters,
         number=number,
-        css=Markup((REPORT / "report.css").read_text(encoding="utf-8")),
-        plotly=Markup(get_plotlyjs().replace("</script", "<\\/script")),
-        scripts=Markup((REPORT / "figures.js").read_text(encoding="utf-8")),
     )
 
 

@@ -1,7 +1,7 @@
 """The report: one HTML file that holds everything it shows and opens offline.
 
 Every section has a module of its own, which gives nothing where the run holds nothing for it; here they are put in
-order. ``report.html`` is the frame, ``report.css`` its looks, the scripts sort the tables and draw the figures.
+order. ``report.html`` is its template, ``report.css`` its looks, the scripts sort the tables and draw the figures.
 """
 
 import re
@@ -9,9 +9,7 @@ from collections.abc import Iterable
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-import jinja2
 from markupsafe import Markup
-from plotly.offline import get_plotlyjs
 
 from ...envs.scenarios import SPLITS
 from ..measure.stability import LIMIT_MS
@@ -41,12 +39,12 @@ from . import (
 )
 from . import curves as training
 from .figure import Figure, as_json
+from .frame import framed
 from .numbers import count
 from .record import record
 from .standing import Standing, all_of
 from .suite import Suite
 
-HERE = Path(__file__).parent
 SCRIPTS = ("tables.js", "figures.js", "pack.js", "chooser.js", "scope.js", "kerfs.js")
 
 
@@ -79,14 +77,9 @@ def page(folder: Path, grids: dict[str, Results], meta: dict[str, Any]) -> str:
         if data:
             data["looks"] = {name: [look[name].colour, look[name].dash] for name in controllers}
     command = meta.get("command", "")
-    loader = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(HERE),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return loader.get_template("report.html").render(
+    return framed(
+        "report.html",
+        SCRIPTS,
         chapters=chapters,
         matrix=answer.matrix({c["suite"].name: c["cards"] for c in chapters}),
         labels=labels,
@@ -109,15 +102,7 @@ def page(folder: Path, grids: dict[str, Results], meta: dict[str, Any]) -> str:
         limits=limits.sentences(suites, policies),
         record=record(suites, meta),
         is_figure=_is_figure,
-        css=Markup((HERE / "report.css").read_text(encoding="utf-8")),
-        plotly=Markup(_plotly()),
-        scripts=Markup("\n".join((HERE / name).read_text(encoding="utf-8") for name in SCRIPTS)),
     )
-
-
-def _plotly() -> str:
-    """Plotly's library, once; it may stand between the tags of a script."""
-    return get_plotlyjs().replace("</script", "<\\/script")
 
 
 def _there(figures: Iterable[Figure | None]) -> list[Figure]:
