@@ -137,7 +137,7 @@ def benchmark(
     """Compare controllers on scenarios; writes runs/<name>/ and prints the table.
 
     Args:
-        controller: built-in name with overrides (pid:law.kp=80,filter.window=9), or module:attr or file.py:attr of your
+        controller: built-in name with overrides (pid:law.kp=80,filter.hold=4), or module:attr or file.py:attr of your
             own, or a team for jobs (z=pid,xy=wu,process=huang2024-dynamic); may be given several times. Of several
             suites it runs in those in which it has something to drive. Default: the suite's standard ones.
         scenario: name or TOML file; may be given several times. Default: the whole suite.
@@ -474,7 +474,8 @@ def tune(
     overwrite: bool = False,
     resume: bool = False,
 ) -> None:
-    """Search a controller's parameters on tune seeds; writes runs/<name>/tuned.toml, which every command takes with -c.
+    """Search a controller's parameters on tune seeds; writes runs/<name>/tuned.toml, which every command takes with -c,
+    and the page tuned.html: what to set, and what it is worth.
 
     With the name of an algorithm it searches the settings of a training; writes runs/<name>/<algorithm>.toml, which
     train takes with --preset.
@@ -530,6 +531,7 @@ def tune(
     from .store import runs
     from .store.progress import progress
     from .tune import command, controllers
+    from .tune.space import unread
 
     folder = runs.named(name, "tune-", resume)
     for_controllers: dict[str, Any] = {"controller": controller, "suite": suite}
@@ -563,6 +565,8 @@ def tune(
         task: Any = learners.task(what, env, steps, set_, trials, sampler, seed, storage, name, threads, given, more)
     else:
         task = command.task(what, trials, sampler, seed, storage, name, **for_controllers, named=scenario, machine=cuts)
+        for note in unread(task.space, task.base.parameters()):
+            typed.say(f"warning: {note}")
         if cuts:
             from ..envs.scenarios import machines
             from .tune.evaluate import chosen
@@ -572,7 +576,7 @@ def tune(
     with progress("trials") as told:
         result = run(task, folder, workers, threads, overwrite, resume, told)
     result.show()
-    print(f"\n{result.file}")
+    print("", *result.files, sep="\n")
 
 
 def train(

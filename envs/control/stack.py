@@ -7,7 +7,7 @@ A stack fills a slot of the machine::
     process  feed of the plan → law                                 feed override, dither, focus, standoff, power, 8 ms
 
 Its parameters are ``law.…`` and, by slot, ``gate.…``, ``filter.…``, ``table.…`` and ``guard.…``, or ``plan.…``, each
-with unit, range, default and source (:class:`Quantity`). ``pid:law.kp=80,filter.window=9`` is the stack ``pid`` with
+with unit, range, default and source (:class:`Quantity`). ``pid:law.kp=80,filter.hold=4`` is the stack ``pid`` with
 two of them changed (:func:`resolve`). A :class:`Team` has one stack for each slot: ``z=pid,xy=wu,process=recipe``.
 """
 
@@ -225,7 +225,7 @@ def shelved() -> dict[str, Path]:
 def resolve(spec: "str | Stack") -> Stack:
     """A stack from what a user writes.
 
-    ``pid`` · ``pid:law.kp=80,filter.window=9`` · ``z=pid`` · ``runs/x/tuned.toml`` · ``runs/ppo/policy``, a policy's
+    ``pid`` · ``pid:law.kp=80,filter.hold=4`` · ``z=pid`` · ``runs/x/tuned.toml`` · ``runs/ppo/policy``, a policy's
     folder · ``height-following-ppo``, a shipped policy · ``package.module:attr`` · ``file.py:attr``, the last two also
     with overrides behind a second colon.
 
@@ -246,7 +246,7 @@ def resolve(spec: "str | Stack") -> Stack:
     else:
         stack, overrides = _of_folder(pieces[0]) or get(pieces[0]), pieces[1:]
     if len(overrides) > 1:
-        raise InvalidInput(f"'{spec}': overrides are separated by commas, as in pid:law.kp=80,filter.window=9")
+        raise InvalidInput(f"'{spec}': overrides are separated by commas, as in pid:law.kp=80,filter.hold=4")
     if slot is not None and stack.slot != slot:
         raise InvalidInput(f"'{spec}': controller '{stack.name}' drives slot '{stack.slot}', not '{slot}'")
     if not overrides:

@@ -27,6 +27,7 @@ from ..store import pool, runs
 from ..store.ledger import Ledger
 from ..store.progress import Bars
 from . import detuned
+from .in_units import settings
 
 _ALONE = threading.Lock()
 """A task of its process: workers of a dask cluster may have several threads, and the pool of heads is shared."""
@@ -202,6 +203,7 @@ def _results(grid: Grid, known: dict[str, Team], joined: dict[str, pd.DataFrame]
         "tuning": {name: team.provenance for name, team in known.items() if team.provenance},
         "programs": {name: _digest(team.program) for name, team in known.items()},
         "parameters": {name: {k: p.value for k, p in team.parameters().items()} for name, team in known.items()},
+        "settings": {name: settings(name, team) for name, team in known.items()},
     }
     if grid.machine:
         meta["cut_by"] = grid.machine.record | {"replaces": list(grid.given_up)}

@@ -390,16 +390,7 @@ def _slopes(errors: Errors, at: np.ndarray, chosen: list[int], high: np.ndarray)
     """Errors at a point whose last number is a delay in substeps, and their derivatives by the chosen numbers, of which
     the delay is the last: by wide steps, and by finer ones where those are many deviations wide."""
     smooth = [i for i in chosen if i < len(NAMES)]
-    steps = np.full(len(smooth), posterior.STEP)
-    for _ in range(2):
-        moved = steps * np.where(at[smooth] + steps > high[smooth], -1.0, 1.0)
-        points = np.tile(at, (len(smooth) + 1, 1))
-        points[np.arange(1, len(smooth) + 1), smooth] += moved
-        made = _between(errors, points)
-        here, slopes = made[0], (made[1:] - made[0]) / moved[:, None]
-        steps = posterior.fine_steps(slopes, float(here @ here) / errors.worth)
-        if np.all(steps > 0.5 * posterior.STEP):
-            break
+    here, slopes = posterior.slopes(lambda points: _between(errors, points), at, high, errors.worth, smooth)
     if len(NAMES) in chosen:
         k = np.floor(at[-1])
         two = errors([axis(at[:-1], k), axis(at[:-1], k + 1.0)])

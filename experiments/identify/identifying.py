@@ -99,7 +99,7 @@ def identify(logs: Iterable[Log], name: str = "mine", like: Any = "standard", se
     if "rest" in by and "sweep" not in by:
         raise InvalidInput(f"{by['rest'].name}: noise in pF needs the head's sensitivity; give the sweep log, too")
     base, notes, numbers, swept = machines.load(like), [w for log in logs for w in log.warnings], [], None
-    explained = True
+    explained, against = True, list[str]()  # what stands in the machine's own summary, wherever that is shown
     if base.head.table:
         given = calibration.read_csv(base.head.table)
         notes += belonging.doubts(
@@ -134,6 +134,7 @@ def identify(logs: Iterable[Log], name: str = "mine", like: Any = "standard", se
                 "motion: too few draws for intervals, which may be too narrow: at its limits the smallest of changes "
                 "sends this drive elsewhere"
             )
+            against.append("its intervals may be too narrow")
         if found.spread > 2.0:
             notes.append(
                 f"motion: what is left is not chance alone; intervals are up to {found.spread:.1f} times as wide"
@@ -143,11 +144,13 @@ def identify(logs: Iterable[Log], name: str = "mine", like: Any = "standard", se
                 f"motion: {found.slow:.1f} µm of slow moves are left beyond the encoder's rounding; the model does not "
                 "explain this drive"
             )
+            against.append("the model does not explain its drive")
         elif found.apart > 0.0:
             notes.append(
                 f"motion: {found.apart:.0%} of the log, its quickest moves, leave {found.beyond:.0f} µm and count less;"
                 " this drive gets out of its limits in another way than the model's"
             )
+            against.append("the model does not explain its quickest moves")
         explained = found.slow <= UNEXPLAINED
         notes.append("axis.dead_time holds the latency")
         notes += _mounted(by["motion"], swept, found.best, numbers, seed)
@@ -158,12 +161,13 @@ def identify(logs: Iterable[Log], name: str = "mine", like: Any = "standard", se
         notes.append(f"square: the model leaves {slid.left:.2f} µm of the encoders")
         if not slid.explained:
             notes.append("square: that is far more than counts of an encoder; the model does not explain these axes")
+            against.append("the model does not explain its X and Y axes")
         if not slid.limited:
             notes.append("square: the axes never came to their limit of acceleration")
     for protocol in NEEDS:
         if protocol not in by:
             notes.append(f"no {protocol} log: {NEEDS[protocol]} as in '{base.name}'")
-    machine, sheet, spectrum = _machine(base, name, numbers, [log.name for log in logs], rng), None, None
+    machine, sheet, spectrum = _machine(base, name, numbers, [log.name for log in logs], rng, against), None, None
     if "follow" in by:
         sheet = followed.followed(by["follow"], swept.table if swept else None, machine.axis, machine.head.plate)
         spectrum = roughness.spectrum(sheet.position, sheet.felt, sheet.plate, 1e-3 * sheet.noise)
@@ -193,9 +197,15 @@ def _number(key: str, draws: np.ndarray, prior: tuple[float, float], group: str,
 
 
 def _machine(
-    base: Machine, name: str, numbers: list[Number], logs: list[str], rng: np.random.Generator
-) -> Machine:  # fmt: skip
-    """A machine that draws from what was found; numbers that were drawn together stay together."""
+    base: Machine,
+    name: str,
+    numbers: list[Number],
+    logs: list[str],
+    rng: np.random.Generator,
+    against: Iterable[str] = (),
+) -> Machine:
+    """A machine that draws from what was found; numbers that were drawn together stay together. ``against``: what is
+    said against it in its summary."""
     tables: dict[str, dict[str, Any]] = {"head": {}, "axis": {}, "gantry": {}}
     for group in dict.fromkeys(number.group for number in numbers):
         of = [number for number in numbers if number.group == group]
@@ -218,7 +228,7 @@ def _machine(
     return replace(
         base,
         name=name,
-        summary=f"identified from {', '.join(logs)}; like {base.name} where they say nothing",
+        summary="; ".join([f"identified from {', '.join(logs)}", f"like {base.name} where they say nothing", *against]),
         head=replace(base.head, **tables["head"]),
         axis=replace(base.axis, **tables["axis"]),
         gantry=replace(base.gantry, **tables["gantry"]),

@@ -9,7 +9,7 @@ more in common than chance lets them, draws are spread by as much (the sandwich 
 2014).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -52,18 +52,40 @@ class Problem:
     high: np.ndarray
     worth: float
 
-    def slopes(self, x: np.ndarray, cell: float, steps: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Errors at a point and their derivatives, shape (numbers, samples), by steps of the numbers or by those that
-        what is known asks for."""
-        wide = np.full(len(x), STEP) if steps is None else steps
-        moved = wide * np.where(x + wide > self.high, -1.0, 1.0)
-        points = np.concatenate([x[None], x + np.diag(moved)])
-        made = self.errors(points, np.full(len(points), cell))
-        here, slopes = made[0], (made[1:] - made[0]) / moved[:, None]
-        if steps is not None:
-            return here, slopes
-        finer = fine_steps(slopes, float(here @ here) / self.worth)
-        return self.slopes(x, cell, finer) if np.any(finer < 0.5 * STEP) else (here, slopes)
+    def slopes(self, x: np.ndarray, cell: float) -> tuple[np.ndarray, np.ndarray]:
+        """Errors at a point and their derivatives, shape (numbers, samples)."""
+        return slopes(lambda points: self.errors(points, np.full(len(points), cell)), x, self.high, self.worth)
+
+
+def slopes(
+    errors: Callable[[np.ndarray], np.ndarray],
+    x: np.ndarray,
+    high: np.ndarray,
+    worth: float,
+    chosen: Sequence[int] | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Errors at a point and their derivatives by the chosen numbers, shape (chosen, samples): by wide steps, and again
+    by those that what is known asks for, where those are finer.
+
+    Args:
+        errors: of points, shape (points, numbers).
+        x: the point.
+        high: ends of its numbers; a step that would lead beyond goes down.
+        worth: samples that the errors are worth.
+        chosen: numbers; all unless given.
+    """
+    numbers = list(range(len(x)) if chosen is None else chosen)
+    steps = np.full(len(numbers), STEP)
+    for _ in range(2):
+        moved = steps * np.where(x[numbers] + steps > high[numbers], -1.0, 1.0)
+        points = np.tile(x, (len(numbers) + 1, 1))
+        points[np.arange(1, len(numbers) + 1), numbers] += moved
+        made = errors(points)
+        here, found = made[0], (made[1:] - made[0]) / moved[:, None]
+        steps = fine_steps(found, float(here @ here) / worth)
+        if np.all(steps >= 0.5 * STEP):
+            break
+    return here, found
 
 
 def fine_steps(slopes: np.ndarray, unit: float) -> np.ndarray:

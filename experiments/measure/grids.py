@@ -123,7 +123,7 @@ def plan(
             )
         rules, core = scenarios.rules(suite), scenarios.core(suite)
         chosen = dealt[suite] or list(scenarios.suite(suite).values())
-        if any(s.name not in scenarios.suite(suite) for s in chosen):
+        if any(s != scenarios.suite(suite).get(s.name) for s in chosen):
             core = tuple(s.name for s in chosen)  # who names a sheet of his own means all that he names
         if path is not None:
             chosen, rules = (

@@ -30,7 +30,7 @@ from ...envs.plant.controller import PERIOD, stage_address
 from ...envs.plant.fleet import Fleet
 from ...envs.scenarios import Scenario
 from . import rollout, stability
-from .plants import STANDARD, Machine
+from .plants import STANDARD, Drawn, Machine
 
 STEP = 0.1
 """mm by which the sheet rises; the smallest of the following suite's steps."""
@@ -108,7 +108,7 @@ class Bench:
     Args:
         stack: any stack with the law.
         threads: worker threads.
-        machine: whose corner plants are measured.
+        machine: whose corner plants are measured, or machines that it draws.
         feed: mm/s.
 
     Raises:
@@ -116,7 +116,7 @@ class Bench:
             can take hold of it.
     """
 
-    def __init__(self, stack: Stack, threads: int = 1, machine: Machine = STANDARD, feed: float = FEED) -> None:
+    def __init__(self, stack: Stack, threads: int = 1, machine: Machine | Drawn = STANDARD, feed: float = FEED) -> None:
         self.scenario, self.corners = _scenario(feed), machine.size
         self.corner = np.tile(np.arange(machine.size), 2 * CANDIDATES)
         size = self.corner.size
@@ -142,9 +142,19 @@ class Bench:
         Returns:
             Two arrays of bool, shape (CANDIDATES,).
         """
-        every, corners = np.arange(self.fleet.size), self.corners
-        factor = np.concatenate([gains, np.ones(CANDIDATES)]).repeat(corners)
-        periods = np.concatenate([np.zeros(CANDIDATES), delays * 1e-3 / PERIOD]).repeat(corners)
+        each = self.each_settles(stack, *(np.repeat(grid, self.corners) for grid in (gains, delays)))
+        return each[0].all(axis=1), each[1].all(axis=1)
+
+    def each_settles(self, stack: Stack, gains: np.ndarray, delays: np.ndarray) -> np.ndarray:
+        """The same for each machine by itself, bool (2, CANDIDATES, corners).
+
+        Args:
+            stack: its law must be the fleet's.
+            gains, delays: shape (CANDIDATES · corners,), the machines of a candidate side by side.
+        """
+        every, others = np.arange(self.fleet.size), CANDIDATES * self.corners
+        factor = np.concatenate([gains, np.ones(others)])
+        periods = np.concatenate([np.zeros(others), delays * 1e-3 / PERIOD])
         whole = np.floor(periods)
         whole += self.dead_time + periods - whole > z_axis.QUEUE - 1  # then the drive's own queue must give some back
         self.numbers[1:] = 0.0
@@ -158,8 +168,8 @@ class Bench:
             before, after = gap[-2 * window : -window].std(axis=0), gap[-window:].std(axis=0)
             good = (after <= DECAY * before) | (after <= FLOOR)
         good &= ~record.collided & np.isfinite(gap).all(axis=0)
-        good = good.reshape(2, CANDIDATES, corners).all(axis=2)
-        return good[0], good[1]
+        settled: np.ndarray = good.reshape(2, CANDIDATES, self.corners)
+        return settled
 
     def measure(self, stack: Stack) -> Margins:
         """Both margins of ``stack``, whose law must be the fleet's; without ``ms``."""
@@ -178,6 +188,27 @@ class Bench:
             for (low, high), grid, good in zip(brackets, grids, fine, strict=True)
         )
         return Margins(gain, delay, steps=2 * steps)
+
+    def measure_each(self, stack: Stack) -> tuple[np.ndarray, np.ndarray, int]:
+        """Both margins of each machine by itself, (corners,) each, as :class:`Margins` has them, and the steps."""
+        starts, grids = (1.0, 0.0), (GAINS, DELAYS)
+        coarse = self.each_settles(stack, *(np.repeat(grid, self.corners) for grid in grids))
+        brackets = np.array(
+            [
+                [_bracket(grid, good, start) for good in settled.T]
+                for grid, settled, start in zip(grids, coarse, starts, strict=True)
+            ]
+        )  # (2, corners, 2)
+        low, high = brackets[..., 0], brackets[..., 1]
+        closed = np.where(np.isfinite(high), high, low)
+        fine = np.linspace(low, closed, CANDIDATES + 2, axis=1)[:, 1:-1]  # (2, CANDIDATES, corners)
+        good = self.each_settles(stack, *(grid.ravel() for grid in fine))
+        found = np.full(low.shape, math.inf)
+        for at in np.ndindex(low.shape):
+            if math.isfinite(high[at]):
+                found[at] = _bracket(fine[at[0], :, at[1]], good[at[0], :, at[1]], float(low[at]))[0]
+        found[:, ~coarse[0, 0]] = 0.0
+        return found[0], found[1], 2 * self.fleet.size * self.scenario.steps
 
 
 def _bracket(grid: np.ndarray, good: np.ndarray, start: float) -> tuple[float, float]:

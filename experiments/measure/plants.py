@@ -8,11 +8,16 @@ machine gains is there as well.
 Every number that is drawn stands at its least and at its greatest value, in all combinations. From the seventh on it
 takes them in a fractional design, in which any three numbers still meet in all combinations, so that there are never
 more than :data:`MOST` corners. Limits of the drive and friction (:data:`LIMITS`) stay in the middle of their ranges.
+
+Numbers of a ``joint`` are known together alone: their ends may belong to different machines, and the corner between
+them to none. Of such a table each row is tried that holds the least or the greatest value of one of its numbers, as it
+is, with the limits that it has.
 """
 
 import functools
 import itertools
 import json
+import math
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -23,7 +28,7 @@ from ...envs import scenarios
 from ...envs.engine.quantity import InvalidInput
 from ...envs.plant.fleet import Fleet
 from ...envs.scenarios import Scenario
-from ...envs.scenarios.distributions import Choice, LogUniform, Uniform, as_number, bounds
+from ...envs.scenarios.distributions import Choice, Joint, Number, as_number, bounds
 
 MACHINE = ("axis", "head")
 """Tables of a scenario that are the machine; the others are what is cut and how it is travelled."""
@@ -40,6 +45,9 @@ FULL = 6
 
 MOST = 2**FULL
 """Corner plants, at most."""
+
+_SEED = 0
+"""Of the order in which factors meet that are too many to be tried in all combinations."""
 
 _DISTRIBUTIONS = ({"uniform"}, {"log_uniform"}, {"choice"})
 _SILENT = {"noise": 0.0, "jitter": 0.0, "impulses": 0.0, "bursts": 0.0, "nominal": True}
@@ -61,26 +69,49 @@ class Machine:
         return Scenario(**{"name": "corner", "feed": 0.0, "set_height": 0.8, **json.loads(self.tables)})
 
     @functools.cached_property
-    def drawn(self) -> dict[str, tuple[float, float]]:
-        """Least and greatest value of every number that is drawn, by dotted name, without the limits."""
+    def _numbers(self) -> dict[str, Number]:
+        """Every number that is drawn, by dotted name."""
         leaves = _leaves(json.loads(self.tables))
-        found = {name: bounds(as_number(value)) for name, value in leaves.items() if isinstance(value, dict)}
-        return {name: ends for name, ends in found.items() if name not in LIMITS and ends[0] < ends[1]}
+        return {name: as_number(value) for name, value in leaves.items() if isinstance(value, dict)}
+
+    @functools.cached_property
+    def drawn(self) -> dict[str, tuple[float, float]]:
+        """Least and greatest value of every number that is drawn by itself, by dotted name, without the limits."""
+        alone = {name: bounds(number) for name, number in self._numbers.items() if not isinstance(number, Joint)}
+        return {name: ends for name, ends in alone.items() if name not in LIMITS and ends[0] < ends[1]}
+
+    @functools.cached_property
+    def together(self) -> dict[str, list[dict[str, float]]]:
+        """Of the numbers that are drawn together, the rows with the ends of one of them, by the word of their joint."""
+        tables: dict[str, dict[str, tuple[float, ...]]] = {}
+        for name, number in self._numbers.items():
+            if isinstance(number, Joint):
+                tables.setdefault(number.joint, {})[name] = number.choice
+        found = {}
+        for word, columns in tables.items():
+            telling = [np.array(values) for name, values in columns.items() if name not in LIMITS and np.ptp(values)]
+            rows = [int(at) for values in telling for at in (values.argmin(), values.argmax())] or [0]
+            found[word] = [{name: values[at] for name, values in columns.items()} for at in dict.fromkeys(rows)]
+        return found
 
     @functools.cached_property
     def corners(self) -> tuple[dict[str, float], ...]:
         """What each corner plant has in place of the numbers that are drawn, by dotted name."""
-        leaves = _leaves(json.loads(self.tables))
         limits = {
-            name: float(np.mean(bounds(as_number(leaves[name]))))
-            for name in LIMITS
-            if isinstance(leaves.get(name), dict)
+            name: float(np.mean(bounds(number)))
+            for name, number in self._numbers.items()
+            if name in LIMITS and not isinstance(number, Joint)
         }
-        levels = design(len(self.drawn))
-        return tuple(
+        alone = [
             {**limits, **{name: ends[level] for (name, ends), level in zip(self.drawn.items(), row, strict=True)}}
-            for row in levels
-        )
+            for row in design(len(self.drawn))
+        ]
+        return tuple(functools.reduce(dict.__or__, each, {}) for each in crossed([alone, *self.together.values()]))
+
+    @property
+    def varies(self) -> bool:
+        """Whether two machines of it may differ."""
+        return any(low < high for low, high in map(bounds, self._numbers.values()))
 
     @property
     def size(self) -> int:
@@ -109,6 +140,36 @@ class Machine:
         mine, usual = (_leaves(json.loads(each.tables)) for each in (self, STANDARD))
         parts = [f"{name} {_words(mine[name])}" for name in mine if mine[name] != usual.get(name)]
         return ", ".join(parts) or "standard"
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """Machines of a distribution as some seeds draw them, in place of its corner plants.
+
+    Attributes:
+        machine: the distribution.
+        seeds: of the machines; one whose numbers are all fixed has a single one.
+    """
+
+    machine: Machine
+    seeds: tuple[int, ...]
+
+    @property
+    def size(self) -> int:
+        """Number of machines."""
+        return len(self.seeds)
+
+    def prepare(self, fleet: Fleet, scenario: Scenario, machine: np.ndarray) -> None:
+        """See :meth:`Machine.prepare`."""
+        seeds = np.array(self.seeds, np.uint64)[machine]
+        tables = json.loads(self.machine.tables)
+        scenarios.prepare(fleet, scenario.varied(**tables), np.arange(len(machine)), seeds)
+
+
+def drawn(machine: Machine, seeds: Iterable[int]) -> Drawn:
+    """The machines that these seeds draw; one, where nothing is drawn."""
+    found = tuple(int(seed) for seed in seeds)
+    return Drawn(machine, found if machine.varies else found[:1])
 
 
 def of(scenario: Scenario) -> Machine:
@@ -151,11 +212,27 @@ def design(factors: int) -> np.ndarray:
     return np.column_stack([base, *more])
 
 
+def crossed(factors: list[list[Any]]) -> list[tuple[Any, ...]]:
+    """A level of each factor together: all combinations, or, if they are more than :data:`MOST`, so many in which each
+    factor has each of its levels as often as any other, give or take one, in an order of its own.
+
+    Raises:
+        InvalidInput: a factor has more levels than that.
+    """
+    if math.prod(map(len, factors)) <= MOST:
+        return list(itertools.product(*factors))
+    if (most := max(map(len, factors))) > MOST:
+        raise InvalidInput(f"numbers of one joint have {most} rows with ends; corner plants can be made of {MOST}")
+    random = np.random.default_rng(_SEED)
+    orders = [random.permutation(np.arange(MOST) % len(levels)) for levels in factors]
+    return [tuple(levels[at] for levels, at in zip(factors, row, strict=True)) for row in zip(*orders, strict=True)]
+
+
 def _leaves(tables: dict[str, Any], prefix: str = "") -> dict[str, Any]:
     """Numbers and distributions by dotted name."""
     found: dict[str, Any] = {}
     for name, value in tables.items():
-        inner = isinstance(value, dict) and (set(value) - {"sign"}) not in _DISTRIBUTIONS
+        inner = isinstance(value, dict) and (set(value) - {"sign", "joint"}) not in _DISTRIBUTIONS
         found |= _leaves(value, f"{prefix}{name}.") if inner else {prefix + name: value}
     return found
 
@@ -171,7 +248,6 @@ def _words(value: Any) -> str:
     if not isinstance(value, dict):
         return f"{value:g}" if isinstance(value, int | float) else str(value)
     number = as_number(value)
-    if isinstance(number, Choice):
+    if isinstance(number, Choice) and not isinstance(number, Joint):
         return " or ".join(f"{each:g}" for each in number.choice)
-    assert isinstance(number, Uniform | LogUniform)
-    return "{:g} … {:g}".format(*number.bounds)
+    return "{:g} … {:g}".format(*bounds(number))

@@ -30,7 +30,7 @@ from ...envs.plant.controller import PERIOD
 from ...envs.plant.fleet import Fleet
 from ...envs.scenarios import Scenario
 from . import rollout
-from .plants import STANDARD, Machine
+from .plants import STANDARD, Drawn, Machine
 
 LIMIT_MS = 2.0
 """Largest Ms that tuning allows a follower unless told otherwise, as the following suite's ranking does."""
@@ -111,7 +111,7 @@ class Injection:
         frequencies: Hz.
         settle, window: s.
         threads: worker threads.
-        machine: whose corner plants are measured.
+        machine: whose corner plants are measured, or machines that it draws.
         feed: mm/s.
     """
 
@@ -122,7 +122,7 @@ class Injection:
         settle: float = SETTLE,
         window: float = WINDOW,
         threads: int = 1,
-        machine: Machine = STANDARD,
+        machine: Machine | Drawn = STANDARD,
         feed: float = FEED,
     ) -> None:
         self.frequencies, self.machine = np.asarray(frequencies), machine
@@ -185,7 +185,7 @@ def _waves(x: np.ndarray, tones: np.ndarray, first: int) -> np.ndarray:
     return out
 
 
-def sensitivity(stack: Stack, threads: int = 1, machine: Machine = STANDARD, feed: float = FEED) -> Sensitivity:
+def sensitivity(stack: Stack, threads: int = 1, machine: Machine | Drawn = STANDARD, feed: float = FEED) -> Sensitivity:
     """|S| of a stack with sines, at the suite's frequencies and around its peak, on a machine's corner plants."""
     found = Injection(stack, threads=threads, machine=machine, feed=feed).measure(stack)
     around = _around(found)

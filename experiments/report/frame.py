@@ -24,7 +24,7 @@ def framed(template: str, scripts: tuple[str, ...] = ("figures.js",), **words: A
 
     Args:
         template: its file; extends ``frame.html``.
-        scripts: files of the scripts that draw its figures and sort its tables.
+        scripts: files of the scripts that draw its figures and sort its tables; without one the page has no library.
         words: of the template.
     """
     return PAGES.get_template(template).render(

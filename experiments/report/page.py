@@ -35,6 +35,7 @@ from . import (
     sensitivity,
     spectra,
     table,
+    to_set,
     tuning,
 )
 from . import curves as training
@@ -86,6 +87,8 @@ def page(folder: Path, grids: dict[str, Results], meta: dict[str, Any]) -> str:
         look=look,
         several=len(suites) > 1,
         what=what_ran(suites),
+        cut_by=list(dict.fromkeys(cut_by(suite.results) for suite in suites)),
+        sheets=[to_set.sheets(suite) for suite in suites],
         plans=plan.shown(suites),
         warnings=[*map(str, meta.get("notes") or ()), *warnings(suites)],
         command=" ".join(map(str, command)) if isinstance(command, list | tuple) else str(command),
@@ -127,6 +130,7 @@ def _chapter(
     return {
         "suite": suite,
         "headline": answer.headline(own, labels),
+        "to_set": to_set.to_set(suite, own, labels),
         "figures": _there(figures),
         "remarks": answer.remarks(suite, own, labels, LIMIT_MS),
         "caveats": answer.caveats(suite, own, labels, LIMIT_MS),
@@ -184,7 +188,7 @@ def what_ran(suites: list[Suite]) -> list[str]:
             f"{count(len(seeds), 'seed')} ({span}, {' and '.join(splits) or 'no'} split)",
         ]
         out.append(f"{suite.title}: {' × '.join(sizes)}, {count(len(suite.results.runs), 'run')}.")
-    return [*dict.fromkeys(cut_by(suite.results) for suite in suites), *out]
+    return out
 
 
 def cut_by(results: Results) -> str:

@@ -97,7 +97,7 @@ class Suite:
         """Over what the score is taken: ``geometric mean over the 7 core scenarios``, ``in the scenario 'wavy'`` …"""
         if len(self.scored) == 1:
             return f"in the scenario '{self.scored[0]}'"
-        core = "core " if set(self.scored) <= set(self.results.core) else ""
+        core = "core " if set(self.scored) <= set(self.results.core) < set(self.results.scenarios) else ""
         return f"geometric mean over the {len(self.scored)} {core}scenarios"
 
     @cached_property

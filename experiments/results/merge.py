@@ -16,7 +16,7 @@ from .conclusions import INFORMED, REFERENCE, Results, in_order
 
 Grids = dict[str, Results]
 
-NAMED = ("ledger", "tuning", "parameters", "programs", "decisions")
+NAMED = ("ledger", "tuning", "parameters", "programs", "settings", "decisions")
 """What a record holds by controller."""
 
 

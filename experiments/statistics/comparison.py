@@ -70,11 +70,12 @@ def unfailing(found: dict[str, Sample]) -> list[str]:
 
 def measured(found: dict[str, Sample]) -> list[str]:
     """Names of those who have a figure: in every scenario a run that did not fail, and none without any error."""
-    return [
-        name
-        for name, sample in found.items()
-        if np.isfinite(sample.values).any(axis=1).all() and not (sample.values <= 0).any()
-    ]
+    return [name for name, sample in found.items() if has_figure(sample)]
+
+
+def has_figure(sample: Sample) -> bool:
+    """Whether there is in every scenario a run that did not fail, and none without any error."""
+    return bool(np.isfinite(sample.values).any(axis=1).all() and not (sample.values <= 0).any())
 
 
 def bootstrapped(found: dict[str, Sample], power: float) -> tuple[list[str], Replicates | None]:
@@ -102,7 +103,7 @@ def figures(results: Any, typical: bool = True) -> pd.DataFrame:
     for i, name in enumerate(names):
         assert replicates
         one = np.eye(len(names))
-        rows[name]["score"] = _exp(replicates.interval(one[i]))
+        rows[name]["score"] = exp(replicates.interval(one[i]))
         if reference in names:
             rows[name]["ratio"] = _ratio(found, name, reference, power, names, replicates)
     if reference in found:
@@ -144,7 +145,7 @@ def interval(results: Any, metric: str) -> pd.DataFrame:
     for i, name in enumerate(names):
         assert replicates
         at = replicates.interval(np.eye(len(names))[i])
-        ends.loc[name] = (at if pooling.declared(metric).zero else _exp(at))[1:]
+        ends.loc[name] = (at if pooling.declared(metric).zero else exp(at))[1:]
     return ends
 
 
@@ -154,13 +155,13 @@ def _ratio(
     """The reference's figure over that of ``name``, over the runs in which neither failed."""
     if {name, reference} <= set(unfailing(found)):
         one = np.eye(len(names))
-        return _exp(replicates.interval(one[names.index(reference)] - one[names.index(name)]))
+        return exp(replicates.interval(one[names.index(reference)] - one[names.index(name)]))
     if name == reference:
         return Interval(1.0, 1.0, 1.0)
     pair = neither_failed(found[name], found[reference])
     if pair is None:
         return Interval(math.nan)
-    return _exp(replicate(pair, pooled(power)).interval([-1.0, 1.0]))
+    return exp(replicate(pair, pooled(power)).interval([-1.0, 1.0]))
 
 
 def _typical(mine: np.ndarray, base: np.ndarray) -> Interval:
@@ -171,7 +172,7 @@ def _typical(mine: np.ndarray, base: np.ndarray) -> Interval:
     middle = Interval(iqm(closer))
     if math.isfinite(middle.value):
         middle = replicate([Sample.of(closer)], mean_of_middle).interval([1.0])
-    return _exp(middle)
+    return exp(middle)
 
 
 def _won(mine: np.ndarray, base: np.ndarray) -> np.ndarray:
@@ -279,7 +280,8 @@ def relative(results: Any, metrics: Iterable[str]) -> pd.DataFrame:
     return pd.DataFrame.from_dict(rows, orient="index")
 
 
-def _exp(interval: Interval) -> Interval:
+def exp(interval: Interval) -> Interval:
+    """A figure with its interval from those of its logarithm."""
     with np.errstate(over="ignore"):
         return Interval(*(float(np.exp(end)) for end in interval))
 
@@ -316,8 +318,8 @@ def methods(results: Any) -> pd.DataFrame:
         whole = Sample(np.stack([found[name].values[0, at[name]] for name in members]), tuple(seeds))
         base = [found[results.reference]] if results.reference in measured(found) else []
         replicates = replicate([whole, *base], pooled(power))
-        score = _exp(replicates.interval([1.0, 0.0][: 1 + len(base)]))
-        ratio = _exp(replicates.interval([-1.0, 1.0])) if base else Interval(math.nan)
+        score = exp(replicates.interval([1.0, 0.0][: 1 + len(base)]))
+        ratio = exp(replicates.interval([-1.0, 1.0])) if base else Interval(math.nan)
         each = [float(np.exp(pooled(power)(run[None], (None, None))[0][0])) for run in whole.values]
         rows.append((method, members, *score, *ratio, min(each), max(each)))
     flat = [f"{figure}{end}" for figure in ("score", "ratio") for end in ("", "_low", "_high")]

@@ -50,6 +50,14 @@ class CutBy(TypedDict, total=False):
     replaces: list[str]
 
 
+class Settings(TypedDict):
+    """What a controller is to be set to."""
+
+    of: str
+    policy: bool
+    rows: list[Annotated[tuple[str, str, str, str], Strict(False)]]
+
+
 class GridRecord(TypedDict, total=False):
     """Of a suite."""
 
@@ -73,6 +81,7 @@ class GridRecord(TypedDict, total=False):
     tuning: dict[str, dict[str, Any]] | None
     programs: Words | None
     parameters: dict[str, dict[str, float | str]] | None
+    settings: dict[str, Settings] | None
     decisions: dict[str, dict[str, float | None]] | None
     bounds: Numbers | None
     linear: Numbers | None

@@ -49,7 +49,7 @@ def main(controller: str = "observer", jitter: float = 1.0, seed: int = 0, folde
     """Tell what a controller tuned on an identified machine is worth beside one tuned on the machine itself.
 
     Args:
-        controller: whose law and window are tuned.
+        controller: whose law and filter are tuned.
         jitter: mm/s per ms, largest of the command.
         seed: which machine.
         folder: where the files are left. Default: nowhere.
@@ -77,7 +77,7 @@ def _told(folder: Path, controller: str, jitter: float, seed: int) -> int:
         ran("record", "--machine", "true.toml", "--protocol", protocol, "--seed", str(seed), "--overwrite")
     logs = [f"{protocol}.csv" for protocol in PROTOCOLS]
     chain = {"identify": ran("identify", *logs, "-o", "mine.toml", "--like", "known.toml", "--overwrite")}
-    tune = ["tune", "law", "filter.window", "-c", controller, "--jitter", f"{jitter:g}", "--overwrite"]
+    tune = ["tune", "law", "read", "-c", controller, "--jitter", f"{jitter:g}", "--overwrite"]
     tune += [word for sheet in SHEETS for word in ("-s", sheet)]
     chain["tune"] = ran(*tune, "--machine", "mine.toml", "--name", "mine")
     ran(*tune, "--machine", "true.toml", "--name", "true")

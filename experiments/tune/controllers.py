@@ -6,15 +6,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 from optuna.trial import FrozenTrial
 
 from ...envs import scenarios
 from ...envs.scenarios import machine_text
-from ..store import runs
+from ..store import runs, typed
 from ..store.ledger import Ledger, ranges
-from . import goals, history, outcome, over, staged, storage
+from . import goals, history, outcome, over, staged, storage, tuned_page, verdict
+from .assessed import Assessed, assessed
 from .crew import Told
 from .study import RollOuts
+
+UNITS = {"collisions": "runs", "descent_overshoot": "mm", "jitter": "mm/s per ms"}
+"""Of what is not searched for."""
+
+
+def _unit(unit: str) -> str:
+    return "" if unit == "1" else unit
 
 
 @dataclass(frozen=True)
@@ -26,6 +35,13 @@ class Result(over.Result):
     before: dict[str, Any]
     after: dict[str, Any]
     near: Any
+    assessed: Assessed
+    page: Path
+
+    @property
+    def files(self) -> list[Path]:
+        """The controller, and the page about it."""
+        return [self.file, self.page]
 
     def show(self) -> None:
         """Prints what was found and what it is worth."""
@@ -33,16 +49,33 @@ class Result(over.Result):
         parameters = []
         for name, value in found.parameters.items():
             p = known[name]
-            old = p.quantity.choices[int(p.value)] if p.quantity.choices else f"{p.value:.5g}"
-            parameters.append((name, old, value if isinstance(value, str) else f"{value:.5g}"))
+            both = (verdict.setting(each, p.quantity) for each in (p.value, value))
+            parameters.append((name, verdict.unit(p.quantity), *both))
         figures = [
-            (f"{name}, test seeds", f"{self.before[name]:.4g}", f"{value:.4g}")
-            for name, value in self.after.items()
-            if name not in ("runs", "evidence")
+            (
+                f"{each.metric}, test seeds",
+                _unit(each.unit),
+                *(verdict.figure(x, ends=True) for x in (each.before, each.after)),
+            )
+            for each in self.assessed.worth.figures
         ]
-        figures += [("Ms", "", f"{found.ms:.3f}")] if math.isfinite(found.ms) else []
+        figures += [
+            (f"{name}, test seeds", unit, f"{self.before[name]:.4g}", f"{self.after[name]:.4g}")
+            for name, unit in UNITS.items()
+            if name in self.after and name not in task.metrics
+        ]
+        figures += [("Ms", "", "", f"{found.ms:.3f}")] if math.isfinite(found.ms) else []
         title = f"{task.controller} · {self.meta['tuned']['trials']} trials · {task.over}"
         self.tell(title, "before", parameters, figures)
+        warned = verdict.warnings(task, self.assessed)
+        for text in warned:
+            typed.say(f"warning: {text}")
+        if not warned:
+            print(verdict.headline(task, self.assessed))
+        for text in verdict.cautions(task, self.assessed):
+            print(f"but: {text}")
+        if self.assessed.margins:
+            print(f"margins {verdict.margins_in_words(task, self.assessed.margins[1])}")
         if "evidence" in self.after:
             print(f"figures of the cut: before {self.before['evidence']}; tuned {self.after['evidence']}")
         if len(near):
@@ -78,21 +111,23 @@ def concluded(
     runs.write_table(folder, "trials", table)
     searched.use(range(task.seeds))
     evaluator.ledger = Ledger()  # from here on: what choosing costs
-    more: dict[str, Any] = {}
-    if len(task.metrics) == 1:
-        found, more, spent = outcome.best(work, trials)
-        searched, front = searched + spent, [found]
-    else:
-        front = outcome.front(work, trials)
-        found = outcome.middle(front, task)
+    try:
+        found, front, more, spent = _chosen(work, trials)
+    except outcome.NothingFound as error:
+        meta |= {"ledger": {"tuning": searched.entry()}}
+        meta["plots"] = history.write(folder, work.study, table, pd.DataFrame(), task, [])
+        page = tuned_page.write_nothing(folder, task, meta, outcome.nearest(trials), str(error))
+        raise outcome.NothingFound(f"{error}; {page} shows the nearest") from None
+    searched += spent
     searched.check("tune")
     if task.relative:
         figures = evaluator.whole(found.controller, task.wanted)
         pooled = {name: goals.score(name, figures, evaluator.core) for name in task.wanted if name != "collision"}
         more["relative"] = {name: round(value, 4) for name, value in pooled.items()}
     near = outcome.sensitivity(work, found)
-    before, _ = outcome.scored(work, work.base, evaluator.threads)
-    after, _ = outcome.scored(work, found.controller, evaluator.threads)
+    before, was = outcome.scored(work, work.base, evaluator.threads)
+    after, now = outcome.scored(work, found.controller, evaluator.threads)
+    known = assessed(work, found, was, now)
     provenance = origin | _provenance(work, trials, searched) | more
 
     def full(candidate: outcome.Found) -> dict[str, Any]:
@@ -101,19 +136,37 @@ def concluded(
         return {**provenance, "trial": candidate.number, **more, "tune": values}
 
     runs.write_table(folder, "sensitivity", near)
-    plots = history.write(folder, work.study, table, near, task, front)
+    plots = history.write(folder, work.study, table, near, task, front, known.margins)
+    if known.margins:
+        each = zip(("before", "tuned"), known.margins, strict=True)
+        table = pd.concat([m.machines.assign(controller=name) for name, m in each], ignore_index=True)
+        runs.write_table(folder, "margins", table)
     if len(front) > 1:
         for i, candidate in enumerate(front, 1):
             outcome.write(folder / "front" / f"{i:02d}.toml", task, candidate, full(candidate))
     final, file = {**full(found), "test": after, "test_before": before}, folder / "tuned.toml"
     outcome.write(file, task, found, final)
-    ledgers = {"tuning": searched, "choosing": evaluator.ledger, "testing": work.validation}
+    ledgers = {"tuning": searched, "choosing": evaluator.ledger, "testing": work.validation, "margins": known.ledger}
     meta |= {"what": list(task.what), "tuned": {**final, "parameters": found.parameters}, "plots": plots}
     if task.machine:
         runs.write_text(folder / "machine.toml", machine_text.text_of(task.machine))
         meta["cut_by"] = task.machine.record
     meta |= {"front": len(front), "ledger": {name: ledger.entry() for name, ledger in ledgers.items()}}
-    return Result(task, meta, file, found, front, before, after, near)
+    page = tuned_page.write(folder, task, meta, found, near, known, front, before, after)
+    return Result(task, meta, file, found, front, before, after, near, known, page)
+
+
+def _chosen(work: RollOuts, trials: list[FrozenTrial]) -> tuple[outcome.Found, list[outcome.Found], Any, Ledger]:
+    """The result, the front of which it is one, what its record says of the choice, and what choosing cost the search.
+
+    Raises:
+        NothingFound: no candidate keeps the limits.
+    """
+    if len(work.task.metrics) == 1:
+        found, more, spent = outcome.best(work, trials)
+        return found, [found], more, spent
+    front = outcome.front(work, trials)
+    return outcome.middle(front, work.task), front, dict[str, Any](), Ledger()
 
 
 def _provenance(work: RollOuts, trials: list[FrozenTrial], searched: Ledger) -> dict[str, Any]:

@@ -12,6 +12,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ..measure.population import Population
 from ..plots.palette import COLOURS, GRID, INK, QUIET
 from ..plots.png import png
 from ..store import runs
@@ -23,12 +24,27 @@ from .study import Task
 WIDEST = 4
 """Slices side by side."""
 
+MARGINS = {"ms": "Ms", "gain": "gain margin (×)", "delay_ms": "delay margin (ms)"}
+"""Columns of a population, and what they are."""
+
 
 def write(
-    folder: Path, study: Any, trials: pd.DataFrame, near: pd.DataFrame, task: Task, front: list[Found]
+    folder: Path,
+    study: Any,
+    trials: pd.DataFrame,
+    near: pd.DataFrame,
+    task: Task,
+    front: list[Found],
+    population: tuple[Population, Population] | None = None,
 ) -> list[str]:
-    """Writes the pictures that there is something to show for; gives their names."""
-    return written(folder, _all(study, trials, near, task, front))
+    """Writes the pictures that there is something to show for; gives their names.
+
+    ``population``: Ms and margins before and after.
+    """
+    made = list(_all(study, trials, near, task, front))
+    if population and len(population[1].machines) > 1:
+        made.append(("margins", margins(*population, task.limits.ms)))
+    return written(folder, made)
 
 
 def written(folder: Path, figures: Iterable[tuple[str, Figure]]) -> list[str]:
@@ -56,7 +72,7 @@ def _all(
         found = importances(study, task.controller, name, i if len(task.metrics) > 1 else None)
         if found is not None:
             yield f"importances{suffix}", found
-    if len(task.metrics) > 1:
+    if len(task.metrics) > 1 and front:
         yield "front", pareto(trials, task, front)
     if len(near):
         yield "sensitivity", twenty_per_cent(near, task)
@@ -201,6 +217,23 @@ def pareto(trials: pd.DataFrame, task: Task, front: list[Found]) -> Figure:
         _window(whole[other], kept[other], axes.set_ylim)
         _plain(axes, label(first, task), label(other, task))
     grid[0].legend(frameon=False, fontsize=8)
+    return figure
+
+
+def margins(before: Population, after: Population, limit: float) -> Figure:
+    """Share of the machines up to which Ms, gain and delay margin reach, before and after."""
+    figure = _figure(f"Ms and margins on {len(after.machines)} machines that may be meant", 11.0, 2.9)
+    for axes, (column, text) in zip(figure.subplots(1, 3), MARGINS.items(), strict=True):
+        for population, colour, words in ((before, QUIET, "before"), (after, COLOURS[0], "tuned")):
+            values = np.sort(population.machines[column].dropna().to_numpy(float))
+            values = values[np.isfinite(values)]
+            shares = 100.0 * (np.arange(len(values)) + 1) / max(1, len(population.machines))
+            axes.step(values, shares, where="post", color=colour, label=words)
+        if column == "ms" and math.isfinite(limit):
+            axes.axvline(limit, color=INK, linewidth=1, linestyle="--", label="limit")
+        axes.set_ylim(0, 102)
+        _plain(axes, text, "share of the machines (%)" if column == "ms" else "")
+        axes.legend(frameon=False, fontsize=8)
     return figure
 
 

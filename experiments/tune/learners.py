@@ -40,11 +40,11 @@ class Learned(over.Result):
         """Prints what was found and what it cost."""
         task, about = self.task, self.meta["tuned"]
         keys = [name.removeprefix(REST) for name in task.space.start]
-        parameters = [(key, _word(task.base.value(key)), _word(self.settings.value(key))) for key in keys]
+        parameters = [(key, "", _word(task.base.value(key)), _word(self.settings.value(key))) for key in keys]
         before = about.get("score_tune_preset")
         shown = "failed" if before is None else f"{before:.4g}", f"{about['score_tune']:.4g}"
         title = f"{task.base.name} on {task.base.env} · {about['trials']} trials of {task.steps} steps"
-        self.tell(title, "preset", parameters, [("score, tune seeds", *shown)])
+        self.tell(title, "preset", parameters, [("score, tune seeds", "µm" * task.height, *shown)])
         if self.best.number == 0:
             print("no trial was better than the preset")
         if about["failed"]:

@@ -21,6 +21,7 @@ from ..store.ledger import Ledger, ranges
 from . import goals, staged
 from .study import RollOuts, Task
 from .work import feasible, told_number
+from .worth import Ran
 
 TEST_SEEDS, TEST_SEEDS_JOBS = 200, 20
 """*Test* seeds per scenario on which the result is scored."""
@@ -154,11 +155,16 @@ def checked(work: RollOuts, trial: FrozenTrial) -> Found:
     return Found(trial.number, parameters, tuple(trial.values), ms, controller)
 
 
-def _none(trials: list[FrozenTrial], cap: float) -> str:
+def nearest(trials: list[FrozenTrial]) -> FrozenTrial | None:
+    """The trial that breaks the limits least; None if none could be evaluated."""
     over = [t for t in trials if t.constraints]
-    if not over:
+    return min(over, key=lambda t: sum(max(0.0, v) for v in t.constraints.values()), default=None)
+
+
+def _none(trials: list[FrozenTrial], cap: float) -> str:
+    near = nearest(trials)
+    if near is None:
         return "no trial could be evaluated"
-    near = min(over, key=lambda t: sum(max(0.0, v) for v in t.constraints.values()))
     ms = near.user_attrs.get("ms", math.inf)
     told = {"ms": f"ms {ms:.3g}, at most {cap:g} is allowed" if ms < goals.FAILED else "ms, its loop does not settle"}
     broken = ", ".join(told.get(name, name) for name, v in near.constraints.items() if v > 0) or "the exact Ms"
@@ -168,7 +174,7 @@ def _none(trials: list[FrozenTrial], cap: float) -> str:
     )
 
 
-def scored(work: RollOuts, controller: Team, threads: int) -> tuple[dict[str, Any], goals.Figures]:
+def scored(work: RollOuts, controller: Team, threads: int) -> tuple[dict[str, Any], Ran]:
     """What a controller is worth on *test* seeds: the metrics, collisions, overshoot of descents, runs per scenario,
     and of figures of the cut whether they lie within what they were calibrated on."""
     task = work.task
@@ -185,7 +191,7 @@ def scored(work: RollOuts, controller: Team, threads: int) -> tuple[dict[str, An
         out["jitter"] = goals.score("jitter", figures, evaluator.core)
     if task.jobs or any(m in evidence.QUALITY for m in task.metrics):
         out["evidence"] = evidence.said(evaluator.outside if task.jobs else evidence.ASSUMED)
-    return {k: float(f"{v:.6g}") if isinstance(v, float) else v for k, v in out.items()}, figures
+    return {k: float(f"{v:.6g}") if isinstance(v, float) else v for k, v in out.items()}, Ran(figures, evaluator)
 
 
 def moves(controller: Team, spans: dict[str, float]) -> Iterator[tuple[str, int, float]]:

@@ -34,13 +34,18 @@ class Result:
     meta: dict[str, Any]
     file: Path
 
+    @property
+    def files(self) -> list[Path]:
+        """What the user is told of, last."""
+        return [self.file]
+
     def tell(
-        self, title: str, before: str, parameters: Iterable[tuple[str, str, str]], figures: Iterable[tuple[str, ...]]
+        self, title: str, before: str, parameters: Iterable[tuple[str, ...]], figures: Iterable[tuple[str, ...]]
     ) -> None:
-        """Prints what was found beside what was before."""
+        """Prints what was found beside what was before; of each its name, its unit, and both."""
         table = Table(title=title)
-        for column in ("", before, "tuned"):
-            table.add_column(column, justify="right" if column else "left")
+        for column, side in (("", "left"), ("unit", "left"), (before, "right"), ("tuned", "right")):
+            table.add_column(column, justify="left" if side == "left" else "right")
         for rows in (parameters, figures):
             for row in rows:
                 table.add_row(*row)

@@ -136,6 +136,23 @@ def read(known: dict[str, Parameter]) -> list[str]:
     return [f"{name.removesuffix('kind')}{setting}" for name, kind in kinds.items() for setting in READS[kind]]
 
 
+def unread(axes: Space, known: dict[str, Parameter]) -> list[str]:
+    """Settings that are searched although the filter does not read them, in sentences; its kind is not searched."""
+    out = []
+    for name, p in known.items():
+        own = name.removesuffix("kind")
+        if not name.endswith("filter.kind") or any(axis.name == name for axis in axes.axes):
+            continue
+        kind = KINDS[int(p.value)]
+        settings = [axis.name for axis in axes.axes if axis.name.startswith(own)]
+        if idle := [each for each in settings if each.removeprefix(own) not in READS[kind]]:
+            reads = f"reads {', '.join(own + each for each in READS[kind])}" if READS[kind] else "has no settings"
+            out.append(
+                f"{', '.join(idle)} changes nothing: a filter of the kind {kind} {reads}; 'read' searches what it reads"
+            )
+    return out
+
+
 def space(controller: Team, words: Iterable[str]) -> Space:
     """The space that ``words`` mean: groups (filter, law, guard …), ``all``, ``read`` (what the filter's kind reads),
     and names with or without a range.

@@ -9,6 +9,7 @@ import pytest
 from kerfgym.envs.figures import job_metrics
 from kerfgym.envs.plant import supervisor
 from kerfgym.envs.plant.gantry import CUT, RAPID
+from kerfgym.experiments.measure import population
 from kerfgym.experiments.report.page import write_report
 from kerfgym.experiments.results.conclusions import Results
 
@@ -28,6 +29,12 @@ def here(tmp_path, monkeypatch):
     """A folder of its own, in which the test works."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+@pytest.fixture(autouse=True)
+def few_machines(monkeypatch):
+    """A search ends with Ms and margins on fewer machines than it would for a user."""
+    monkeypatch.setattr(population, "DRAWN", 3)
 
 
 def following(

@@ -75,6 +75,9 @@ def test_a_sheet_of_ones_own_counts_beside_a_suites(tmp_path):
     assert grid.core == ("mine", "step")
     (grid,) = plan(named=["step"])
     assert grid.core == scenarios.core("following")
+    own.write_text(own.read_text(encoding="utf-8").replace("mine", "holes"), encoding="utf-8")  # which is no core's
+    (grid,) = plan(named=[str(own), "step"])
+    assert grid.core == ("holes", "step")
 
 
 def test_the_shipped_comparison_holds_every_controller_once_and_every_policy():

@@ -10,6 +10,7 @@ from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.plant.controller import PERIOD
 from kerfgym.envs.scenarios import Scenario
 from kerfgym.experiments.measure import margins as module
+from kerfgym.experiments.measure import population
 from kerfgym.experiments.measure.margins import CANDIDATES, DELAYS, GAINS, Bench, in_words, margins
 from kerfgym.experiments.measure.plants import of
 from kerfgym.experiments.measure.stability import sensitivity
@@ -231,3 +232,57 @@ def test_the_grids_begin_at_the_loop_as_it_is_and_rise():
     assert np.all(np.diff(GAINS) > 0)
     assert np.all(np.diff(DELAYS) > 0)
     assert DELAYS[-1] < module.RING
+
+
+def test_margins_of_each_machine_are_those_of_its_own_loop():
+    """python-control's, machine by machine; and the worst of them is what is told of all."""
+    stack = resolve(f"{NO_FILTER},law.kv=90")
+    bench = ideal(Bench(stack, machine=MACHINE))
+    gains, delays, steps = bench.measure_each(stack)
+    for i in range(0, len(CORNERS), 5):
+        gain, delay = linear(90.0, corners=[CORNERS[i]])
+        assert gains[i] == pytest.approx(gain, rel=0.05), CORNERS[i]
+        assert delays[i] == pytest.approx(delay, rel=0.05), CORNERS[i]
+    worst = bench.measure(stack)
+    assert (gains.min(), delays.min(), steps) == (worst.gain, worst.delay_ms, worst.steps)
+    assert gains.max() > 1.2 * gains.min()
+
+
+def test_a_loop_that_does_not_settle_on_one_machine_has_no_margin_there_alone():
+    """By python-control's gain margin at a third of the gain."""
+    stack = resolve(f"{NO_FILTER},law.kv=300")
+    bench = ideal(Bench(stack, machine=MACHINE))
+    gains, delays, _ = bench.measure_each(stack)
+    unstable = np.array([100.0 * linear(100.0, corners=[corner])[0] < 300.0 for corner in CORNERS])
+    assert 0 < unstable.sum() < len(unstable)
+    assert np.array_equal(gains == 0, unstable)
+    assert np.array_equal(delays == 0, unstable)
+
+
+def test_a_population_is_measured_machine_by_machine(monkeypatch):
+    """Two machines that a scenario draws have the Ms and the margins that each has alone."""
+    monkeypatch.setattr(population, "DRAWN", 8)
+    known = {**PLAIN, "zeta": 0.7, "dead_time": 0.001, "resonance": 300.0, "acceleration": 14000.0}
+    stack = resolve("xi2023-tuned")
+    either = Scenario(name="either", axis={**known, "bandwidth": {"choice": [30.0, 90.0]}})
+    found = population.measured(stack, [either])
+    alone = {}
+    for bandwidth in (30.0, 90.0):
+        one = population.measured(stack, [Scenario(name="one", axis={**known, "bandwidth": bandwidth})]).machines
+        assert len(one) == 1
+        alone[tuple(one.loc[0, ["gain", "delay_ms"]])] = one.loc[0, "ms"]
+    peaks = found.machines.groupby(["gain", "delay_ms"])["ms"].agg(["min", "max"])
+    assert set(peaks.index) == set(alone)
+    assert len(alone) == 2
+    for key, peak in alone.items():  # frequencies are set finer about the highest peak of all
+        assert peaks.loc[key, "min"] == peaks.loc[key, "max"] == pytest.approx(peak, rel=0.02)
+    assert found.ledger.entry()["seeds"] == {"test": "1000-1007"}
+    assert found.within(min(alone.values()) * 1.05)[1] == 8
+    assert 0 < found.within(min(alone.values()) * 1.05)[0] < 8
+
+
+def test_a_machine_without_a_period_of_dead_time_has_ms_and_says_why_it_has_no_margins():
+    found = population.measured(resolve("pid"), [Scenario(name="quick", axis={"dead_time": 0.0, "latency": 0.0})])
+    assert found.machines["ms"].notna().all()
+    assert found.machines["gain"].isna().all()
+    assert "dead time of at least a control period" in found.reason

@@ -10,7 +10,7 @@ from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.plant import heads
 from kerfgym.envs.plant.fleet import Fleet
 from kerfgym.envs.scenarios import Scenario, load, prepare, suite
-from kerfgym.experiments.measure.plants import FULL, MOST, STANDARD, design, machines, of
+from kerfgym.experiments.measure.plants import FULL, MOST, STANDARD, crossed, design, drawn, machines, of
 
 
 def written(machine, scenario):
@@ -80,3 +80,73 @@ def test_a_machine_that_draws_more_than_can_be_tried_is_refused():
     with pytest.raises(InvalidInput, match="the machine draws 40 numbers; corner plants can be made of at most 32"):
         design(40)
     assert FULL == 6
+
+
+TABLE = {"bandwidth": (24.0, 30.0, 27.0, 26.0), "zeta": (0.9, 0.7, 0.6, 0.8), "speed": (400.0, 410.0, 390.0, 500.0)}
+"""Three numbers that are known together, four rows."""
+
+TOGETHER = {name: {"choice": list(values), "joint": "motion"} for name, values in TABLE.items()}
+
+
+def test_of_numbers_that_are_known_together_only_rows_are_tried_and_those_with_an_end():
+    machine = of(
+        Scenario(
+            name="x", axis={**TOGETHER, "dead_time": {"uniform": [0.001, 0.002]}, "resonance": 300.0, "latency": 0.0}
+        )
+    )
+    fleet = written(machine, Scenario(name="x"))
+    rows = list(zip(*TABLE.values(), strict=True))
+    there = {
+        tuple(row)
+        for row in zip(
+            fleet.column("z.omega") / (2 * np.pi), fleet.column("z.zeta"), fleet.column("z.speed"), strict=True
+        )
+    }
+    assert {tuple(np.round(row, 9)) for row in there} == {rows[0], rows[1], rows[2]}  # the last has no end of its own
+    assert machine.size == 3 * 2  # each of them at both ends of the dead time
+    for words in (
+        "axis.bandwidth 24 … 30",
+        "axis.zeta 0.6 … 0.9",
+        "axis.dead_time 0.001 … 0.002",
+        "axis.resonance 300",
+    ):
+        assert words in machine.label
+
+
+def test_a_table_of_limits_alone_is_one_row():
+    machine = of(Scenario(name="x", axis={"speed": TOGETHER["speed"], "zeta": 0.7, "bandwidth": 60, "dead_time": 0.001,
+                                          "resonance": 300.0, "latency": 0.0}))  # fmt: skip
+    assert [corner["axis.speed"] for corner in machine.corners] == [400.0]
+
+
+def test_too_many_combinations_have_each_level_as_often_as_any_other():
+    factors = [list(range(n)) for n in (32, 7, 5)]
+    found = crossed(factors)
+    assert len(found) == MOST
+    for i, levels in enumerate(factors):
+        counts = np.bincount([row[i] for row in found], minlength=len(levels))
+        assert counts.max() - counts.min() <= 1
+        assert counts.min() >= 1
+    assert crossed([[1, 2], ["a", "b"]]) == [(1, "a"), (1, "b"), (2, "a"), (2, "b")]
+    with pytest.raises(InvalidInput, match="numbers of one joint have 65 rows with ends"):
+        crossed([list(range(65)), [1, 2]])
+
+
+def test_machines_that_are_drawn_are_those_of_the_runs_on_the_same_seeds():
+    scenario = Scenario(name="x", axis={**TOGETHER, "backlash": {"log_uniform": [0.001, 0.02]}})
+    those = drawn(of(scenario), range(1000, 1040))
+    fleets = [Fleet(those.size, get("pid").law, heads.ensure([0])) for _ in range(2)]
+    those.prepare(fleets[0], Scenario(name="margins", feed=0.0), np.arange(those.size))
+    prepare(fleets[1], scenario, np.arange(40), np.array(those.seeds, np.uint64))
+    for name in ("omega", "zeta", "speed", "dead_time", "omega_r", "friction", "backlash"):
+        assert np.array_equal(fleets[0].column(f"z.{name}"), fleets[1].column(f"z.{name}"))
+    assert len(np.unique(fleets[0].column("z.omega"))) == len(TABLE["bandwidth"])
+    assert not fleets[0].column("sensor.noise").any()
+
+
+def test_a_machine_of_which_all_is_known_is_drawn_once():
+    fixed = {"bandwidth": 60, "zeta": 0.7, "dead_time": 0.001, "resonance": 300.0, "acceleration": 9000, "latency": 0.0,
+             "friction": 800, "stiction": 1.2, "stribeck": 2.0, "bristle": 0.005}  # fmt: skip
+    assert not of(Scenario(name="x", axis=fixed)).varies
+    assert drawn(of(Scenario(name="x", axis=fixed)), range(1000, 1064)).seeds == (1000,)
+    assert drawn(of(Scenario(name="x", axis={**fixed, "zeta": {"uniform": [0.6, 0.8]}})), range(1000, 1064)).size == 64

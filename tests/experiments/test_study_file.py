@@ -3,6 +3,7 @@
 import json
 import math
 import tomllib
+import types
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +17,7 @@ from kerfgym.envs.control.stack import get, team
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.experiments.cli import main
 from kerfgym.experiments.statistics import budgets
+from kerfgym.experiments.store.ledger import Ledger
 from kerfgym.experiments.tune import evaluate, goals, searches, staged, storage, study, study_file
 from kerfgym.experiments.tune import space as spaces
 from kerfgym.experiments.tune.work import done
@@ -72,6 +74,10 @@ def pretended(monkeypatch, here):
     monkeypatch.setattr(study, "Evaluator", Pretended)
     monkeypatch.setattr("kerfgym.experiments.tune.outcome.scored", lambda *_: ({"rms_true": 1.0, "collisions": 0}, {}))
     monkeypatch.setattr("kerfgym.experiments.tune.history.write", lambda *_: [])
+    unjudged = types.SimpleNamespace(margins=None, ledger=Ledger())
+    monkeypatch.setattr("kerfgym.experiments.tune.controllers.assessed", lambda *_: unjudged)
+    monkeypatch.setattr("kerfgym.experiments.tune.tuned_page.write", lambda folder, *_: folder / "tuned.html")
+    monkeypatch.setattr("kerfgym.experiments.tune.tuned_page.write_nothing", lambda folder, *_: folder / "tuned.html")
     monkeypatch.setattr("kerfgym.experiments.tune.searches.baselines.PRESETS", here / "presets")
     return here
 

@@ -55,6 +55,9 @@ def test_the_tutorial_leads_from_logs_to_a_controller(done):
     assert "mine sheets" in tuned["provenance"]["suite"]
     runs = pd.read_csv(folder / "runs/compared/runs.csv")
     assert len(set(runs["scenario"])) == 2
-    score = runs[runs["scenario"] == "step"].groupby("controller")["rms_true"].mean()
-    assert score["runs/mine/tuned.toml"] < score["pid:law.kp=20,law.ki=100,law.kd=0.1"]
+    both = runs.groupby(["controller", "scenario"])["rms_true"].mean().groupby("controller").prod()
+    assert both["runs/mine/tuned.toml"] < both["observer"]
+    page = (folder / "runs/mine/tuned.html").read_text(encoding="utf-8")
+    assert "<dt>Machine</dt><dd>mine, identified from sweep.csv, rest.csv, motion.csv, follow.csv" in page
+    assert "differs from observer in" in (folder / "runs/compared/report.html").read_text(encoding="utf-8")
     assert "axis.bandwidth" in printed
