@@ -74,7 +74,11 @@ ALLOWED: dict[str, dict[str, str]] = {
         "numbers; 0: as the sampler gives them, neither rounded nor mended | 5": "what digits means, and its default",
         "or several: [2.0, 3.3, inf] searches": "caps, in the example",
     },
-    "docs/identification.md": {"at most 55 mm/s": "drive.SLOW", "up to 250 mm/s": "drive.QUICK"},
+    "docs/identification.md": {
+        "An interval of 95 % should hold": LEVEL,
+        "at most 55 mm/s": "drive.SLOW",
+        "up to 250 mm/s": "drive.QUICK",
+    },
     "docs/physics.md": {'"500 mm/s" of Xi2023 and "200 mm/s" of CN102528288A': "printed by the documents"},
     "docs/add-a-scenario.md": {
         "viscous below 1 mm/s": "the default of z_axis.Params.creep",

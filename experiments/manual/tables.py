@@ -13,6 +13,7 @@ from ...envs.control import stack as stacks
 from ...envs.engine.quantity import InvalidInput, did_you_mean
 from ...envs.figures import job_metrics, metrics
 from ...envs.figures.registered import Registry
+from ..identify.identified_page import UNITS
 from ..measure import margins
 from ..store import markdown
 from ..studies import recorded
@@ -374,6 +375,22 @@ def coverage(found: dict[str, Any]) -> str:
                 shares = ("–" if value is None else f"{value:.1f} %" for value in cells.values())
                 rows.append((kind, figure, count, *shares))
     return markdown.table(("errors", "figure", "runs", *titles), rows)
+
+
+@made("identified", "identified")
+def identified(found: dict[str, Any]) -> str:
+    """How often the intervals of identified machines hold the truth, and how near the medians are."""
+    rows = []
+    for name, row in found["numbers"].items():
+        unit = UNITS.get(name, "1")
+        about = f" {unit}" if unit != "1" else ""
+        median, most = (f"{row[key]:.2g}{about}" for key in ("median_error", "p95_error"))
+        told = f"{row['excited']} of {row['machines']}"
+        held = f"{100 * row['held']:.1f} % ({100 * row['held_low']:.1f} … {100 * row['held_high']:.1f})"
+        relative = f"{100 * row['median_relative']:.2g} %"
+        rows.append([f"`{name}`", held, told, median, relative, most])
+    head = ["number", "intervals that hold", "told by the logs", "median error", "of the value", "95th percentile"]
+    return markdown.table(head, rows)
 
 
 @made("speed", "speed")

@@ -26,8 +26,8 @@ from ..store import script
 from ..store.runs import atomic
 from .registry import Trial, study
 
-MACHINES = 200
-"""Of the study."""
+MACHINES, FIRST = 200, 400
+"""Of the study, and the seed of the first: nobody had looked at these when the method was made."""
 
 WIDE = {
     "name": "wide",
@@ -128,9 +128,17 @@ def measured(seeds: Iterable[int], workers: int, folder: Any = None) -> pd.DataF
 )
 def of_machines(trial: Trial) -> dict[str, Any]:
     """By number what :func:`summary` has."""
-    table = measured(range(MACHINES), trial.workers, trial.folder)
-    seconds = float(table.groupby("machine")["seconds"].first().median())
-    return {"numbers": summary(table).to_dict("index"), "machines": MACHINES, "seconds": seconds}
+    table = measured(range(FIRST, FIRST + MACHINES), trial.workers, trial.folder)
+    each = table.groupby("machine")["seconds"].first()  # of CPU; what was kept from a run before took its time then
+    seconds, wall = float(each.median()), float(each.sum()) / trial.workers
+    seeds = f"{FIRST}-{FIRST + MACHINES - 1}"
+    return {
+        "numbers": summary(table).to_dict("index"),
+        "machines": MACHINES,
+        "seconds": seconds,
+        "seeds": seeds,
+        "wall_seconds": wall,
+    }
 
 
 def main(machines: int = 20, first: int = 0, jobs: int = 2) -> int:
