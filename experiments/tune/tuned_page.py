@@ -74,14 +74,13 @@ def write(
         "rows": [
             row | {"off": verdict.off_costs(near, task, row["name"])} for row in _searched(task, found.parameters)
         ],
-        "off": _off(near),
         "figures": [*_figures(task, assessed), *_others(task, assessed, before, after)],
         "margins": _margins(task, assessed),
         "machines": _population(task, assessed),
         "drawn": len(assessed.margins[1].machines) if assessed.margins else 0,
         "limit": f"Ms ≤ {task.limits.ms:g}" if math.isfinite(task.limits.ms) else "",
         "broken": [],
-        "notes": _notes(task, after, found),
+        "notes": _notes(after, found, near),
         "front": _front(task, front),
     }
     return _write(folder, task, meta, words)
@@ -104,7 +103,6 @@ def write_nothing(folder: Path, task: Task, meta: dict[str, Any], near: FrozenTr
         "cautions": [],
         "found": False,
         "rows": _searched(task, parameters),
-        "off": "",
         "figures": [],
         "margins": [],
         "machines": "",
@@ -200,13 +198,6 @@ def _figures(task: Task, assessed: Assessed) -> Iterable[dict[str, str]]:
         yield row | _told("gain", each.gain)
 
 
-def _off(near: pd.DataFrame) -> str:
-    """On what costs stand: Ms of neighbours is taken at fewer frequencies, as in the search, and may miss a peak."""
-    before = near["ms_before"].dropna()
-    quick = f", Ms at few frequencies (as set {number(float(before.iloc[0]))})" if len(before) else ""
-    return f"on tune seeds{quick}"
-
-
 def _told(key: str, interval: Interval) -> dict[str, str]:
     value, low, high = interval
     places = known(low, high, value)
@@ -252,10 +243,15 @@ def _margins(task: Task, assessed: Assessed) -> list[dict[str, str]]:
     return rows
 
 
-def _notes(task: Task, after: dict[str, Any], found: Found) -> list[str]:
+def _notes(after: dict[str, Any], found: Found, near: pd.DataFrame) -> list[str]:
     out = []
     if math.isfinite(found.ms):
         out.append(f"Worst Ms of the corner plants, which the search kept below its limit: {found.ms:.3f}.")
+    if len(quick := near["ms_before"].dropna()):
+        out.append(
+            "20 % off is measured on tune seeds, its Ms at fewer frequencies, as in the search; there the controller "
+            f"as set has {number(float(quick.iloc[0]))}."
+        )
     if "evidence" in after:
         out.append(f"Figures of the cut: {after['evidence']}.")
     out.append("Small print: 95 % intervals over seeds; the same seeds before and after.")
