@@ -12,6 +12,7 @@ def _register() -> None:
 
     SOURCES.append("kerfgym.baselines")
     FOLDERS.append("kerfgym.agents.policy:stack_of")
+    FOLDERS.append("kerfgym.envs.control.exported:stack_of")
     SHELVES.append(Path(__file__).parent / "agents" / "trained")
     gymnasium.register(
         id="kerfgym/HeightFollowing-v0",

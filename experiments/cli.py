@@ -739,6 +739,35 @@ def record(
     print(*made.warnings, target, sep="\n")
 
 
+def export(
+    controller: Annotated[str | None, unset("NAME", "-c")] = None,
+    out: Annotated[Text, arg(aliases=("-o",))] = None,
+    float_: Annotated[bool, arg(name="float")] = False,
+    check: Annotated[str | None, unset("FOLDER")] = None,
+    overwrite: bool = False,
+) -> None:
+    """A height follower as C code: filter, table look-up, law and supervisor, with test vectors and a README.
+
+    The folder is itself a controller: -c FOLDER has its C decide inside the simulator.
+
+    Args:
+        controller: as for benchmark, such as pid or runs/x/tuned.toml.
+        out: the folder. Default: the controller's name.
+        float_: single precision.
+        check: compile an exported folder's own test with gcc and clang and run it, in place of exporting.
+        overwrite: replace an exported folder.
+    """
+    from .export import exporting
+
+    if (check is None) == (controller is None):
+        raise InvalidInput("give one of --controller NAME, which is exported, and --check FOLDER")
+    if check is not None:
+        print(*exporting.check(Path(check)), sep="\n")
+        return
+    assert controller
+    print(exporting.write(controller, Path(out or Path(controller).stem), float_, overwrite))
+
+
 def identify(
     log: Annotated[Positional[tuple[str, ...]], arg(metavar="LOG ...")],
     out: Annotated[str, arg(aliases=("-o",))] = "mine.toml",
@@ -767,7 +796,7 @@ ABOUT = """Testbed for laser-cutting machine control. Everything is simulated; n
 
 kerfgym list shows what there is, kerfgym COMMAND --help every option of a command."""
 
-_ALL = (list_, benchmark, report, blame, tune, train, reproduce, render, speed, machine, record, identify)
+_ALL = (list_, benchmark, report, blame, tune, train, reproduce, render, speed, machine, record, identify, export)
 COMMANDS: dict[str, Any] = {command.__name__.removesuffix("_"): command for command in _ALL}
 """Every command by its name."""
 

@@ -133,7 +133,7 @@ def _file(kernels: tuple[Kernel, ...]) -> pathlib.Path:
     first = kernels[0].function
     name = f"{first.__module__.split('.')[-1]}.{first.__qualname__}"
     source = hashlib.sha256((STAMP + "".join(kernel.extra for kernel in kernels)).encode()).hexdigest()
-    return _folder(inspect.getsourcefile(first) or __file__) / f"{name}-{_machine()}-{source[:16]}.o"
+    return cache_folder(inspect.getsourcefile(first) or __file__) / f"{name}-{_machine()}-{source[:16]}.o"
 
 
 def filled(template: Callable[..., Any], name: str, **values: Any) -> Callable[..., Any]:
@@ -171,7 +171,7 @@ def _machine() -> str:
 
 
 @functools.cache
-def _folder(source: str) -> pathlib.Path:
+def cache_folder(source: str) -> pathlib.Path:
     """``$KERFGYM_CACHE_DIR``; else ``__pycache__`` beside the source, or the user's cache if that cannot be written."""
     if wanted := os.environ.get("KERFGYM_CACHE_DIR"):
         with contextlib.suppress(OSError):

@@ -116,9 +116,9 @@ def cache(tmp_path, monkeypatch):
     shutil.copy(kernels._file(together), folder)
     monkeypatch.setenv("KERFGYM_CACHE_DIR", str(folder))
     monkeypatch.setattr(controller, "_stages", {})
-    kernels._folder.cache_clear()
+    kernels.cache_folder.cache_clear()
     yield folder
-    kernels._folder.cache_clear()
+    kernels.cache_folder.cache_clear()
 
 
 @pytest.fixture

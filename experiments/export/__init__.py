@@ -1,0 +1,1 @@
+"""``kerfgym export``: a controller leaves as C code, with what proves it."""
