@@ -754,15 +754,18 @@ def export(
         controller: as for benchmark, such as pid or runs/x/tuned.toml.
         out: the folder. Default: the controller's name.
         float_: single precision.
-        check: compile an exported folder's own test with gcc and clang and run it, in place of exporting.
+        check: in place of exporting, compile an exported folder's own test with gcc and clang, run it, and compare the
+            C in the loop with the controller that it was made of: score, Ms and margins. Where gcc-arm-none-eabi and
+            QEMU are installed, it runs on an emulated Cortex-M4F and M7, too.
         overwrite: replace an exported folder.
     """
-    from .export import exporting
+    from .export import exporting, in_loop, processor
 
     if (check is None) == (controller is None):
         raise InvalidInput("give one of --controller NAME, which is exported, and --check FOLDER")
     if check is not None:
         print(*exporting.check(Path(check)), sep="\n")
+        print(*in_loop.told(Path(check)), *processor.told(Path(check)), sep="\n")
         return
     assert controller
     print(exporting.write(controller, Path(out or Path(controller).stem), float_, overwrite))

@@ -1,6 +1,7 @@
 """``kerfgym export``: writes a controller's folder, and checks one."""
 
 import json
+import os
 import shutil
 import subprocess
 from pathlib import Path
@@ -13,15 +14,18 @@ import pandas as pd
 from ...envs.control import exported, firmware
 from ...envs.control import stack as stacks
 from ...envs.control.stack import Stack
+from ...envs.engine import lanes
+from ...envs.engine.c99.unit import field_notes
 from ...envs.engine.c99.values import BOOL, Struct, fields_of
 from ...envs.engine.c99.words import safe
 from ...envs.engine.quantity import InvalidInput
+from ...envs.plant import supervisor
 from ..store import runs
 from . import c_files, vectors
 
 HERE = Path(__file__).parent
 
-TEMPLATES = ("README.md", "Makefile", "test_vectors.c", "fuzz.c")
+TEMPLATES = ("README.md", "Makefile", "test_vectors.c", "fuzz.c", "processor.c", "processor.ld")
 
 PLACES = jinja2.Environment(
     loader=jinja2.FileSystemLoader(HERE), undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True,
@@ -37,6 +41,10 @@ USUAL = {"frequency": (1.1e6, 1e5), "encoder": (0.5, 2.0), "feed": (200.0, 200.0
          "set_height": (0.8, 0.5), "low": (-38.0, 1.0), "high": (108.0, 1.0),
          "most_frequency": (1e12, 1.0)}  # fmt: skip
 """Middle and spread of inputs that fuzzing mostly gives."""
+
+STATIC = ("--enable=warning,performance,portability", "--std=c99", "--error-exitcode=1", "--quiet")
+"""Checks of cppcheck that the code passes: possible errors, waste, and what compilers differ in. Left out are those of
+style, and ``information``, which tells of headers that the analyser has not seen."""
 
 SANITIZED = ("-g", "-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all")
 """Beside the flags: what stops at the first thing that C leaves undefined."""
@@ -124,6 +132,7 @@ def _words(stack: Stack, code: c_files.Code, rows: pd.DataFrame, single: bool) -
         "rows": len(rows),
         "flags": " ".join(c_files.FLAGS),
         "sanitized": " ".join(SANITIZED),
+        "static": " ".join(STATIC),
         "information": stack.information,
         "prefix": within,
     }
@@ -137,10 +146,27 @@ def _kinds(cls: Any, prefix: str = "") -> dict[str, Any]:
 
 
 def _notes() -> dict[str, str]:
-    from ...envs.engine.c99.unit import field_notes
-    from ...envs.plant import supervisor
 
-    return field_notes(firmware.Input) | {f"orders.{k}": v for k, v in field_notes(supervisor.Orders).items()}
+    known = field_notes(firmware.Input) | {f"orders.{k}": v for k, v in field_notes(supervisor.Orders).items()}
+    known |= {f"orders.{name}": words for name, words in MORE.items()}
+    names = [n for n in lanes.fields(firmware.Input) if n in known]
+    return {".".join(map(safe, name.split("."))): known[name] for name in names}
+
+
+MORE = {
+    "hole_guard": "the guard against holes and edges acts",
+    "rise": "mm above the sheet, how far a calibration goes",
+    "rise_speed": "mm/s, how fast it does",
+    "request": "see below",
+}
+"""Of what is said of several orders together."""
+
+
+def made(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    """What ``make`` says in a folder; a ``make`` that runs this one has no part in it."""
+    own = {key: value for key, value in os.environ.items() if key not in ("MAKEFLAGS", "MFLAGS", "MAKELEVEL")}
+    command = ["make", "--silent", "--no-print-directory", *words]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, env=own)
 
 
 def check(folder: Path) -> list[str]:
@@ -156,10 +182,15 @@ def check(folder: Path) -> list[str]:
         if shutil.which(compiler) is None:
             said.append(f"{compiler}: not installed, not tried")
             continue
-        done = subprocess.run(["make", "-B", f"CC={compiler}", "test"], cwd=folder, capture_output=True, text=True)
+        done = made(folder, "-B", f"CC={compiler}", "test")
         last = (done.stdout.strip().splitlines() or [""])[-1]
         if done.returncode:
             first = next((line for line in done.stderr.splitlines() if "error" in line), last)
             raise InvalidInput(f"'{folder}' with {compiler}: {first}")
         said.append(f"{compiler}: {last}")
-    return said
+    if shutil.which("cppcheck") is None:
+        return [*said, "cppcheck: not installed, not tried"]
+    done = made(folder, "-B", "static")
+    if done.returncode:
+        raise InvalidInput(f"'{folder}' with cppcheck: {done.stderr.strip().splitlines()[0]}")
+    return [*said, "cppcheck: nothing found"]

@@ -16,7 +16,7 @@ from kerfgym.envs.control import stack as stacks
 from kerfgym.envs.engine.quantity import InvalidInput
 from kerfgym.envs.plant import supervisor
 from kerfgym.experiments.cli import main
-from kerfgym.experiments.export import c_files, exporting, vectors
+from kerfgym.experiments.export import c_files, exporting, in_loop, processor, vectors
 from kerfgym.experiments.measure import rollout
 
 COMPILERS = [name for name in ("gcc", "clang") if shutil.which(name)]
@@ -56,7 +56,8 @@ def test_every_follower_compiles_without_a_warning(tmp_path, name):
 @pytest.mark.parametrize("name", ["pid", "xi2023-tuned:filter.kind=median,filter.window=9", "mpc", "preview-5ms"])
 def test_it_answers_as_the_kernel_did_and_scores_the_same(place, name):
     out = made(place, name)
-    assert all("largest difference 0 mm/s" in line for line in exporting.check(out) if "not installed" not in line)
+    told = [line for line in exporting.check(out) if "not installed" not in line]
+    assert all("largest difference 0 mm/s" in line or line == "cppcheck: nothing found" for line in told)
     mine, seeds = stacks.resolve(name), np.arange(1000, 1003)
     for scenario in map(scenarios.load, ("step", "holes")):
         one = rollout.roll(scenario, mine, seeds)
@@ -79,10 +80,32 @@ def test_float_differs_by_little(place):
 
 
 @needs_c
+def test_a_make_that_runs_the_check_has_no_part_in_it(place, monkeypatch):
+    monkeypatch.setenv("MAKELEVEL", "1")
+    monkeypatch.setenv("MAKEFLAGS", "w")
+    assert any("largest difference 0 mm/s" in line for line in exporting.check(made(place, "pid")))
+
+
+@needs_c
+def test_the_check_compares_score_ms_and_margins(place, monkeypatch):
+    monkeypatch.setattr(scenarios, "core", lambda suite: ("step",))
+    controller = stacks.resolve("pid")
+    same = in_loop.compared(controller, stacks.resolve(str(made(place, "pid"))), seeds=2)
+    assert same.same
+    assert (same.change, same.farthest) == (0.0, 0.0)
+    assert same.margins[0] == same.margins[1]
+    single = in_loop.compared(controller, stacks.resolve(str(made(place, "pid", True))), seeds=2)
+    assert not single.same
+    assert 0.0 < abs(single.change) < 5e-3
+    assert single.margins[1].ms == pytest.approx(single.margins[0].ms, rel=0.01)
+    assert single.margins[1].gain == pytest.approx(single.margins[0].gain, rel=0.02)
+
+
+@needs_c
 @pytest.mark.parametrize("name", ["pid", "self-tuning"])
 def test_nothing_undefined_happens_whatever_it_is_given(place, name):
     out = made(place, name)
-    done = subprocess.run(["make", "CC=gcc", "CALLS=60000", "fuzz"], cwd=out, capture_output=True, text=True)
+    done = exporting.made(out, "CC=gcc", "CALLS=60000", "fuzz")
     if "cannot find" in done.stderr:
         pytest.skip("gcc has no sanitizers here")
     assert done.returncode == 0, done.stderr[-2000:] + done.stdout[-500:]
@@ -198,6 +221,25 @@ def test_a_law_whose_wish_is_no_number_begins_anew(told, monkeypatch):
     commands, _ = alone("pid", rows, tables)
     assert np.isfinite(commands).all()
     assert [i for i, fresh in enumerate(times) if fresh] == [0, 150]
+
+
+@pytest.mark.skipif(bool(processor.missing()), reason=f"not installed: {', '.join(processor.missing())}")
+@pytest.mark.parametrize("which", processor.PROCESSORS, ids=lambda each: each.name)
+def test_an_emulated_processor_answers_alike_within_its_period(place, which):
+    for single in (True, False):
+        found = processor.ran(made(place, "pid", single), which)
+        assert found.calls == 6000
+        assert found.difference <= exporting.TOLERANCE["float" if single else "double"]
+        assert 500 < found.median <= found.worst < 0.5 * processor.CLOCK * processor.PERIOD
+        assert 200 < found.stack < 8192
+        assert found.ram == 4 * (2 - single) * round(found.ram / (4 * (2 - single)))
+        assert 4000 < found.flash < 64000
+
+
+def test_without_an_emulator_it_is_said_why(monkeypatch, tmp_path):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    (told,) = processor.told(tmp_path)
+    assert told.startswith("on a processor: not tried, arm-none-eabi-gcc, qemu-system-arm")
 
 
 @pytest.mark.parametrize(
