@@ -14,7 +14,7 @@ import shutil
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -67,6 +67,7 @@ class Exported:
     library: str
     text: str
     single: bool
+    sealed: ClassVar[bool] = True  # see :attr:`Stack.sealed`
 
     @property
     def program(self) -> list[str]:

@@ -144,11 +144,22 @@ class Stack:
         Raises:
             InvalidInput: unknown parameter (the nearest is offered), or value out of range.
         """
+        if changes and self.sealed:
+            raise InvalidInput(
+                f"controller '{self.name}' is C; its settings are in its parameters.h, so {', '.join(changes)} cannot "
+                "be changed here. Change what it was exported from"
+            )
         known = self.parameters()
         for key in changes:
             if key not in known:
                 raise InvalidInput(f"controller '{self.name}': unknown parameter '{key}'; {did_you_mean(key, known)}")
         return replace(self, values={**self.values, **changes}, name=name or self.name)
+
+    @property
+    def sealed(self) -> bool:
+        """Whether filter, law and supervisor are code of their own (:mod:`exported`): nothing here changes them, times
+        them or sees into them."""
+        return bool(getattr(self.pilot, "sealed", False))
 
     @property
     def program(self) -> list[str]:

@@ -233,10 +233,12 @@ def _digest(program: list[str]) -> str:
 def _time_decisions(found: dict[str, Results], known: dict[str, dict[str, Team]], bars: Bars) -> None:
     """Times the followers' decisions one after another, when the cores are idle."""
     wanted = {name: team.z for each in known.values() for name, team in each.items() if len(team.stacks) == 1}
-    timed = {
+    timed: dict[str, dict[str, float | None]] = {
         name: {key: float(f"{value:.4g}") for key, value in cost.measure(stack)._asdict().items()}
         for name, stack in bars.each("timing decisions", wanted.items(), len(wanted))
+        if not stack.sealed  # C decides elsewhere than a law does
     }
+    timed |= {name: dict.fromkeys(cost.Decision._fields) for name in wanted if name not in timed}
     for suite, results in found.items():
         if not results.jobs:
             results.meta["decisions"] = {name: timed[name] for name in known[suite]}

@@ -89,16 +89,21 @@ def in_report(
     """Tables ``blame`` and ``headroom`` for a benchmark: the reference and the best of the class *sensor*.
 
     Both in the scenarios of :data:`SHOWN` that were run, or else in the first three; on the run's first :data:`SEEDS`
-    seeds. Controllers in plain Python are left out: hundreds of their episodes would take minutes.
+    seeds. Controllers in plain Python are left out: hundreds of their episodes would take minutes. So is C, which has
+    a filter of its own.
     """
     sensor = foremost(results.standings)
     names = dict.fromkeys([*(n for n in (REFERENCE,) if n in sensor), *sensor[:1]])
-    teams = _named({name: team for name in names if (team := asked(name)).z.python is None})
+    teams = _named({name: team for name in names if _quick(team := asked(name))})
     live = [s for s in chosen if not s.head.signal]
     shown = [s for s in live if s.name in SHOWN] or live[: len(SHOWN)]
     seeds = sorted(results.runs["seed"].unique())[:SEEDS]
     found = _all(teams, shown, seeds, (), threads, parts, told, Ledger())
     return tables.shares(found), tables.headroom(found)
+
+
+def _quick(team: Team) -> bool:
+    return team.z.python is None and not team.z.sealed
 
 
 def _named(known: Mapping[str, Team]) -> list[Team]:

@@ -123,6 +123,8 @@ def measure(
         InvalidInput: an unknown stage, or a scenario of which the question makes no sense.
     """
     stages = check(scenario, stages)
+    if team.z.sealed:
+        raise InvalidInput(f"'{team.name}' is C with a filter of its own; blame what it was exported from")
     everyone, idle = np.arange(1 << len(stages)), _idle(scenario, team, stages)
     played = everyone[everyone & idle == 0]
     pairs = np.stack([np.repeat(played, len(seeds)), np.tile(np.arange(len(seeds)), len(played))])

@@ -20,7 +20,7 @@ def to_set(suite: Suite, standing: Standing, labels: dict[str, str]) -> list[dic
     for name in _asked(suite, standing, known):
         own = known[name]
         if own["policy"]:
-            lead = f"is a policy: it is not set by hand, -c {name} takes it as it is"
+            lead = f"is taken as it is, -c {name}: it is not set by hand"
             out.append({"label": labels[name], "lead": lead, "rows": []})
         else:
             lead = f"differs from {own['of']} in" if own["of"] else "has"

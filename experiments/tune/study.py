@@ -173,6 +173,8 @@ class Task(Search):
     def check(self, workers: int = 1) -> None:
         """See :meth:`Search.check`."""
         scenarios.suite(self.suite)  # an unknown one is an error here
+        if any(stack.sealed for stack in self.base.stacks):
+            raise InvalidInput(f"'{self.controller}' is C; tune the controller that it was exported from")
         super().check(workers)
         if self.seeds > (most := len(scenarios.SPLITS["tune"])):
             raise InvalidInput(f"--seeds {self.seeds} is out of range; split 'tune' has {most}")

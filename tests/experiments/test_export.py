@@ -271,6 +271,29 @@ def test_another_folder_is_never_replaced(tmp_path, monkeypatch, capsys):
     assert (tmp_path / "mine" / "thesis.tex").exists()
 
 
+@needs_c
+def test_what_c_takes_no_part_in_is_refused_or_left_out(place, tmp_path, monkeypatch, capsys):
+    """Its filter and gains are its own: whoever changed the simulator's would change nothing, and not know."""
+    out = made(place, "pid")
+    monkeypatch.chdir(tmp_path)
+    for words, why in (
+        (["benchmark", "-c", f"{out}:filter.jump=0.1", "-s", "step"], "its settings are in its parameters.h"),
+        (["tune", "read", "-c", str(out), "-s", "step"], "tune the controller that it was exported from"),
+        (["blame", "-c", str(out), "-s", "step", "--seeds", "1"], "blame what it was exported from"),
+    ):
+        with pytest.raises(SystemExit):
+            main(words)
+        assert why in capsys.readouterr().err, words
+    few = ["-s", "step", "--seeds", "2", "--jobs", "1", "--no-ms", "--no-detuned"]
+    main(["benchmark", "-c", str(out), "-c", "pid", *few, "--name", "both"])
+    runs = pd.read_csv("runs/both/runs.csv").pivot(index="seed", columns="controller", values="rms_true")
+    assert np.array_equal(runs["pid"], runs[str(out)])
+    (grid,) = json.loads((tmp_path / "runs/both/run.json").read_text(encoding="utf-8"))["grids"].values()
+    assert set(grid["decisions"][str(out)].values()) == {None}
+    assert grid["decisions"]["pid"]["median_us"] > 0.0
+    main(["report", "both"])
+
+
 def test_a_file_may_not_have_c_run_by_itself(place, tmp_path, monkeypatch):
     out = made(place, "pid")
     monkeypatch.chdir(out.parent)

@@ -59,7 +59,7 @@ def test_of_a_policy_nothing_is_set_by_hand_and_the_best_that_is_stands_beside_i
     standing = all_of(suite)[suite.metric]
     assert standing.best == "pid"
     first, second = to_set(suite, standing, labels)
-    assert first["lead"] == "is a policy: it is not set by hand, -c pid takes it as it is"
+    assert first["lead"] == "is taken as it is, -c pid: it is not set by hand"
     assert (second["label"], second["rows"]) == ("xi2023-tuned", [("law.kv", "90", "1/s", "")])
     results.meta["settings"]["pid"] = {"of": "pid", "policy": False, "rows": [("law.kp", "40", "1/s", "60")]}
     (only,) = to_set(suite, standing, labels)

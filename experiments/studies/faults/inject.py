@@ -229,4 +229,6 @@ def check(stack: Stack) -> Stack:
         raise InvalidInput(f"controller '{stack.name}' drives slot '{stack.slot}'; faults are those of slot 'z'")
     if stack.python is not None:
         raise InvalidInput(f"controller '{stack.name}' is plain Python; faults reach compiled laws and policies alone")
+    if stack.sealed:
+        raise InvalidInput(f"controller '{stack.name}' is C; faults reach compiled laws and policies alone")
     return stack
