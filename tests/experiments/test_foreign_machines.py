@@ -26,6 +26,7 @@ def test_logs_of_another_make_tell_its_following_error_on_an_unseen_sheet_within
     found, sheet = identified(make, tmp_path), unseen(tmp_path)
     assert found.explained
     assert not any("does not explain" in note for note in found.notes)
+    assert "does not explain its drive" not in found.machine.summary
     for controller in CONTROLLERS:
         here = measured(make, controller, tmp_path / "table.csv", sheet, seeds=(0,))
         there = float(np.mean(predicted(found.machine, controller, tmp_path, range(8))))

@@ -44,6 +44,14 @@ def moved():
     return Log("motion.csv", "motion", {"time": np.arange(len(command)) * 1e-3, "encoder": encoder, "command": command})
 
 
+def test_what_speaks_against_a_machine_stands_in_its_summary_which_every_page_shows():
+    base, rng = machines.load("standard"), np.random.default_rng(0)
+    said = identifying._machine(base, "mine", [], ["motion.csv"], rng, ["the model does not explain its drive"]).summary
+    assert said == (
+        "identified from motion.csv; like standard where they say nothing; the model does not explain its drive"
+    )
+
+
 def verdict(page):
     return re.search(r"<dt>motion.csv \(motion\): (\w+( \w+)?)</dt><dd>(.*?)</dd>", page, re.S).group(1, 3)
 
