@@ -231,6 +231,7 @@ def test_an_emulated_processor_answers_alike_within_its_period(place, which):
         assert found.calls == 6000
         assert found.difference <= exporting.TOLERANCE["float" if single else "double"]
         assert 500 < found.median <= found.worst < 0.5 * processor.CLOCK * processor.PERIOD
+        assert 500 < found.first < found.worst * 3
         assert 200 < found.stack < 8192
         assert found.ram == 4 * (2 - single) * round(found.ram / (4 * (2 - single)))
         assert 4000 < found.flash < 64000
