@@ -12,6 +12,7 @@ import hashlib
 import json
 import shutil
 import subprocess
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
@@ -26,11 +27,11 @@ from ..engine.quantity import InvalidInput
 from ..plant import idle, machine, supervisor, z_axis
 from ..plant.controller import Privileged, make_law
 from ..plant.fleet import Fleet
-from ..safety import files
+from ..safety import consent, files
 from . import firmware
 from .stack import Stack
 
-MANIFEST = "export.json"
+MANIFEST = consent.EXPORTED
 """What a folder says of itself."""
 
 SOURCES = ("controller.c", "controller.h", "parameters.h")
@@ -146,15 +147,15 @@ def _built(folder: Path, texts: dict[str, str]) -> Path:
     library = place / "exported.so"
     if not library.is_file():
         place.mkdir(parents=True, exist_ok=True)
-        for name, text in texts.items():
-            (place / name).write_text(text, encoding="utf-8")
-        part = place / f"exported.{np.random.default_rng().integers(1 << 62)}.so"
-        command = [with_what, *FLAGS, "exported.c", "controller.c", "-o", part.name, "-lm"]
-        done = subprocess.run(command, cwd=place, capture_output=True, text=True)
-        if done.returncode:
-            first = next((line for line in done.stderr.splitlines() if "error" in line), done.stderr[:300])
-            raise InvalidInput(f"'{folder}' does not compile: {first}")
-        part.replace(library)
+        with tempfile.TemporaryDirectory(dir=place) as own:  # others may build the same at the same time
+            for name, text in texts.items():
+                (Path(own) / name).write_text(text, encoding="utf-8")
+            command = [with_what, *FLAGS, "exported.c", "controller.c", "-o", library.name, "-lm"]
+            done = subprocess.run(command, cwd=own, capture_output=True, text=True)
+            if done.returncode:
+                first = next((line for line in done.stderr.splitlines() if "error" in line), done.stderr[:300])
+                raise InvalidInput(f"'{folder}' does not compile: {first}")
+            (Path(own) / library.name).replace(library)
     return library
 
 
@@ -211,6 +212,12 @@ void exported_stage(uint64_t address, uint64_t at, uint64_t n, uint64_t io, uint
             c->state.guard.offset = ({real})B({at["guard.offset"]});
         }}
         {join(lines)}
+        /* What the law was told to hold when the count was taken; a job may have changed it since. */
+        if (c->state.guard.mode == {supervisor.PROTECT}) {{
+            c->state.last.orders.protect = ({real})B({at["signals.set_height"]});
+        }} else {{
+            c->state.last.orders.set_height = ({real})B({at["signals.set_height"]});
+        }}
         const double command = controller_step(c, &in);
         {join(back)}
         const double speed = B({axis["speed"]}), dac = B({axis["dac"]});

@@ -18,12 +18,10 @@ from ..engine.lanes import part
 from ..engine.quantity import InvalidInput
 from ..plant import calibration, filters, supervisor
 from ..plant.controller import PERIOD, Law, Preview, Privileged, Sensed, SheetAhead, Truth
+from ..plant.machine import HISTORY
 
 SAMPLES = filters.LONGEST
 """Counts that are kept for the filter."""
-
-HISTORY = 16
-"""Heights and positions that are kept, for the guard against holes."""
 
 POINTS = calibration.POINTS
 """Entries of the calibration table."""
@@ -83,17 +81,26 @@ def finite(x, otherwise):
 @part
 def sane(given, last):
     """The input with what no machine should give replaced."""
-    frequency = finite(given.frequency, 0.0)
+    frequency, orders, before = finite(given.frequency, 0.0), given.orders, last.orders
     return Input(
         frequency=frequency if frequency > 0.0 else 0.0,
         encoder=finite(given.encoder, last.encoder),
         feed=finite(given.feed, last.feed),
         place=finite(given.place, last.place),
         lap=finite(given.lap, last.lap),
-        orders=given.orders._replace(
-            request=finite(given.orders.request, last.orders.request),
-            target=finite(given.orders.target, last.orders.target),
-            set_height=finite(given.orders.set_height, last.orders.set_height),
+        orders=supervisor.Orders(
+            request=finite(orders.request, before.request),
+            target=finite(orders.target, before.target),
+            set_height=finite(orders.set_height, before.set_height),
+            hole_guard=orders.hole_guard,
+            switch=finite(orders.switch, before.switch),
+            low=finite(orders.low, before.low),
+            high=finite(orders.high, before.high),
+            protect=finite(orders.protect, before.protect),
+            rise=finite(orders.rise, before.rise),
+            rise_speed=finite(orders.rise_speed, before.rise_speed),
+            indexed=orders.indexed,
+            most_frequency=finite(orders.most_frequency, before.most_frequency),
         ),
     )
 
@@ -106,9 +113,15 @@ def behind(place, by, size):
 
 
 @part
+def length(p):
+    """Counts in the filter's window, whatever it was set to."""
+    return min(max(int(p.window), 1), SAMPLES)
+
+
+@part
 def ranked(p, samples, now):
     """Mean of the window without the smallest and largest, by rank; the median among them, Hz."""
-    total, window = 0.0, np.int64(p.window)
+    total, window = 0.0, length(p)
     for age in range(window):
         rank, x = 0.0, samples[behind(now, age, SAMPLES)]
         for other in range(window):
@@ -122,7 +135,7 @@ def ranked(p, samples, now):
 def filtered(p, s, samples, now, slope):
     """The filter's state and output, Hz."""
     fold = filters.begin()
-    for age in range(np.int64(p.window)):
+    for age in range(length(p)):
         fold = filters.take(p, fold, samples[behind(now, age, SAMPLES)], np.float64(age))
     many = p.trim > 1.0 and (p.kind == filters.IMPROVED or p.kind == filters.MEDIAN)
     windowed = ranked(p, samples, now) if many else filters.mean(p, fold)
@@ -190,7 +203,8 @@ def read(filter_settings, table_settings, state, given, samples, frequencies, he
     at, raw_at = entry(frequencies, frequency), entry(frequencies, samples[now])
     height, slope = calibration.between(table_settings, frequencies, heights, at, frequency)
     raw_height, _ = calibration.between(table_settings, frequencies, heights, raw_at, samples[now])
-    s, orders = state.guard, given.orders
+    # As in the kernel, a new set height acts on the law one period after the supervisor has it.
+    s, orders = state.guard, state.last.orders
     x = Sensed(
         height=height,
         raw_height=raw_height,

@@ -7,8 +7,9 @@ where parameters are given behind a name, they are those that differ from the co
 from typing import Any
 
 from ...envs.control import stack as stacks
-from ...envs.control.stack import Parameter, Team
+from ...envs.control.stack import Team
 from ..tune.space import read
+from ..tune.verdict import setting, unit
 
 
 def settings(spec: str, team: Team) -> dict[str, Any]:
@@ -28,7 +29,10 @@ def settings(spec: str, team: Team) -> dict[str, Any]:
         kinds = {name for name in known if name.endswith("filter.kind")}
         reads = {*read(known), *kinds}
         names = [name for name in known if name in reads or name.split(".")[-2] in ("law", "plan")]
-    rows = [[name, _shown(known[name]), _unit(known[name]), _shown(base[name]) if base else ""] for name in names]
+    rows = []
+    for name in names:
+        now, was = (setting(at[name].value, at[name].quantity) if at else "" for at in (known, base))
+        rows.append([name, now, unit(known[name].quantity), was])
     return {"of": of, "policy": any(stack.pilot is not None for stack in team.stacks), "rows": rows}
 
 
@@ -38,12 +42,3 @@ def _before(spec: str) -> str:
         return stacks.tuned(spec)[0]
     before, colon, changes = spec.rpartition(":")
     return before if colon and "=" in changes and "=" not in before else ""
-
-
-def _shown(parameter: Parameter) -> str:
-    choices = parameter.quantity.choices
-    return choices[int(parameter.value)] if choices else f"{parameter.value:.5g}"
-
-
-def _unit(parameter: Parameter) -> str:
-    return "" if parameter.quantity.unit in ("", "1") else parameter.quantity.unit

@@ -64,7 +64,7 @@ def of(stack: Stack, single: bool = False) -> Code:
     step = unit.function(parts.step, kinds + ((Row("row", law.memory),) if law.memory else ()))
     if len(law.tables):
         unit.table("LAW_TABLES", law.tables, law.name.rpartition(".")[2], "Tables of the law.")
-    settings, state, told, own = (unit.struct(kind.cls) for kind in kinds[:4])  # type: ignore[attr-defined]
+    settings, state = unit.struct(parts.Settings), unit.struct(firmware.State)
     own, told = unit.struct(law.State), unit.struct(parts.Input)
     given = ["&c->settings", "&c->state", "&c->law", "input", "c->samples", "c->heights", "c->positions"]
     given += ["c->table_frequency", "c->table_height", "LAW_TABLES", "c->memory"]

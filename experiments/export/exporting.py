@@ -146,7 +146,6 @@ def _kinds(cls: Any, prefix: str = "") -> dict[str, Any]:
 
 
 def _notes() -> dict[str, str]:
-
     known = field_notes(firmware.Input) | {f"orders.{k}": v for k, v in field_notes(supervisor.Orders).items()}
     known |= {f"orders.{name}": words for name, words in MORE.items()}
     names = [n for n in lanes.fields(firmware.Input) if n in known]

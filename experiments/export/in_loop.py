@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from ...envs import scenarios
+from ...envs.control import exported
 from ...envs.control import stack as stacks
 from ...envs.control.stack import Stack
 from ...envs.figures.metrics import rms_true
@@ -60,7 +61,7 @@ def compared(controller: Stack, code: Stack, suite: str = "following", seeds: in
 
 def told(folder: Path) -> list[str]:
     """What comparing an exported folder with the controller of its record says; that it is not there, if so."""
-    name = str(files.json_(folder / "export.json")["controller"])
+    name = str(files.json_(folder / exported.MANIFEST)["controller"])
     try:
         controller = stacks.resolve(name)
     except ValueError as error:

@@ -18,9 +18,9 @@ from ..store.ledger import Ledger
 from . import plants, stability
 from .margins import Bench
 
-DRAWN, FEW = 64, 4
-"""Machines of each distribution that are drawn; those for a controller in plain Python, which takes a thousand times as
-long."""
+DRAWN, FEW, LEAST = 64, 4, 8
+"""Machines that are drawn of all distributions together; those for a controller in plain Python, which takes a thousand
+times as long; and fewest of a distribution, where there are many."""
 
 COLUMNS = ("machine", "seed", "ms", "gain", "delay_ms")
 
@@ -50,9 +50,11 @@ class Population:
 def measured(stack: Stack, chosen: Iterable[Scenario], threads: int = 1) -> Population:
     """Ms, of sines, and margins of a height follower on machines that the scenarios draw, by *test* seeds."""
     ledger, rows, reasons = Ledger(), [], []
-    seeds = scenarios.SPLITS["test"][: FEW if stack.python else DRAWN]
+    machines = plants.machines(chosen)
+    each_has = FEW if stack.python else max(DRAWN // len(machines), min(LEAST, DRAWN))
+    seeds = scenarios.SPLITS["test"][:each_has]
     with ledger.timed():
-        for machine in plants.machines(chosen):
+        for machine in machines:
             those = plants.drawn(machine, seeds)
             ledger.use(those.seeds)
             each = {"machine": machine.label, "seed": list(those.seeds), "gain": np.nan, "delay_ms": np.nan}

@@ -20,12 +20,10 @@ from .goals import metric
 from .outcome import Found
 from .space import Axis
 from .study import Task
+from .verdict import MARGINS
 
 WIDEST = 4
 """Slices side by side."""
-
-MARGINS = {"ms": "Ms", "gain": "gain margin (×)", "delay_ms": "delay margin (ms)"}
-"""Columns of a population, and what they are."""
 
 
 def write(
@@ -223,7 +221,7 @@ def pareto(trials: pd.DataFrame, task: Task, front: list[Found]) -> Figure:
 def margins(before: Population, after: Population, limit: float) -> Figure:
     """Share of the machines up to which Ms, gain and delay margin reach, before and after."""
     figure = _figure(f"Ms and margins on {len(after.machines)} machines that may be meant", 11.0, 2.9)
-    for axes, (column, text) in zip(figure.subplots(1, 3), MARGINS.items(), strict=True):
+    for axes, (column, title, unit, _) in zip(figure.subplots(1, len(MARGINS)), MARGINS, strict=True):
         for population, colour, words in ((before, QUIET, "before"), (after, COLOURS[0], "tuned")):
             values = np.sort(population.machines[column].dropna().to_numpy(float))
             values = values[np.isfinite(values)]
@@ -232,7 +230,7 @@ def margins(before: Population, after: Population, limit: float) -> Figure:
         if column == "ms" and math.isfinite(limit):
             axes.axvline(limit, color=INK, linewidth=1, linestyle="--", label="limit")
         axes.set_ylim(0, 102)
-        _plain(axes, text, "share of the machines (%)" if column == "ms" else "")
+        _plain(axes, f"{title} ({unit})" if unit else title, "share of the machines (%)" if column == "ms" else "")
         axes.legend(frameon=False, fontsize=8)
     return figure
 

@@ -139,7 +139,6 @@ class Expressions:
 
     def member(self, whole: Value, name: str, node: Any = None) -> Value:
         """A field of a struct."""
-
         assert isinstance(whole.kind, Struct)
         kinds = fields_of(whole.kind.cls)
         if name not in kinds:
@@ -211,7 +210,6 @@ class Expressions:
 
     def made(self, cls: Any, parts: list[Value]) -> Value:
         """A struct of these values."""
-
         word = self.unit.struct(cls)
         inner = ", ".join(f".{safe(name)} = {part.code}" for name, part in zip(cls._fields, parts, strict=True))
         found = Value(Struct("struct", cls), f"({word}){{{inner or '0'}}}")

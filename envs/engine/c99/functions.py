@@ -185,7 +185,6 @@ class _Writer(Expressions):
 
     def local(self, name: str) -> str:
         """A variable's name in C."""
-
         return safe(name.lstrip("_") or "unused")
 
     def line(self, text: str) -> None:
@@ -355,7 +354,7 @@ class _Writer(Expressions):
         if after and not self._is_declared(name):
             self.line(f"int {word} = 0;")
             self.blocks[-1].declared.add(name)
-        self.variables[name] = Value(INT, word)
+        self.variables[name] = Value(INT, word, dirty=any(end.dirty for end in ends))
         sign, change = ("<", f"{word}++") if step == 1 else (">", f"{word}--")
         self._declare_shared([s.body], s)
         self.line(f"for ({declared}{word} = {start}; {word} {sign} {stop.at(10)}; {change}) {{{self._beside(s)}")
